@@ -1,6 +1,6 @@
-"""Random motions, air and transducers of an uncertainty.
+"""Random samples of an uncertainty: motions, air and transducer gains.
 
-Motions and air are quasi-random numbers, gains of transducers pseudo-random ones. The seed sets
+Motions and air are drawn from quasi-random numbers, gains from pseudo-random ones. The seed sets
 both.
 """
 
@@ -24,11 +24,11 @@ class Draw:
     Attributes
     ----------
     hand : motion of the whole hand in the obstacles' frame.
-    groups : motion of each group of foci, and of the body that carries it, before that of the whole
-        hand.
+    groups : motion of each group of foci, and of the body that carries it, applied before the
+        motion of the whole hand.
     skin : (F, 2) shift of each focus along its surface, in two directions [m].
     boards : motion of each board in its array.
-    slower : wavenumber over the nominal wavenumber.
+    slower : ratio of the wavenumber to the nominal wavenumber.
     """
 
     hand: Pose
@@ -56,18 +56,18 @@ def draws(
     from scipy.stats import qmc
 
     motions = 1 + len(boards) + max(foci, len(groups))
-    # Six numbers for each motion: three of the shift, two of the axis and one of the angle.
+    # Six numbers for each motion: three for the shift, two for the axis and one for the angle.
     count = 6 * motions + 3 + 2 * foci
-    # Scrambled Sobol points (A. B. Owen, J. Complexity 14, 466 (1998)), in powers of two.
+    # Scrambled Sobol points (A. B. Owen, J. Complexity 14, 466 (1998)); they come in powers of two.
     sequence = qmc.Sobol(count, scramble=True, rng=np.random.default_rng(seed))
     numbers = sequence.random_base2(int(np.ceil(np.log2(samples))))[:samples]
-    # The normal distribution has no end at 0 and 1.
+    # The normal quantile is infinite at 0 and 1.
     numbers = np.clip(numbers, 1e-9, 1.0 - 1e-9)
     normal = ndtri(numbers[:, 6 * motions :])
     for sample in range(samples):
         hand, *parts = np.split(numbers[sample, : 6 * motions], motions)
         age, warmer, damper = normal[sample, :3]
-        # In a frame older than expected the hand is farther along its velocity.
+        # If a frame is older than expected, the hand has moved farther along its velocity.
         pose = _motion(hand, uncertainty.position, uncertainty.rotation, middle)
         drift = uncertainty.age * age * np.asarray(uncertainty.velocity)
         yield Draw(
@@ -88,10 +88,10 @@ def draws(
 def gains(
     uncertainty: Uncertainty, samples: int, seed: int, elements: int
 ) -> Complex128[np.ndarray, "samples elements"] | None:
-    """Draw an independent factor for each element; None where all are 1."""
+    """Draw an independent gain factor for each element; None if all are 1."""
     if not (uncertainty.gain or uncertainty.phase or uncertainty.dead):
         return None
-    # Pseudo-random: quasi-random points lose their advantage in hundreds of dimensions.
+    # Quasi-random points lose their advantage in hundreds of dimensions.
     random = np.random.default_rng([seed, elements])
     size = 1.0 + uncertainty.gain * random.normal(size=(samples, elements))
     lag = np.radians(uncertainty.phase) * random.normal(size=(samples, elements))
@@ -102,7 +102,7 @@ def gains(
 def _motion(
     numbers: Real[np.ndarray, "6"], position: float, degrees: float, pivot: Real[np.ndarray, "3"]
 ) -> Pose:
-    """Return a normal shift, and a turn by a normal angle about a random axis through a pivot."""
+    """Return a random motion: a normal shift, and a normal angle about a random axis at a pivot."""
     if not (position or degrees):
         return Pose.identity()
     shift = position * ndtri(numbers[:3])
@@ -118,7 +118,7 @@ def _motion(
 
 
 def _slower(kelvin: float, humidity: float) -> float:
-    """Wavenumber over that at 20 °C and 50 % in warmer and damper air."""
+    """Ratio of the wavenumber in warmer, damper air to that at 20 °C and 50 % humidity."""
     if not (kelvin or humidity):
         return 1.0
     # ``air`` is valid from −20 to 50 °C, so rare draws beyond that are clipped.

@@ -121,7 +121,7 @@ class Drive:
 
     def phase_only(self) -> "Drive":
         """Return the drive with the same phases and every emitting element at full scale."""
-        # The sign of a complex number is the number over its magnitude, and 0 for 0.
+        # For complex numbers np.sign is z / |z|, and 0 for 0.
         return Drive(np.sign(self.amplitudes))
 
     def save(
@@ -142,14 +142,14 @@ class Drive:
         ----------
         path : file that ends in .h5 or .npz (all data) or in .csv (a table of the elements). The
             file appears only when it is complete.
-        array : the transducers of the drive; boards need it.
+        array : the transducers of the drive; emission to boards needs it.
         scene : its frequency and medium are stored.
         transfer : pressure at the foci per unit drive. ``emit`` computes the cost of rounding from
             it.
         target : the foci.
-        levels : amplitudes and phases; the drive is also written rounded to them.
+        levels : amplitudes and phases; the file also contains the drive rounded to them.
         modulation : amplitude modulation to emit the drive with; not stored in a .csv.
-        texts : further texts by name, such as that of the scene file.
+        texts : further texts by name, such as the text of the scene file.
 
         Raises
         ------
@@ -184,13 +184,13 @@ class Drive:
 
 
 def check_drive(drive: Drive, name: str) -> None:
-    """Raise ``InvalidInput`` unless given a drive; the message calls it ``name``."""
-    # Frames, whose amplitudes are levels, are the likely mistake.
+    """Raise ``InvalidInput`` unless given a ``Drive``; the message calls it ``name``."""
+    # The likely mistake is a Frame, whose amplitudes are levels.
     of_kind(drive, Drive, name, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
 
 
 def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:
-    """Round every element to a level of amplitude and one of phase (section 3.4 of the paper).
+    """Round every element to an amplitude level and a phase level (section 3.4 of the paper).
 
     With 256 levels of each, the amplitude byte is round(255 |d|) and the phase byte round(256
     arg(d) / 2π) modulo 256. An element whose amplitude level is 0 is off and gets phase level 0, so

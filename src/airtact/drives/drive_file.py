@@ -1,13 +1,14 @@
-"""Files of drives and sequences, with all that their emission needs: .h5, .npz, or a .csv table.
+"""Files of drives and sequences, with all data that emission needs: .h5, .npz, or a .csv table.
 
-Version 1 holds these datasets; those in brackets are optional:
+Version 1 has these datasets; those in brackets are optional:
 
-- ``format_version``; ``modulation``: "none" where the frames are emitted as they are, "am" for a
+- ``format_version``; ``modulation``: "none" if the frames are emitted as they are, "am" for a
   drive whose amplitude varies with ``modulation_frequency`` [Hz] and ``modulation_depth``, as in
   ``AmplitudeModulation``.
 - ``amplitude`` [share of full scale] and ``phase`` [rad, of Re[d e^{−iωt}]]: (E,) for a drive, (N,
-  E) for a sequence, and the same in levels as ``amplitude_level`` and ``phase_level``, which count
-  in ``shares_of_levels`` (A,) and ``levels_of_a_turn``. A sequence has its ``rate`` [frames/s].
+  E) for a sequence. ``amplitude_level`` and ``phase_level`` are the same in levels:
+  ``shares_of_levels`` (A,) lists the amplitudes, ``levels_of_a_turn`` is the number of phases. A
+  sequence has its ``rate`` [frames/s].
 - (``frequency`` [Hz], ``sound_speed`` [m/s], ``density`` [kg/m³], ``absorption`` [Np/m])
 - (``positions`` and ``normals`` (E, 3) in the obstacles' frame [m], ``sensitivity`` [Pa m],
   ``element_radius`` [m])
@@ -61,13 +62,13 @@ COLUMNS = (
     *("index", "x", "y", "z", "nx", "ny", "nz"),
     *("amplitude", "phase", "amplitude_level", "phase_level"),
 )
-"""Columns of a drive's table: positions in metres, the rest in the units of the datasets."""
+"""Columns of a drive's table. Positions are in metres, the rest in the units of the datasets."""
 
 FRAME_COLUMNS = (
     *("frame", "seconds", "element"),
     *("amplitude_level", "phase_level", "amplitude", "phase"),
 )
-"""Columns of a sequence's table, a line per element and frame."""
+"""Columns of a sequence's table, which has one line per element and frame."""
 
 UNITS = {
     "positions": "m",
@@ -94,13 +95,13 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class DriveFile:
-    """The contents of a file of a drive or a sequence; None where the file does not have them.
+    """The contents of a drive or sequence file; attributes that the file lacks are None.
 
     Attributes
     ----------
     drives : (N, E) amplitude of each element in each frame; one frame for a drive.
-    rate : frames a second of a sequence; None for a drive.
-    levels : amplitudes and phases to which the drives are also written rounded.
+    rate : frames per second of a sequence; None for a drive.
+    levels : amplitudes and phases; the file also contains the drives rounded to them.
     sensitivity : peak pressure of a transducer at full scale, 1 m away on its axis [Pa·m].
     modulation : how the amplitude of a drive varies when it is emitted.
     """
@@ -148,7 +149,7 @@ def save_drives(
     texts: Mapping[str, str] | None,
     modulation: AmplitudeModulation | None = None,
 ) -> None:
-    """Write a drive, which has one frame and no rate, or a sequence."""
+    """Write a sequence, or a drive, which has one frame and no rate."""
     of_kind(path, str | Path, "the file of a drive", 'its path, such as "drive.h5"')
     of_kind(levels, Levels, "the levels of a drive", "Levels.even(256, 256)")
     of_kind(modulation, AmplitudeModulation | None, "the modulation", "AmplitudeModulation(200.0)")
@@ -221,7 +222,7 @@ def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
 
 
 def _datasets(contents: DriveFile) -> dict[str, Any]:
-    """Return the datasets of a file by name, without missing ones."""
+    """Return the datasets of a file by name, leaving out missing ones."""
     drives = contents.drives
     # A drive is one frame without a rate, and has no axis of frames in the file.
     if contents.rate is None and len(drives) == 1:
@@ -265,9 +266,9 @@ def _datasets(contents: DriveFile) -> dict[str, Any]:
 
 
 def _table(contents: DriveFile) -> Iterator[tuple[Any, ...]]:
-    """Yield the lines of a table: of the elements of a drive, or of each frame of a sequence."""
+    """Yield the lines of a table, one per element of a drive or of each frame of a sequence."""
     if contents.levels is None:
-        raise InvalidInput("a table needs levels: give them.", code="data_missing")
+        raise InvalidInput("a table needs levels. Give them.", code="data_missing")
     amplitude_levels, phase_levels = contents.levels.rounded(contents.drives)
     positions = contents.positions
     normals = contents.normals
@@ -324,7 +325,7 @@ def read_drive_file(path: Path) -> DriveFile:
             return _parsed(raw)
         except InvalidInput:
             raise
-        # Faults that the checks of the parts miss, such as arrays of different lengths.
+        # Faults that the single checks miss, such as arrays of different lengths.
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             raise InvalidInput(
                 f"its datasets do not match ({error}).", code="wrong_shape"
@@ -349,7 +350,7 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
         )
         if name in raw
     }
-    # In the order of the fields of ``Medium``, the last of which may be missing.
+    # In the order of the fields of ``Medium``; absorption may be missing.
     medium = [float(raw[name]) for name in ("sound_speed", "density", "absorption") if name in raw]
     levels = None
     if "shares_of_levels" in raw:
@@ -383,7 +384,7 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
 
 
 def _drives(raw: Mapping[str, Any], elements: int) -> Complex128[np.ndarray, "frames elements"]:
-    """Return the drives, one row per frame; ``elements`` is 0 where the file has no positions."""
+    """Return the drives, one row per frame; ``elements`` is 0 if the file has no positions."""
     amplitude = real_numbers(np.asarray(raw["amplitude"]), "amplitude")
     phase = real_numbers(np.asarray(raw["phase"]), "phase")
     if (
@@ -413,7 +414,7 @@ def _drives(raw: Mapping[str, Any], elements: int) -> Complex128[np.ndarray, "fr
 
 
 def _read_table(lines: list[str]) -> dict[str, Any]:
-    """Return the datasets in the lines of a table, whose first line names the columns."""
+    """Return the datasets in the lines of a table; the first line names the columns."""
     columns = tuple(lines[0].split(",")) if lines else ()
     if columns not in (COLUMNS, FRAME_COLUMNS):
         raise InvalidInput(
@@ -423,7 +424,7 @@ def _read_table(lines: list[str]) -> dict[str, Any]:
     if not any(lines[1:]):
         raise InvalidInput("the table has no lines of numbers.", code="wrong_shape")
     try:
-        # A frame without a rate has no time, and its second cell is empty.
+        # Without a rate frames have no time, and the second cell is empty.
         rows = np.loadtxt(
             lines[1:],
             delimiter=",",
@@ -445,13 +446,15 @@ def _read_table(lines: list[str]) -> dict[str, Any]:
     count = int(last) + 1 if 0.0 <= last < len(rows) else 0
     if count == 0 or len(rows) % count:
         raise InvalidInput(
-            f"{len(rows)} lines do not divide into frames up to frame {last:g}.", code="wrong_shape"
+            f"{len(rows)} lines cannot be divided evenly into the frames 0 to {last:g} that the "
+            "file names.",
+            code="wrong_shape",
         )
     if count == 1:
         return datasets
     datasets = {name: values.reshape(count, -1) for name, values in datasets.items()}
     end = by_name["seconds"].reshape(count, -1)[-1, 0]
     if end > 0.0:
-        # The rate is not in the table; twelve digits undo the rounding of the division.
+        # The table holds times instead of the rate; twelve digits undo the rounding.
         datasets["rate"] = float(f"{(count - 1) / end:.12g}")
     return datasets

@@ -1,4 +1,4 @@
-"""The level of amplitude and phase of every element of a board, and amplitudes under a cap."""
+"""The amplitude level and phase level of every element of a board, and caps on amplitudes."""
 
 from dataclasses import dataclass
 
@@ -24,8 +24,8 @@ class Frame:
     Raises
     ------
     InvalidInput
-        If an array is not a row of uint8, there is no element, the two differ in length, or a level
-        does not exist.
+        If an array is not one-dimensional or not uint8, there is no element, the arrays differ in
+        length, or a level does not exist.
     """
 
     amplitude: UInt8[np.ndarray, "elements"]
@@ -68,7 +68,7 @@ class Frame:
         return not self.amplitude.any()
 
     def same_as(self, frame: "Frame") -> bool:
-        """Whether both frames are the same in every level."""
+        """Whether both frames have the same levels."""
         return np.array_equal(self.amplitude, frame.amplitude) and np.array_equal(
             self.phase, frame.phase
         )
@@ -84,15 +84,16 @@ class Frame:
 
 
 def frame_at(amplitudes: Complex[np.ndarray, "elements"], levels: Levels, share: float) -> Frame:
-    """Round a share of the amplitudes of a drive to levels.
+    """Reduce the amplitudes of a drive to a share of themselves and round them to levels.
 
-    Boards with levels of amplitude reduce every element. Boards without switch on that share of
-    their elements, spread evenly over the order of the elements: the pressure at a focus is
+    Boards with amplitude levels reduce every element. Boards without them switch on that share of
+    their elements, spread evenly over the order of the elements, because the pressure at a focus is
     proportional to their number.
     """
     if not levels.phase_only:
         return Frame(*levels.rounded(share * amplitudes), levels)
-    # Multiples of the golden ratio's fraction spread evenly over 0 to 1, for any number of them.
+    # The fractional parts of multiples of the golden ratio spread evenly over 0 to 1, however many
+    # there are.
     golden = (np.sqrt(5.0) - 1.0) / 2.0
     order = (np.arange(len(amplitudes)) + 0.5) * golden % 1.0
     return Frame(*levels.rounded(np.where(order < share, amplitudes, 0.0)), levels)
@@ -103,7 +104,7 @@ def share_under_cap(
 ) -> float:
     """Return the factor that brings the largest amplitude of drives under a cap.
 
-    The cap is a share of full scale; for boards without levels of amplitude it is the share of
+    The cap is a share of full scale. For boards without amplitude levels it is the share of
     elements that are on. Raise as ``check_cap``.
     """
     cap = check_cap(cap)

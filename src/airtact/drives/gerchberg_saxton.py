@@ -20,14 +20,14 @@ Sources = Complex128[np.ndarray, "foci"]
 def weighted_gerchberg_saxton(
     transfer: TransferMatrix, target: Target, *, iterations: int = 50
 ) -> Drive:
-    """Make a drive of phases by alternating projections with more weight on weaker foci.
+    """Make a phase-only drive by alternating projections with more weight on weaker foci.
 
     Each iteration is d = phase(Hᴴ s), s_f = v_f · phase((H d)_f). The weights v_f start at the
-    pressures or shares asked for and grow where a focus lags; the best iteration is returned. Di
-    Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound Marzo and Drinkwater, PNAS
-    116 (2019) 84. The method starts from the foci in phase and from the elements in phase, and
-    returns the better drive. Where the weights oscillate, as they can between two foci with nearly
-    equal rows of H, it shortens their steps.
+    requested pressures or shares and grow for weak foci; the best iteration is returned (Di
+    Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound, Marzo and Drinkwater, PNAS
+    116 (2019) 84). The method starts once from the foci in phase and once from the elements in
+    phase, and returns the better drive. If the weights oscillate, as they can between two foci with
+    nearly equal rows of H, it shortens their steps.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def weighted_gerchberg_saxton(
     ------
     InvalidInput
         If the foci of the target are not those of the matrix, there are more foci than elements,
-        two foci are too close together, a focus is shadowed, or there is less than one iteration.
+        two foci are too close together, a focus is shadowed, or ``iterations`` is below 1.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
@@ -52,13 +52,13 @@ def weighted_gerchberg_saxton(
 
 
 def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) -> Drive:
-    """Alternate on the (F, F) matrix H Hᴴ between the foci alone; fast where elements are many.
+    """Alternate between the foci alone, on the (F, F) matrix H Hᴴ; fast with many elements.
 
-    Plasencia, Hirayama, Montano-Murillo and Subramanian, ACM Trans. Graph. 39 (2020) 138: each
-    iteration is s -> w · phase(H Hᴴ s); at the end the sources are weighted by w²/|p|, and every
-    element is set to full scale. A few iterations of ``weighted_gerchberg_saxton``, which the paper
-    does not have, recover the pressure that full scale costs the worst focus; they never make it
-    worse. Parameters, result and errors are those of ``weighted_gerchberg_saxton``.
+    Each iteration is s -> w · phase(H Hᴴ s). At the end the sources are weighted by w²/|p|, and
+    every element is set to full scale (Plasencia, Hirayama, Montano-Murillo and Subramanian, ACM
+    Trans. Graph. 39 (2020) 138). Setting full scale costs the worst focus some pressure. A few
+    iterations of ``weighted_gerchberg_saxton``, which are not in the paper, recover it; they never
+    lower it. Parameters, result and errors are those of ``weighted_gerchberg_saxton``.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
@@ -68,7 +68,7 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
 
 
 SINGLE = np.float32(1.0 - 2e-7)
-"""Factor that brings magnitudes near 1 in single precision to at most 1."""
+"""Factor that reduces single-precision magnitudes near 1 to at most 1."""
 
 
 def alternating_projections(
@@ -89,17 +89,17 @@ def alternating_projections(
     ----------
     matrix : pressure at all points per unit drive.
     sets : rows of the matrix that are the foci of each set.
-    requests : pressures asked in proportion.
-    sources : start; their magnitudes are the first weights.
-    iterations : of weighted Gerchberg-Saxton, of which the best is returned.
-    foci_iterations : of GS-PAT, before these.
+    requests : requested pressures; only their ratios matter.
+    sources : sources to start from; their magnitudes are the first weights.
+    iterations : number of weighted Gerchberg-Saxton iterations; the best one is returned.
+    foci_iterations : number of GS-PAT iterations before these.
 
     Returns
     -------
-    For each set the sources at the foci, the smallest pressure over the request (the largest of
-    which counts 1) [Pa], and the phasors of the elements.
+    For each set: the sources at the foci; the smallest pressure divided by its request [Pa], where
+    the largest request counts as 1; and the phasors of the elements.
     """
-    # The kernel works in single precision: only phases matter, and its error is below 1e-6 there.
+    # Single precision is enough: only phases matter, and their error is below 1e-6.
     single = matrix.astype(np.complex64)
     asked = (requests / requests.max(axis=1, keepdims=True)).astype(np.float32)
     return _kernels.gerchberg_saxton(
@@ -136,10 +136,11 @@ def starting_sources(
     in_phase = requests.astype(np.complex128)
     # The pressure if all elements emit in phase.
     pressure = matrix.sum(axis=1)
-    # Without the floor, foci that the elements in phase barely reach would get all the weight.
+    # Without the floor, foci that get little pressure from elements in phase would get all the
+    # weight.
     floor = 1e-3 * max(float(np.abs(pressure).max()), np.finfo(float).tiny)
     from_elements = requests**2 * phase(pressure) / np.maximum(np.abs(pressure), floor)
-    # A focus at an exact zero of that field has no phase to start from.
+    # A focus at an exact zero of this pressure has no phase to start from.
     if not from_elements.all():
         from_elements = in_phase
     return np.stack([in_phase, from_elements / np.abs(from_elements).max()])
@@ -147,7 +148,7 @@ def starting_sources(
 
 def phase(numbers: Complex128[np.ndarray, "*shape"]) -> Complex128[np.ndarray, "*shape"]:
     """Return numbers of magnitude 1 with the same phases; 0 stays 0."""
-    # The smallest normal number keeps 0 / 0 away without changing any other quotient.
+    # The smallest normal number avoids 0 / 0 without changing any other quotient.
     return numbers / np.maximum(np.abs(numbers), np.finfo(float).tiny)
 
 

@@ -14,7 +14,7 @@ from airtact.errors import InvalidInput, counted
 SHARPNESS = 200.0
 """Minus the exponent of the power mean that approximates the smallest pressure.
 
-With 16 foci alike, the mean is 1.4 % above the smallest."""
+With 16 foci, the mean exceeds the smallest pressure by at most 1.4 %."""
 
 Suppressed = Complex128[np.ndarray, "suppressed elements"]
 """Rows of the transfer matrix at the suppression points."""
@@ -25,12 +25,12 @@ def gradient(
 ) -> Drive:
     """Improve the drive of ``max_min`` and silence the suppression points.
 
-    Without suppression points the method divides each focus's pressure by what it asks, maximises
-    the power mean of exponent −200, which is close to the smallest, and returns the better of start
-    and end. With suppression points it minimises their mean squared pressure, with a penalty where
-    the power mean falls below 1 − ``loss`` of its start. The descent is L-BFGS-B (Byrd, Lu, Nocedal
-    and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on amplitudes between 0 and 1 and phases. It
-    ignores the phases that the target requests.
+    The pressure of each focus is divided by its request. Without suppression points the method
+    maximises the power mean of these ratios with exponent −200, which is close to the smallest
+    ratio, and returns the better of start and end. With suppression points it minimises their mean
+    squared pressure, with a penalty if the power mean falls below 1 − ``loss`` of its start. The
+    descent is L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on phases
+    and on amplitudes between 0 and 1. The method ignores requested phases.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ def gradient(
     Raises
     ------
     InvalidInput
-        As ``weighted_gerchberg_saxton``, the suppression points are not those of the matrix, or the
-        loss is out of its range.
+        As ``weighted_gerchberg_saxton``, or if the suppression points are not those of the matrix
+        or the loss is out of range.
 
     Warns
     -----
@@ -69,7 +69,7 @@ def gradient(
     start = phase(matrix.conj().T @ strongest_sources(matrix, 300))
     if len(suppressed):
         # Suppression points 60 dB below the weakest focus are silent enough. The penalty grows from
-        # one descent to the next, so that the first ones can pass the limit.
+        # one descent to the next, so that the first descents may exceed the allowed loss.
         silenced = suppressed / (1e-3 * smallest_pressure(matrix * requests[:, None], start))
         lowest = _soft_smallest(matrix, start)[0] + np.log1p(-loss)
         drive = start
@@ -135,7 +135,7 @@ def _descend(
 
 
 def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
-    """Logarithm of the power mean of the pressures over the request, and its gradient."""
+    """Logarithm of the power mean of the ratios of pressure to request, and its gradient."""
     pressure = matrix @ amplitudes
     logs = np.log(np.maximum(np.abs(pressure), np.finfo(float).tiny))
     # Relative to the smallest, so that no power overflows.
@@ -149,6 +149,6 @@ def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amp
 def _suppressed_level(suppressed: Suppressed, amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
     """Logarithm of √(1 + mean squared pressure) at the suppression points, and its gradient."""
     pressure = suppressed @ amplitudes
-    # The 1 under the root keeps the logarithm from rewarding silence beyond the 60 dB asked.
+    # The 1 under the root keeps the logarithm from rewarding silence beyond 60 dB.
     energy = float(np.vdot(pressure, pressure).real) + len(suppressed)
     return 0.5 * np.log(energy / len(suppressed)), suppressed.conj().T @ pressure / energy

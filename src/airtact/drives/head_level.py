@@ -24,11 +24,11 @@ NO_SAFETY_ASSESSMENT = (
     f"{MAX_HEAD_LEVEL:g} dB at 40 kHz is the usual occupational limit: C. Q. Howard et al., J. "
     "Occup. Health Saf. Aust. N. Z. 21, 253, 2005)."
 )
-"""The note beside every level at a head."""
+"""The note that accompanies every level at a head."""
 
 
 def sound_pressure_level(pressure: Num[np.ndarray, "points"]) -> Float64[np.ndarray, "points"]:
-    """Return the level of sound [dB SPL]: 20 log10 of the rms pressure over 20 µPa.
+    """Return the sound pressure level [dB SPL], 20 log10 of the rms pressure relative to 20 µPa.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def sound_pressure_level(pressure: Num[np.ndarray, "points"]) -> Float64[np.ndar
     """
     rms = np.abs(pressure) / np.sqrt(2.0)
     with np.errstate(divide="ignore"):
-        return 20.0 * np.log10(rms / 20e-6)  # over 20 µPa
+        return 20.0 * np.log10(rms / 20e-6)  # relative to 20 µPa
 
 
 def pressures_around(
@@ -57,14 +57,13 @@ def pressures_around(
 ) -> tuple[float, float]:
     """Largest pressures [Pa] on a sphere around an array, ``distance`` [m] beyond it.
 
-    Elements radiate equally in all directions in open air, with a peak pressure of ``sensitivity``
-    [Pa·m]. Bodies scatter the sound elsewhere, and a real transducer radiates less backwards: the
-    result is a warning, not a measurement.
+    Elements are assumed to radiate equally in all directions in open air, with a peak pressure of
+    ``sensitivity`` [Pa·m]. Real transducers radiate less backwards, and bodies redirect the sound,
+    so the result is a warning, not a measurement.
 
     Returns
     -------
-    The peak pressure in the strongest frame, and the root mean square over the frames, each where
-    it is largest.
+    The largest peak pressure in any frame, and the largest rms over the frames.
     """
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2.0
     radius = float(np.linalg.norm(positions - middle, axis=1).max()) + distance
@@ -74,7 +73,7 @@ def pressures_around(
 
     def pressures(directions: Real[np.ndarray, "directions 3"]) -> Float64[np.ndarray, "two any"]:
         values = []
-        # In parts, which bounds the memory; in single precision, a tenth of the time.
+        # Parts bound the memory. Single precision takes a tenth of the time.
         for part in np.array_split(directions.astype(np.float32), 10):
             # |R u − p|² = R² − 2 R u·p + p²
             squares = radius**2 - 2.0 * radius * (part @ sources.T) + np.sum(sources**2, axis=1)
@@ -88,8 +87,8 @@ def pressures_around(
 
     directions = _directions(2000)
     coarse = pressures(directions)
-    # A beam may be narrower than the step between two directions: refine around the 12 largest
-    # pressures, with 100 directions each up to one step away.
+    # A beam may be narrower than the step between two directions, so refine around the 12 largest
+    # pressures, with 100 directions each, up to one step away.
     steps = (
         _directions(100)[None]
         * np.sqrt(4.0 * np.pi / len(directions))
@@ -113,16 +112,16 @@ def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:
 
 @dataclass(frozen=True, eq=False)
 class HeadLevel:
-    """Level at a head 0.5 m off an array in open air, for drives under a cap.
+    """Level at a head 0.5 m from an array in open air, for drives under a cap.
 
     Attributes
     ----------
-    drives : (N, E) drives that are played in turn, shares of full scale.
-    positions : (E, 3) of the elements [m].
+    drives : (N, E) drives that are played in turn, as shares of full scale.
+    positions : (E, 3) positions of the elements [m].
     levels : amplitudes and phases of the boards.
-    wavenumber : of the sound [rad/m].
+    wavenumber : wavenumber of the sound [rad/m].
     sensitivity : peak pressure of an element at 1 m [Pa·m].
-    factors : of a modulation, by which each drive is multiplied.
+    factors : modulation factors; each drive is multiplied by each of them.
     """
 
     drives: Complex[np.ndarray, "frames elements"]
@@ -135,7 +134,7 @@ class HeadLevel:
     @property
     def strongest(self) -> Complex[np.ndarray, "frames elements"]:
         """The 32 most powerful drives."""
-        # They set the level around the array, and evaluating thousands would take minutes.
+        # They determine the level around the array; evaluating thousands would take minutes.
         powers = np.linalg.norm(self.drives, axis=1)
         return self.drives[np.argsort(-powers, kind="stable")[:32]]
 
@@ -171,7 +170,7 @@ class HeadLevel:
         if self.full <= MAX_HEAD_LEVEL:
             return 1.0
         if not self.levels.phase_only:
-            # The level follows the amplitude, except for rounding to the board's levels.
+            # The pressure is proportional to the amplitude, except for rounding to levels.
             largest = min(1.0, float(np.abs(self.drives).max()))
             cap = largest * 10.0 ** ((MAX_HEAD_LEVEL - self.full) / 20.0)
             for _ in range(10):

@@ -18,12 +18,12 @@ from airtact.errors import positive
 
 
 def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
-    """Make the time reversal drive d = Hᴴ w, amplitudes and phases, H being the transfer matrix.
+    """Make the time reversal drive d = Hᴴ w, where H is the transfer matrix.
 
     Each element emits, reversed in time, the sound that it would receive from sources at the foci:
-    equations 9 and 10 of the paper, with its equation 5 for several foci. w_f is the pressure or
-    share that focus f asks for (1 where the target asks for none), with the phase that it asks for,
-    or phase 0 as in the paper. For one focus no drive of equal energy Σ|d|² gives more pressure
+    equations 9 and 10 of the paper, with its equation 5 for several foci. w_f is the requested
+    pressure or share of focus f (1 if the target requests none), with the requested phase, or phase
+    0 as in the paper. For one focus no drive of equal energy Σ|d|² gives more pressure
     (Cauchy-Schwarz). With several foci, each also receives the sound meant for the others, so their
     shares differ from the requested ones. The method ignores suppression points.
 
@@ -36,7 +36,7 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
     -------
     The drive of E elements, scaled so that the worst focus gets its requested pressure. If that
     takes more than full scale, or no pressure is requested, the largest amplitude is 1.
-    ``achieved_fraction`` gives the pressure of each focus over the requested pressure.
+    ``achieved_fraction`` gives the ratio of each focus's pressure to its request.
 
     Raises
     ------
@@ -50,11 +50,11 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
 def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
     """Keep the phases of ``time_reversal`` and give every element the same amplitude.
 
-    At equal peak amplitude, one focus gets more pressure from this than from any other drive: the
-    sound of every element arrives in phase, and every element is at full scale, or all are scaled
-    down alike where the worst focus requests less. The requested pressures or shares weigh the foci
-    before the amplitudes are dropped. The method ignores suppression points. Parameters and errors
-    are those of ``time_reversal``.
+    At equal peak amplitude no other drive gives one focus more pressure, because the sound of every
+    element arrives in phase. Every element is at full scale, or all are scaled down alike if that
+    is enough for the requested pressures. The requested pressures or shares weight the foci before
+    the amplitudes are dropped. The method ignores suppression points. Parameters and errors are
+    those of ``time_reversal``.
     """
     return scaled_to_target(transfer, target, np.sign(_reversed(transfer, target)))
 
@@ -68,18 +68,18 @@ def inverse_filter(
 ) -> Drive:
     """Solve least squares with Tikhonov regularisation: d = Hᴴ (H Hᴴ + weight ‖H‖² I)⁻¹ w.
 
-    With weight 0 every focus gets the pressure w_f that it asks for, phase included, by the drive
-    of least energy that can give it. Tanter, Thomas and Fink, J. Acoust. Soc. Am. 108 (2000) 223;
-    with the transfer matrix of open air this is the least-squares method of Hasegawa and Shinoda
+    With weight 0 every focus gets its requested pressure w_f, phase included, from the drive of
+    least energy that can give it (Tanter, Thomas and Fink, J. Acoust. Soc. Am. 108 (2000) 223).
+    With the transfer matrix of open air this is the least-squares method of Hasegawa and Shinoda
     (IEEE World Haptics 2013). Suppression points are rows of H with w = 0.
 
     Parameters
     ----------
-    transfer : the transfer matrix of the foci, and of the suppression points where the target has
+    transfer : the transfer matrix of the foci, and of the suppression points if the target has
         some.
     target : the foci and their requested pressures; a focus without a requested phase gets phase 0.
-    weight : Tikhonov's weight over the largest eigenvalue ‖H‖² of H Hᴴ; None for the corner of the
-        L-curve (Hansen and O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487).
+    weight : Tikhonov's weight, divided by the largest eigenvalue ‖H‖² of H Hᴴ; None for the corner
+        of the L-curve (Hansen and O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487).
 
     Returns
     -------
@@ -88,20 +88,20 @@ def inverse_filter(
     Raises
     ------
     InvalidInput
-        As ``weighted_gerchberg_saxton``, the suppression points are not those of the matrix, or the
-        weight is negative.
+        As ``weighted_gerchberg_saxton``, or if the suppression points are not those of the matrix
+        or the weight is negative.
     """
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])
     requests = np.concatenate([target.wanted, np.zeros(len(matrix) - len(target.points))])
-    # In the basis of eigenvectors of H Hᴴ each weight of the L-curve costs one division.
+    # In the eigenvector basis of H Hᴴ each weight of the L-curve costs one division.
     eigenvalues, modes = np.linalg.eigh(matrix @ matrix.conj().T)
     asked = modes.conj().T @ requests
     if weight is None:
         weight = _l_curve_corner(eigenvalues, np.abs(asked) ** 2)
     if weight != 0.0:
         weight = positive(weight, "Tikhonov's weight", "of ‖H‖²")
-    # Eigenvalues below rounding are noise.
+    # Eigenvalues below rounding error are noise.
     floor = max(weight, np.finfo(float).eps * len(eigenvalues)) * eigenvalues[-1]
     damped = np.maximum(eigenvalues, 0.0) + floor
     return scaled_to_target(transfer, target, matrix.conj().T @ (modes @ (asked / damped)))
@@ -110,14 +110,14 @@ def inverse_filter(
 def _l_curve_corner(
     eigenvalues: Float64[np.ndarray, "rows"], asked: Float64[np.ndarray, "rows"]
 ) -> float:
-    """Tikhonov's weight at the largest curvature of log ‖d‖ over log ‖H d − w‖."""
+    """Tikhonov's weight at the largest curvature of log ‖d‖ as a function of log ‖H d − w‖."""
     # Twelve weights per decade, from rounding error to the norm of H Hᴴ itself.
     weights = np.geomspace(1e-10, 1.0, 121)
     relative = np.maximum(eigenvalues / eigenvalues[-1], 0.0)
     damped = relative + weights[:, None]
     missing = 0.5 * np.log(np.sum(asked * (weights[:, None] / damped) ** 2, axis=1))
     norm = 0.5 * np.log(np.sum(asked * relative / damped**2, axis=1))
-    # Curvature (x' y'' − x'' y') / (x'² + y'²)^{3/2} of the curve over the logarithm of the weight.
+    # Curvature (x' y'' − x'' y') / (x'² + y'²)^{3/2}; primes are derivatives by log weight.
     step = np.log(weights[1] / weights[0])
     x1 = np.gradient(missing, step)
     y1 = np.gradient(norm, step)
@@ -129,12 +129,12 @@ def _l_curve_corner(
 def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50) -> Drive:
     """Give every focus exactly the requested pressure and phase, with the least peak amplitude.
 
-    The method minimises max_e |d_e| over all drives with H d = w. The dual, Σ_e |h_eᴴ λ| at least
-    with Re wᴴ λ = 1, is solved by iteratively reweighted least squares (Daubechies, DeVore,
-    Fornasier and Güntürk, Comm. Pure Appl. Math. 63 (2010) 1), of which every step gives a drive
-    with H d = w; the one of least peak is returned. Nearly all elements then have the same
-    amplitude, so at full scale the foci get more than by ``inverse_filter``. The method ignores
-    suppression points.
+    The method minimises max_e |d_e| over all drives with H d = w. The dual problem, which minimises
+    Σ_e |h_eᴴ λ| subject to Re wᴴ λ = 1, is solved by iteratively reweighted least squares
+    (Daubechies, DeVore, Fornasier and Güntürk, Comm. Pure Appl. Math. 63 (2010) 1). Every step
+    gives a drive with H d = w; the drive of least peak is returned. Nearly all its elements have
+    the same amplitude, so at full scale the foci get more than from ``inverse_filter``. The method
+    ignores suppression points.
 
     Parameters
     ----------
@@ -166,7 +166,8 @@ def exact_amplitudes(
 ) -> Amplitudes:
     """Return the amplitudes of least peak with H d = w.
 
-    The iteration starts at those of least energy and stops early at ``sufficient_peak``.
+    The iteration starts at the amplitudes of least energy and stops once the peak is at most
+    ``sufficient_peak``.
     """
     # Rows of equal norm keep the least squares well conditioned for foci at all distances.
     norms = np.linalg.norm(matrix, axis=1)
@@ -186,6 +187,6 @@ def exact_amplitudes(
             lowest_peak = peak
         if lowest_peak <= sufficient_peak:
             break
-        # Elements that barely matter keep a finite weight.
+        # The floor keeps the weights of weak elements finite.
         weights = 1.0 / np.maximum(np.abs(sent) / np.abs(sent).mean(), 1e-6)
     return best

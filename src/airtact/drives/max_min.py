@@ -1,10 +1,11 @@
 """The strongest worst focus (``max_min``), and a certified bound that no drive exceeds.
 
 Inoue, Makino and Shinoda (IEEE World Haptics 2015) relax the choice of drive to a semidefinite
-matrix X = V Vᴴ. Row V_e of the factor, of length at most 1, holds the emission of element e in each
-of R time intervals, and the pressure of a focus is the root of its mean square. Alternating
-projections as in weighted Gerchberg-Saxton, with vectors in place of numbers, converge to the
-optimum, and their weights converge to those of its dual, which bounds every drive.
+matrix X = V Vᴴ. Row V_e holds the emission of element e in R equal intervals, divided by √R. The
+mean square of the emission is at most 1, though single intervals may exceed full scale. The
+pressure of a focus is the rms over the intervals. Alternating projections as in weighted
+Gerchberg-Saxton, with vectors in place of numbers, converge to the optimum. Their weights converge
+to the multipliers of the dual problem, which bounds every drive.
 """
 
 import warnings
@@ -31,15 +32,15 @@ from airtact.errors import counted, one_line, positive
 class UpperBound:
     """A bound on the worst focus under any drive of amplitudes at most 1, with its certificate.
 
-    For multipliers μ_f ≥ 0 that add up to 1, and y_e > 0 with diag(y) − Σ_f μ_f h_fᴴ h_f positive
-    semidefinite, h_f being the row of focus f over what it asks, every drive has min_f |h_f d|² ≤
-    Σ_f μ_f |h_f d|² ≤ Σ_e y_e |d_e|² ≤ Σ_e y_e.
+    Let h_f be the row of focus f divided by its request. Let μ_f ≥ 0 be multipliers that add up to
+    1, and y_e > 0 be such that diag(y) − Σ_f μ_f h_fᴴ h_f is positive semidefinite. Then every
+    drive has min_f |h_f d|² ≤ Σ_f μ_f |h_f d|² ≤ Σ_e y_e |d_e|² ≤ Σ_e y_e.
 
     Attributes
     ----------
-    worst : √Σ_e y_e: an upper bound of the smallest fraction of the requested pressures, or of the
-        smallest pressure [Pa] where the foci ask for shares or for as much as possible.
-    relaxed : value that several drives in turn reach; no multipliers bring ``worst`` below it.
+    worst : √Σ_e y_e, an upper bound of the smallest fraction of the requested pressures. If the
+        target requests relative pressures or none, it bounds the smallest pressure [Pa].
+    relaxed : value reached in the relaxation; no multipliers bring ``worst`` below it.
     multipliers : (F,) μ_f, 0 for foci without a request.
     elements : (E,) y_e.
     """
@@ -60,7 +61,7 @@ class UpperBound:
     def eigenvalue(self, transfer: TransferMatrix, target: Target) -> float:
         """Largest eigenvalue of √μ H diag(1/y) Hᴴ √μ (F, F); at most 1 proves the bound.
 
-        By Schur's complement that is equivalent to diag(y) − Hᴴ diag(μ) H being positive
+        By the Schur complement this is equivalent to diag(y) − Hᴴ diag(μ) H being positive
         semidefinite.
         """
         matrix, requests = asked_rows(transfer, target)
@@ -68,7 +69,7 @@ class UpperBound:
         return _largest_eigenvalue(matrix, multipliers, self.elements)
 
     def reached(self, transfer: TransferMatrix, target: Target, drive: Drive) -> float:
-        """Smallest fraction or pressure under a drive over the bound; 1 is the best possible."""
+        """Smallest fraction or pressure of a drive, divided by the bound; at most 1."""
         matrix, requests = asked_rows(transfer, target)
         return float((np.abs(matrix @ drive.amplitudes) / requests).min() / self.worst)
 
@@ -77,7 +78,7 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     """Bound the pressure that any drive with amplitudes at most 1 can give its worst focus.
 
     This is the dual of the semidefinite relaxation of Inoue, Makino and Shinoda (IEEE World Haptics
-    2015). Drives of phases only, or of a number of levels, also have amplitudes of at most 1, so
+    2015). Phase-only drives and drives with discrete levels also have amplitudes of at most 1, so
     the bound holds for them too. It ignores suppression points.
 
     Parameters
@@ -85,17 +86,17 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     transfer : the (F, E) transfer matrix of F foci and E elements.
     target : the foci and their requested pressures.
     tolerance : relative gap to the relaxation at which the iteration stops. It also stops after
-        1000 iterations; the bound holds then too.
+        1000 iterations; the bound still holds.
 
     Returns
     -------
-    The bound and its certificate: a fraction of the requested pressures, or a pressure [Pa] if none
-    are.
+    The bound and its certificate. The bound is a fraction of the requested pressures, or a pressure
+    [Pa] if no pressures are requested.
 
     Raises
     ------
     InvalidInput
-        As ``weighted_gerchberg_saxton``, or the tolerance is not above zero.
+        As ``weighted_gerchberg_saxton``, or if the tolerance is not above zero.
     """
     matrix, requests = asked_rows(transfer, target)
     positive(tolerance, "the tolerance", "of the bound")
@@ -111,37 +112,39 @@ class Relaxed:
 
     Attributes
     ----------
-    directions : unit vectors: amplitude and phase of each focus over the R time intervals.
-    weights : of the foci; they add up to F.
-    norms : lengths of Σ_f conj(H_fe) weight_f direction_f before scaling to 1.
-    pressures : over the request of each focus.
+    signals : unit vectors, the amplitude and phase of each focus in the R time intervals.
+    weights : weights of the foci; they add up to F.
+    norms : lengths of Σ_f conj(H_fe) weight_f signal_f before scaling to 1.
+    pressures : pressure of each focus divided by its request.
     """
 
-    directions: Complex128[np.ndarray, "foci rank"]
+    signals: Complex128[np.ndarray, "foci rank"]
     weights: Float64[np.ndarray, "foci"]
     norms: Float64[np.ndarray, "elements"]
     pressures: Float64[np.ndarray, "foci"]
 
 
 def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relaxed]:
-    """Return the bound and the solved relaxation, for rows over the request of each focus."""
+    """Return the bound and the solved relaxation; rows are divided by the request of each focus."""
     foci, count = matrix.shape
-    # A time interval for each focus, up to 32: with more foci the optimum has a lower rank.
-    directions = np.eye(foci, dtype=np.complex128)
+    # One time interval for each focus, up to 32. More are not needed, since the optimum's rank
+    # stays far below the number of foci (measured).
+    signals = np.eye(foci, dtype=np.complex128)
     if foci > 32:
         random = np.random.default_rng(0).normal(size=(2, foci, 32))
-        directions = _unit(random[0] + 1j * random[1])
-    relaxed = Relaxed(directions, np.ones(foci), np.ones(count), np.zeros(foci))
+        signals = _unit(random[0] + 1j * random[1])
+    relaxed = Relaxed(signals, np.ones(foci), np.ones(count), np.zeros(foci))
     bound = None
     reached = 0.0
     for _ in range(100):
-        # Ten iterations between checks. The dual takes the weights before the last one and the
-        # norms after it, which belong together.
+        # Ten iterations between checks. The dual takes the weights that enter the last iteration
+        # and the norms that it makes from them.
         before = _iterated(matrix, relaxed, 9)
         relaxed = _iterated(matrix, before, 1)
         reached = max(reached, float(relaxed.pressures.min()))
-        # A feasible point of the dual: y scaled until the eigenvalue is 1. An element that reaches
-        # no focus needs no y, but a little keeps 1/y finite.
+        # A feasible point of the dual. At the optimum y_e is proportional to these norms, so they
+        # are scaled until the eigenvalue is 1. The floor keeps 1/y finite for an element that
+        # reaches no focus.
         multipliers = before.weights / before.weights.sum()
         elements = np.maximum(relaxed.norms, 1e-12 * relaxed.norms.max())
         largest = _largest_eigenvalue(matrix, multipliers, elements)
@@ -158,26 +161,26 @@ def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relax
 def to_rank_one(matrix: FociRows, relaxed: Relaxed) -> Complex128[np.ndarray, "foci"]:
     """Reduce a relaxation to one time interval; return the sources at the foci.
 
-    The weakest directions are dropped, a few at a time with iterations in between.
+    The weakest signals are dropped, a few at a time, with iterations in between.
     """
-    rank = relaxed.directions.shape[1]
+    rank = relaxed.signals.shape[1]
     while rank > 1:
         rank = max(1, min(rank - 1, int(0.7 * rank)))
-        # The principal directions over the foci, each counted by its weight.
+        # The principal components of the signals, with each focus weighted.
         left, strengths, _ = np.linalg.svd(
-            np.sqrt(relaxed.weights)[:, None] * relaxed.directions, full_matrices=False
+            np.sqrt(relaxed.weights)[:, None] * relaxed.signals, full_matrices=False
         )
         strongest = _unit(left[:, :rank] * strengths[:rank])
-        relaxed = _iterated(matrix, replace(relaxed, directions=strongest), 10)
-    return relaxed.weights * relaxed.directions[:, 0]
+        relaxed = _iterated(matrix, replace(relaxed, signals=strongest), 10)
+    return relaxed.weights * relaxed.signals[:, 0]
 
 
 def _iterated(matrix: FociRows, state: Relaxed, iterations: int) -> Relaxed:
-    """Alternate between elements and foci, with more weight on foci that lag."""
-    # A contiguous copy, since every iteration multiplies by it.
+    """Alternate between elements and foci; weak foci gain weight."""
+    # A contiguous copy is faster, since every iteration multiplies by it.
     back = np.ascontiguousarray(matrix.conj().T)
     for _ in range(iterations):
-        sent = back @ (state.weights[:, None] * state.directions)
+        sent = back @ (state.weights[:, None] * state.signals)
         norms = np.linalg.norm(sent, axis=1)
         received = matrix @ (sent / np.maximum(norms, np.finfo(float).tiny)[:, None])
         pressures = np.linalg.norm(received, axis=1)
@@ -208,7 +211,7 @@ class Stalled(UserWarning):
 
     Attributes
     ----------
-    reached : smallest pressure of the foci, over their requests, as a part of the certified bound.
+    reached : smallest ratio of pressure to request, as a fraction of the certified bound.
     """
 
     def __init__(self, sentence: str, reached: float) -> None:
@@ -217,15 +220,15 @@ class Stalled(UserWarning):
 
 
 def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) -> Drive:
-    """Make the worst focus as strong as possible, with phases at the foci that the method chooses.
+    """Make the worst focus as strong as possible; the method chooses the phases at the foci.
 
     The method first solves the semidefinite relaxation of ``upper_bound`` (Inoue, Makino and
     Shinoda, IEEE World Haptics 2015), in which every element may emit several signals in turn. It
-    then drops the weakest of them, a few at a time with iterations in between, until one is left
-    (our own scheme), and runs ``iterations`` steps of weighted Gerchberg-Saxton from there. It also
-    starts from where ``weighted_gerchberg_saxton`` starts, and returns the best drive. The result
-    is deterministic. With many dozens of foci close to each other the iterations may not converge;
-    ``gradient`` continues from there. Phases and suppression points of the target have no effect.
+    then drops the weakest signals, a few at a time with iterations in between, until one is left
+    (our own scheme). From there it runs ``iterations`` steps of weighted Gerchberg-Saxton. It also
+    tries the starts of ``weighted_gerchberg_saxton``, and returns the best drive. The result is
+    deterministic. With dozens of foci close together the iterations may not converge; ``gradient``
+    continues from there. Phases and suppression points of the target have no effect.
 
     Parameters
     ----------
@@ -235,8 +238,8 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
 
     Returns
     -------
-    The drive. All elements have the same amplitude: full scale, or less if the worst focus requests
-    less.
+    The drive. All elements have the same amplitude: full scale, or less if that is enough for the
+    requested pressures.
 
     Raises
     ------
@@ -246,16 +249,16 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     Warns
     -----
     Stalled
-        If the worst focus stays more than 3 % below what the same phases allow; the best drive is
-        returned.
+        If the worst focus stays more than 3 % below what its phases at the foci allow; the best
+        drive is returned.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
     rows = matrix / requests[:, None]
     sources = strongest_sources(rows, iterations)
-    # With the phases c_f at the foci fixed the best drive is a convex problem, whose dual bounds
-    # the rest: no drive has min_f Re(conj(c_f) h_f d) above Σ_e |Σ_f s_f conj(h_fe)| / Σ_f |s_f|
-    # for sources s_f of those phases.
+    # With the phases c_f at the foci fixed, finding the best drive is a convex problem. Its dual
+    # bounds what is still to be gained: no drive has min_f Re(conj(c_f) h_f d) above
+    # Σ_e |Σ_f s_f conj(h_fe)| / Σ_f |s_f| for sources s_f of those phases.
     sent = rows.conj().T @ sources
     lowest = smallest_pressure(rows, phase(sent))
     missing = 1.0 - lowest * np.abs(sources).sum() / np.abs(sent).sum()
@@ -266,20 +269,20 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
 
 
 def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
-    """Return the sources s of the drive phase(Hᴴ s).
+    """Return the sources s of the phase-only drive phase(Hᴴ s) whose worst focus is strongest.
 
     Each row of ``matrix`` is divided by the request of its focus.
     """
-    alike = np.ones(len(matrix))
-    # A smaller gap than 1e-2 of the relaxation changes nothing after the rank is reduced.
+    equal_requests = np.ones(len(matrix))
+    # Solving the relaxation to better than 1e-2 changes nothing after the rank is reduced.
     reduced = to_rank_one(matrix, relaxed_bound(matrix, 1e-2)[1])
     # The relaxation need not be tight, so the plain starts compete with it.
-    starts = np.concatenate([reduced[None], starting_sources(matrix, alike)])
-    return best_sources(matrix, alike, starts, iterations)
+    starts = np.concatenate([reduced[None], starting_sources(matrix, equal_requests)])
+    return best_sources(matrix, equal_requests, starts, iterations)
 
 
 def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> None:
-    """Warn that a method stalled; ``matrix`` and the pressure ``worst`` are over the request."""
+    """Warn that a method stalled; ``matrix`` and ``worst`` are divided by the requests."""
     reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
     warnings.warn(
         Stalled(

@@ -15,10 +15,10 @@ from airtact.transducers.levels import FULL_SCALE
 
 
 def best(transfer: TransferMatrix, target: Target) -> Drive:
-    """Make the drive by the method with the strongest weakest focus.
+    """Make the drive by the method whose weakest focus is strongest.
 
     ================================== ============================================================
-    the target asks for                method
+    the target requests                method
     ================================== ============================================================
     one focus                          ``phase_conjugate``, at full scale the attainable maximum
     several foci                       ``max_min``, continued by ``gradient`` where it stalls
@@ -34,19 +34,19 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
 
     Parameters
     ----------
-    transfer : the transfer matrix of the foci, and of the suppression points where the target has
+    transfer : the transfer matrix of the foci, and of the suppression points if the target has
         some.
     target : the foci, their requested pressures and the suppression points.
 
     Returns
     -------
-    The drive, scaled as by ``time_reversal``. ``achieved_fraction`` gives the pressure of each
-    focus over the requested pressure, and ``upper_bound`` the pressure that no drive exceeds.
+    The drive, scaled as by ``time_reversal``. ``achieved_fraction`` gives the ratio of each focus's
+    pressure to its request, and ``upper_bound`` the pressure that no drive exceeds.
 
     Raises
     ------
     InvalidInput
-        As the method that is chosen, or an argument is of another kind.
+        As the chosen method, or if an argument is of the wrong kind.
 
     Warns
     -----
@@ -65,7 +65,7 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
         with warnings.catch_warnings(record=True) as stalled:
             warnings.simplefilter("always", Stalled)
             drive = max_min(transfer, target)
-        # Many foci close together stall the alternation. The slower descent continues.
+        # The alternation stalls with many foci close together. The slower descent continues.
         if stalled:
             drive = METHODS["gradient"](transfer, target)
     else:
@@ -76,9 +76,9 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
 
 
 def _as_asked(matrix: FociRows, target: Target, drive: Drive) -> Drive:
-    """Give each focus what it requests, 0 included, where that costs little; else keep the drive.
+    """Give each focus exactly its request, 0 included, if that costs little; else keep the drive.
 
-    The foci keep the phases that they have under the drive.
+    The foci keep the phases that the drive gives them.
     """
     from airtact.drives.linear_methods import exact_amplitudes
 
@@ -94,16 +94,16 @@ def _as_asked(matrix: FociRows, target: Target, drive: Drive) -> Drive:
     amplitudes = exact_amplitudes(matrix, wanted)
     amplitudes = amplitudes * (FULL_SCALE / np.abs(amplitudes).max())
     strongest = np.abs(matrix @ amplitudes).max()
-    # Foci too close together reach exact shares only at a fraction of the pressure.
+    # Foci close together may reach exact shares only at a fraction of the pressure.
     return Drive(amplitudes) if strongest > 0.5 * np.abs(pressures).max() else drive
 
 
 def method_for(target: Target) -> str:
-    """Return the name of the method by which ``best`` makes the drive for a target."""
+    """Return the name of the method that ``best`` uses for a target."""
     phases = target.phases is not None
     if len(target.suppression_points):
         return "inverse_filter" if phases else "gradient"
-    # One focus needs no balance: all elements in phase there are the attainable maximum.
+    # One focus needs no balance: its maximum has all elements in phase there.
     if np.count_nonzero(target.weights) == 1:
         return "phase_conjugate"
     return "least_peak" if phases else "max_min"
@@ -115,13 +115,13 @@ class Method:
 
     Attributes
     ----------
-    name : of the function; ``METHODS`` and scene files use it.
+    name : name of the function; ``METHODS`` and scene files use it.
     module : module of ``airtact.drives`` that defines the function.
     description : one line.
-    heeds_phases : whether it gives the foci the phases that the target requests; else it ignores or
-        chooses them.
-    heeds_suppression_points : whether it lowers the pressure there; it then needs a transfer matrix
-        from ``target.beacons(suppression=True)``.
+    heeds_phases : whether the foci get the phases that the target requests; otherwise the method
+        ignores or chooses them.
+    heeds_suppression_points : whether the method lowers the pressure there; it then needs a
+        transfer matrix from ``target.beacons(suppression=True)``.
     """
 
     name: str

@@ -1,9 +1,9 @@
 """Foci that move along paths on the skin: lateral and spatiotemporal modulation.
 
-Lateral modulation runs each focus along a small path around its position. With the same largest
-amplitude it is felt stronger than amplitude modulation, for circles at 10 to 200 Hz (R. Takahashi,
+Lateral modulation moves each focus along a small path around its position. For circles at 10 to
+200 Hz it feels stronger than amplitude modulation with the same largest amplitude (R. Takahashi,
 K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 13, 334, 2020). Spatiotemporal modulation draws a shape
-with a focus; it is felt strongest where the focus is as fast as the waves on the skin, at 5 to 8
+with a focus. It feels strongest when the focus moves as fast as the waves on the skin, at 5 to 8
 m/s (W. Frier et al., EuroHaptics 2018, 270).
 """
 
@@ -24,7 +24,7 @@ from airtact.drives.transfer import MakeDrive, TransferMatrix
 from airtact.errors import InvalidInput, of_kind, positive
 
 DEFAULT_FRAMES = 16
-"""Positions on a path around a focus."""
+"""Default number of positions on a path around a focus."""
 
 MAX_FRAMES = 1024
 """Largest number of frames that an AUTD3 board stores."""
@@ -42,24 +42,25 @@ class Motion:
 
     Attributes
     ----------
-    kind : "lm", lateral modulation, or "stm", spatiotemporal modulation; it chooses the defaults of
-        the others.
+    kind : "lm", lateral modulation, or "stm", spatiotemporal modulation; it sets the defaults of
+        the other attributes.
     path : "circle" or "line" around each focus, or "points": one focus runs through the target's
-        points in their order and back to the first. By default a circle for "lm", for "stm" the
-        points where there are 2 or more.
+        points in order and back to the first. The default is a circle, but the points for "stm" if
+        there are 2 or more.
     size : radius of the circle or length of the line [m]; by default 3 mm for "lm" (a line: 6 mm),
         10 mm for "stm".
-    frequency : rounds a second [Hz]; by default 50 Hz for "lm", and 7 m/s along the path for "stm".
-    frames : positions on a path around a focus.
-    along : "skin", where a path lies in the surface nearest the focus, at its distance from it, or
-        "array", in the plane across the direction to the array's middle. By default the skin where
-        it is within 20 mm.
+    frequency : rounds per second [Hz]; by default 50 Hz for "lm", and 7 m/s along the path for
+        "stm".
+    frames : number of positions on a path around a focus.
+    along : "skin", a path parallel to the nearest surface, as far from it as the focus; or "array",
+        a path in the plane perpendicular to the direction of the array's middle. The default is the
+        skin if it is within 20 mm.
 
     Raises
     ------
     InvalidInput
-        If a word is unknown, a number is not above zero, there are under 4 or over 1024 frames, or
-        a size or frames are given for the points of the target, which have their own.
+        If a word is unknown, a number is not above zero, there are fewer than 4 or more than 1024
+        frames, or ``size``, ``frames`` or ``along`` is given for a path through the points.
     """
 
     kind: Literal["lm", "stm"]
@@ -81,7 +82,7 @@ class Motion:
         for name, unit in (("size", "m"), ("frequency", "Hz")):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, positive(value, f"the {name} of a motion", unit))
-        if self.size is not None and self.size > 0.1:  # beyond that foci leave any hand
+        if self.size is not None and self.size > 0.1:  # a larger path leaves any hand
             raise InvalidInput(
                 f"the radius or length of a path is {self.size:g} m, but it must be at most 0.1 m. "
                 "Is it in millimetres?",
@@ -108,7 +109,7 @@ class Motion:
             )
 
     def through_points(self, foci: int) -> bool:
-        """Whether a focus runs through the points of a target of this many foci."""
+        """Whether one focus runs through the points of a target with this many foci."""
         return self.path == "points" or (self.kind == "stm" and self.path is None and foci > 1)
 
     def paths(self, scene: Scene, target: Target, array_middle: Real[np.ndarray, "3"]) -> Paths:
@@ -122,14 +123,14 @@ class Motion:
 
         Returns
         -------
-        (F, N, 3); a circle begins to the right of its focus, a line at its middle, and a line runs
-        to and fro.
+        (F, N, 3) positions. A circle begins to the right of its focus. A line begins at its middle
+        and runs back and forth.
 
         Raises
         ------
         InvalidInput
-            If a path cannot lie along the surface: it runs into a crevice or before another part of
-            the body.
+            If a path cannot lie along the surface, because it runs into a crevice or in front of
+            another part of the body.
         """
         return np.stack([self._laid(scene, focus, array_middle)[0] for focus in target.points])
 
@@ -157,14 +158,14 @@ class Motion:
         if self.path != "line":
             return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         reach = self.size / 2.0 if self.size else radius
-        # A triangle wave: the focus has a constant speed and does not rest at the ends.
+        # A triangle wave, so that the focus has a constant speed and does not rest at the ends.
         to_and_fro = 2.0 / np.pi * np.arcsin(np.sin(angles))
         return reach * np.stack([to_and_fro, np.zeros(frames)], axis=1)
 
     def _laid(
         self, scene: Scene, focus: Float64[np.ndarray, "3"], array_middle: Real[np.ndarray, "3"]
     ) -> tuple[Float64[np.ndarray, "frames 3"], Float64[np.ndarray, "frames 3"]]:
-        """Lay the path around a focus; return it on the skin, and flat before that."""
+        """Lay the path around a focus; return it on the skin, and the flat path before that."""
         surfaces = [obstacle.surface for obstacle in scene.obstacles]
         distances = [-float(surface.depth(focus[None])[0]) for surface in surfaces]
         distance = min(distances, default=np.inf)
@@ -189,7 +190,7 @@ class Motion:
         return onto_surface(flat, surface, distance), flat
 
     def turns(self, paths: Paths) -> float:
-        """Return the rounds a second [Hz]: the frequency, or that of the drawing speed."""
+        """Return the rounds per second [Hz]: the given frequency, or that of the drawing speed."""
         if self.frequency is not None:
             return self.frequency
         if self.kind == "lm":
@@ -204,7 +205,7 @@ def moving_target(target: Target, paths: Paths) -> Target:
     Parameters
     ----------
     target : the foci at rest.
-    paths : (F, N, 3) their positions.
+    paths : (F, N, 3) positions of the foci in each frame [m].
     """
     points = paths.transpose(1, 0, 2).reshape(-1, 3)
     phases = 1.0 if target.phases is None else np.exp(1j * target.phases)
@@ -230,22 +231,23 @@ def moving_foci(
 
     Parameters
     ----------
-    transfer : of all points, as ``moving_target`` orders them: all foci of the first frame, then
-        those of the next.
+    transfer : transfer matrix of all points in the order of ``moving_target``: all foci of the
+        first frame, then those of the next.
     target : those points.
-    foci : how many of them are in one frame.
-    turns : rounds a second [Hz].
+    foci : number of foci in one frame.
+    turns : rounds per second [Hz].
     method : makes the drive of each frame from its rows of the matrix.
-    clock : frequency of the sound [Hz]: each frame lasts whole periods of it, as boards need it.
+    clock : frequency of the sound [Hz]. Each frame lasts a whole number of periods, as boards need.
 
     Returns
     -------
-    A sequence of at least 4 frames; its rounds a second are the nearest that whole periods allow.
+    A sequence of at least 4 frames, with the nearest number of rounds per second that whole periods
+    allow.
 
     Raises
     ------
     InvalidInput
-        If the points do not fill whole frames, the rounds are too many for the clock, or as the
+        If the points do not fill whole frames, there are too many rounds for the clock, or as the
         method.
     """
     of_kind(target, Target, "the target", "moving_target(target, paths)")
@@ -261,8 +263,9 @@ def moving_foci(
     frames = len(indices)
     if turns * frames > clock:
         raise InvalidInput(
-            f"{turns:g} rounds of {frames} frames per second exceed the frequency of the sound, "
-            f"{clock:g} Hz. Give {clock / frames:.4g} Hz or less.",
+            f"{turns:g} rounds per second of {frames} frames each are more frames than periods of "
+            f"the sound ({clock:g} Hz). Give a modulation frequency of {clock / frames:.4g} Hz or "
+            "less.",
             code="out_of_range",
         )
     # Boards hold a frame for a whole number of periods, so the rate is rounded here.
@@ -279,11 +282,11 @@ def _sequence_through(
 ) -> Sequence:
     """Make the sequence that focuses on some points of a target in each frame.
 
-    ``foci`` (N, F) are the indices of the points of each frame. Each frame has the global phase
-    that brings it nearest to the one before, so that steps between frames are small.
+    ``foci`` (N, F) are the indices of the points of each frame. The global phase of each frame is
+    chosen closest to the previous frame, so that the steps between frames are small.
     """
     check_foci(transfer, target)
-    # Paths repeat positions; each set of foci is made once.
+    # Paths repeat positions, so each set of foci is solved once.
     made: dict[tuple[int, ...], Amplitudes] = {}
     frames = []
     before = None
@@ -291,7 +294,7 @@ def _sequence_through(
         key = tuple(indices.tolist())
         if key not in made:
             amplitudes = _frame_amplitudes(transfer, target, indices, method)
-            # The first frame keeps its phase; each later one is turned towards the one before.
+            # The first frame keeps its phase; each later frame is turned towards the previous one.
             if before is not None:
                 turn = np.vdot(amplitudes, before)
                 amplitudes = amplitudes * (turn / abs(turn) if abs(turn) > 0.0 else 1.0)
@@ -311,7 +314,7 @@ def _frame_amplitudes(
     if not weights.any():
         return np.zeros(transfer.matrix.shape[1], dtype=np.complex128)
     phases = 1.0 if target.phases is None else np.exp(1j * target.phases[foci])
-    # Shares also hold between frames: a frame of weaker foci has less energy.
+    # Shares also hold across frames: a frame of weaker foci has less energy.
     scale = 1.0
     asked = {}
     if target.shares is not None:
@@ -324,6 +327,6 @@ def _frame_amplitudes(
         target.points[foci], **asked, suppression_points=target.suppression_points[:suppressed]
     )
     rows = np.append(foci, np.arange(len(target.points), len(transfer.matrix)))
-    # Without their positions the foci of one frame may be at one place.
+    # Without positions, the check allows foci of one frame at the same place.
     frame_transfer = replace(transfer.of_rows(rows), foci=None, wavelength=None)
     return scale * method(frame_transfer, frame_target).amplitudes

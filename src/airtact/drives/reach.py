@@ -13,13 +13,13 @@ FociRows = Complex128[np.ndarray, "foci elements"]
 """Rows of a transfer matrix at foci, often divided by the request of each focus."""
 
 MIN_FOCUS_DISTANCE = 0.1
-"""Foci nearer to each other than this cannot be separated [wavelengths]."""
+"""Foci closer together than this cannot be separated [wavelengths]."""
 
 
 def check_foci(transfer: TransferMatrix, target: Target) -> None:
     """Raise ``InvalidInput`` for a target whose points are not those of the transfer matrix.
 
-    The rows of the matrix are the target's foci, or its foci and after them its suppression points.
+    The rows of the matrix are the target's foci, or its foci followed by its suppression points.
     """
     of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
     of_kind(target, Target, "the target", "Target(points, pressures)")
@@ -57,7 +57,7 @@ def asked_rows(
     """Return the rows of the foci with a request, and their requests."""
     rows = check_solvable(transfer, target)
     asked = target.weights > 0.0
-    # Where all foci ask for sound nothing is copied.
+    # If all foci have a request, nothing is copied.
     return (rows, target.weights) if asked.all() else (rows[asked], target.weights[asked])
 
 
@@ -65,9 +65,9 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     """Return the rows at the foci; raise unless a drive can separate and reach all foci.
 
     Methods that balance the foci would diverge otherwise. It raises ``InvalidInput`` as
-    ``check_foci``; or where there are more foci than elements, two foci are nearer than λ/10 or,
-    where the matrix does not know λ, have parallel rows, or a focus can get less than 5 % (26 dB)
-    of the pressure that the others can.
+    ``check_foci``; if there are more foci than elements; if two foci are less than λ/10 apart or,
+    if the matrix has no λ, their rows are parallel; or if a focus can get less than 5 % (−26 dB) of
+    the median pressure of the other foci.
     """
     rows = foci_rows(transfer, target)
     if len(rows) > rows.shape[1]:
@@ -129,7 +129,7 @@ def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float
 def suppression_rows(
     transfer: TransferMatrix, target: Target
 ) -> Complex128[np.ndarray, "suppressed elements"]:
-    """Return the rows at the suppression points, after ``check_foci``; raise if there are none."""
+    """Return the rows at the suppression points, after ``check_foci``; raise if missing."""
     check_foci(transfer, target)
     suppressed = len(target.suppression_points)
     if len(transfer.matrix) == len(target.points) and suppressed:
@@ -145,21 +145,21 @@ def suppression_rows(
 def achieved_fraction(
     transfer: TransferMatrix, target: Target, drive: Drive
 ) -> Float64[np.ndarray, "foci"]:
-    """Pressure at each focus over its requested pressure, |H d|_f / p_f.
+    """Ratio of the pressure at each focus to its request, |H d|_f / p_f.
 
-    The smallest fraction is 1 where the drive reaches the target, and less where full scale was not
+    The smallest fraction is 1 if the drive reaches the target, and less if full scale was not
     enough.
 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix that the drive was made from; ``airtact.evaluate``
-        verifies by another solver.
+        verifies with another solver.
     target : the foci and their requested pressures.
-    drive : of the E elements.
+    drive : the drive of the E elements.
 
     Returns
     -------
-    (F,) fractions, NaN where a focus asks for nothing or 0 Pa.
+    (F,) fractions, NaN for foci that request nothing or 0 Pa.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def achieved_fraction(
 def fraction(
     magnitudes: Float64[np.ndarray, "foci"], target: Target
 ) -> Float64[np.ndarray, "foci"]:
-    """(F,) peak pressures [Pa] over those that the target asks, NaN where nothing is requested."""
+    """(F,) ratio of peak pressure to requested pressure, NaN where nothing is requested."""
     fractions = np.full(len(target.points), np.nan)
     if target.pressures is not None:
         asked = target.pressures > 0.0
@@ -186,8 +186,8 @@ def scaled_to_target(
 ) -> Drive:
     """Scale amplitudes so that the smallest ``achieved_fraction`` is 1.
 
-    The largest amplitude is 1 if that takes more than full scale, or nothing is requested. Raise
-    ``InvalidInput`` if every amplitude is 0.
+    The largest amplitude is 1 if that takes more than full scale, or if no pressures are requested.
+    Raise ``InvalidInput`` if every amplitude is 0.
     """
     largest = np.abs(amplitudes).max()
     if not largest > 0.0:
@@ -195,7 +195,7 @@ def scaled_to_target(
             "the contributions of the foci cancel at every element, so all amplitudes are 0.",
             code="all_zero",
         )
-    # At full scale first: the fraction there decides whether the drive must be scaled down.
+    # The fraction at full scale decides whether the drive must be scaled down.
     full = Drive(amplitudes / largest)
     if target.pressures is None:
         return full

@@ -1,22 +1,23 @@
 """Drives for uncertain hands: the best for many sampled transfer matrices at once (``robust``).
 
-The value of a sample is the smallest pressure over request of its foci. A goal is a statistic of
-these values: their mean, the value that 9 of 10 samples exceed ("lowest tenth"), or the worst. The
-search maximises a smooth replacement, the power mean of the values: with exponent 1 it is the mean,
-and with exponents far below zero it approaches the worst value. The lowest tenth is not a smooth
-function of the drive, so the power mean of exponent −2 replaces it. It raises the lowest tenth of
-other samples as much as a smoothed quantile does, without fitting the few samples at the quantile.
+The value of a sample is the smallest ratio of pressure to request among its foci. A goal is a
+statistic of these values: their mean, the value that 9 of 10 samples exceed ("lowest tenth"), or
+the worst. The search maximises a smooth replacement, the power mean of the values. With exponent 1
+it is the mean; with large negative exponents it approaches the worst value. The lowest tenth is not
+a smooth function of the drive, so the power mean of exponent −2 replaces it. On samples that the
+search has not seen, it raises the lowest tenth as much as a smoothed quantile does, without fitting
+the few samples at the quantile.
 
 ``robust`` takes these steps:
 
-1. It balances the foci of the nominal matrix (``balanced``), which is the result where nothing is
-   uncertain.
-2. From there it climbs the power mean by L-BFGS, with exponents ever nearer to the goal. At equal
-   energy Σ|d|² the best drive is a sum of conjugated rows, so that search needs one number per row
-   however many elements there are (``_climb_at_equal_energy``); with every
-   element at full scale it runs over all phases (``_climb_at_full_scale``).
-3. With suppression points it repeats step 2 with a growing penalty on their energy, until the goal
-   has lost 15 %.
+1. Balance the foci of the nominal matrix (``balanced``). If nothing is uncertain, this is the
+   result.
+2. From there, maximise the power mean by L-BFGS, with exponents ever closer to the goal. At equal
+   energy Σ|d|² the best drive is a sum of conjugated rows, so the search has one complex unknown
+   per row, however many elements there are (``_climb_at_equal_energy``). With every element at full
+   scale, the unknowns are the phases of all elements (``_climb_at_full_scale``).
+3. With suppression points, repeat step 2 with a growing penalty on their energy, until the goal has
+   lost 15 %.
 """
 
 from dataclasses import dataclass
@@ -43,7 +44,7 @@ Limit = Literal["energy", "phases"]
 """What limits a drive: its energy Σ|d|², or |d| = 1 ("phases")."""
 
 SampledRows = Complex128[np.ndarray, "samples foci elements"]
-"""Rows at the foci in each sample, over the request of each focus."""
+"""Rows at the foci in each sample, divided by the request of each focus."""
 
 RowValues = Complex128[np.ndarray, "rows"]
 """One number for each focus of each sample, sample by sample."""
@@ -54,16 +55,17 @@ EXPONENTS: dict[str, tuple[tuple[float, ...], ...]] = {
     "lowest tenth": ((-2.0,), (1.0, -2.0)),
     "worst": ((-2.0, -8.0, -32.0), (1.0, -2.0, -8.0, -32.0)),
 }
-"""Sequences of exponents of the power mean by goal, each of them one descent after another.
+"""Sequences of exponents of the power mean, for each goal.
 
-For large displacements of the hand there are many good drives that differ much. Each sequence
-finds one of them, and the best is used."""
+A sequence has one climb per exponent; each climb starts where the last ended. For large
+displacements of the hand there are many local optima far apart. Each sequence finds one of them,
+and the best is used."""
 
 FOCUS_SHARPNESS = 8.0
-"""Minus the exponent of the power mean over the foci of a sample, in place of the weakest."""
+"""The weakest focus of a sample is smoothed to a power mean with minus this exponent."""
 
 MAX_STEPS = 60
-"""Largest number of L-BFGS steps of one descent."""
+"""Largest number of L-BFGS steps in one climb."""
 
 
 def robust(
@@ -75,24 +77,24 @@ def robust(
 ) -> Drive:
     """Make the drive that is best over all samples of an ensemble, for an uncertain hand.
 
-    Random gains of single elements in the samples are ignored by the search, because fitting them
-    would not help other samples; ``goal_value`` includes them. Phases at the foci are chosen by the
-    method.
+    The search ignores the random gains of single elements, because fitting them would not help
+    with unseen samples; ``goal_value`` includes them. The method chooses the phases at the foci.
 
     Parameters
     ----------
-    ensemble : the samples, from ``ensemble``; a matrix without samples counts as certain.
+    ensemble : the samples, from ``ensemble``. A plain transfer matrix is treated as free of
+        uncertainty.
     target : the foci and their requested pressures. Suppression points may cost 15 % of the goal.
-    goal : "lowest tenth", the pressure that the weakest focus exceeds 9 of 10 times; its "mean"; or
-        its "worst" sample.
-    limit : "energy": the goal is best for the energy Σ|d|² that the drive emits. "phases": with
+    goal : "lowest tenth", the pressure that the weakest focus exceeds in 9 of 10 samples; "mean",
+        its mean over the samples; or "worst", its smallest value.
+    limit : "energy": the goal is maximised at a given energy Σ|d|². "phases": it is maximised with
         every element at full scale.
 
     Returns
     -------
-    The drive. Its largest amplitude is 1, or less where the goal then reaches what the foci
-    request. With certainty it is the drive of the strongest worst focus at that limit, and for one
-    focus that of ``time_reversal`` (``phase_conjugate`` for "phases").
+    The drive. Its largest amplitude is 1, or less if a weaker drive reaches the requested
+    pressures. Where nothing is uncertain, it is the drive whose worst focus is strongest at that
+    limit; for one focus, that of ``time_reversal`` (``phase_conjugate`` for "phases").
 
     Raises
     ------
@@ -138,9 +140,9 @@ def robust_phase_only(
 def goal_value(
     ensemble: TransferMatrix, target: Target, drive: Drive, goal: Goal = "lowest tenth"
 ) -> float:
-    """Return what a drive reaches of a goal over the samples.
+    """Return the goal's value for a drive: the statistic of the weakest focus over the samples.
 
-    It is a pressure [Pa], or a share of what the foci request.
+    The value is a pressure [Pa], or a fraction of the requested pressures.
 
     Parameters
     ----------
@@ -169,12 +171,12 @@ def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
 
 
 def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
-    """Return the rows of each sample at the foci, over their requests; one sample if all agree."""
+    """Return each sample's rows at the foci, divided by the requests; one sample if all agree."""
     nominal, requests = asked_rows(ensemble, target)
     if not isinstance(ensemble, TransferEnsemble):
         return (nominal / requests[:, None])[None]
     rows = ensemble.geometry[:, np.flatnonzero(target.weights > 0.0)]
-    # Where only the gains are uncertain, one sample replaces all.
+    # If only the gains are uncertain, one sample replaces all.
     if np.abs(rows - nominal).max() <= 1e-9 * np.abs(nominal).max():
         rows = nominal[None]
     return rows / requests[:, None]
@@ -193,7 +195,7 @@ def _suppressed_rows(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Rows at the foci over their requests, rows at the suppression points, and the goal."""
+    """Rows at the foci divided by the requests, rows at the suppression points, and the goal."""
 
     samples: SampledRows
     suppressed: Complex128[np.ndarray, "suppressed elements"]
@@ -211,10 +213,10 @@ class _Search:
         return _statistic(np.abs(self.samples @ amplitudes).min(axis=1), self.goal) / float(scale)
 
     def climbed(self, start: Amplitudes, penalty: float) -> Amplitudes:
-        """Climb from a start; the energy at the suppression points counts by the penalty."""
+        """Climb from a start; the energy at the suppression points is weighted by the penalty."""
         climb = _climb_at_equal_energy if self.limit == "energy" else _climb_at_full_scale
         sequences = EXPONENTS[self.goal]
-        if penalty:  # the start comes from the best sequence already
+        if penalty:  # the start already comes from the best sequence
             sequences = sequences[:1]
         ends = [climb(self, start, penalty, exponents) for exponents in sequences]
         return max(ends, key=self.value)
@@ -223,7 +225,7 @@ class _Search:
 def _best(nominal: FociRows, search: _Search) -> Amplitudes:
     suppressed = search.suppressed
     certain = len(search.samples) == 1
-    # The balance is the result where nothing is uncertain, and else only the start of the search.
+    # Without uncertainty the balanced drive is the result, otherwise only the start of the search.
     steps = 2000 if certain and not len(suppressed) else 30
     best = balanced(nominal, search.limit != "energy", steps)
     if not certain:
@@ -232,13 +234,14 @@ def _best(nominal: FociRows, search: _Search) -> Amplitudes:
         return best
     # Suppression points may cost 15 % of the goal.
     lowest = (1.0 - 0.15) * search.value(best)
-    # Penalties are relative to the mean energy that a unit drive gives the suppression points.
+    # Penalties are relative to the energy at the suppression points, mean over all drives of unit
+    # energy.
     elements = suppressed.shape[1]
     energy = float(np.sum(np.abs(suppressed) ** 2))
     for power in range(-5, 7):
         penalty = float(10.0 ** (power / 2))
         candidate = search.climbed(best, penalty * elements / energy)
-        # A larger penalty only costs the foci more.
+        # Larger penalties cost the foci even more.
         if search.value(candidate) < lowest:
             break
         best = candidate
@@ -246,19 +249,19 @@ def _best(nominal: FociRows, search: _Search) -> Amplitudes:
 
 
 def improved(samples: SampledRows, start: Amplitudes, limit: Limit) -> Amplitudes:
-    """Raise the lowest tenth over few samples in one descent from a start, in milliseconds.
+    """Raise the lowest tenth over a few samples in one climb, which takes milliseconds.
 
     Parameters
     ----------
     samples : rows of the foci in each sample.
-    start : a drive that is good where nothing is uncertain.
-    limit : "energy" by the descent of ``robust``, else every element at full scale by a few steps
-        with momentum.
+    start : a drive that is good without uncertainty.
+    limit : "energy" uses the climb of ``robust``; "phases" takes a few steps with momentum, with
+        every element at full scale.
 
     Returns
     -------
-    The drive with the largest magnitude 1; the start, or its phases at full scale, if the power
-    mean over the samples does not rise.
+    The drive, scaled to a largest amplitude of 1. If the power mean over the samples does not rise,
+    it is the start, or the phases of the start at full scale.
     """
     if limit != "energy":
         return _climb_with_momentum(samples, start)
@@ -278,27 +281,28 @@ def improved(samples: SampledRows, start: Amplitudes, limit: Limit) -> Amplitude
 
 
 def balanced(matrix: FociRows, phases: bool, steps: int = 2000) -> Amplitudes:
-    """Make the weakest focus of one matrix strongest.
+    """Make the weakest focus of one matrix as strong as possible.
 
-    With ``phases`` every element is at full scale (``strongest_sources``), else the energy is
-    limited, and alternating projections take ``steps`` iterations. ``matrix`` has rows
+    With ``phases`` every element is at full scale (``strongest_sources``). Otherwise the energy is
+    limited, and alternating projections take ``steps`` iterations. The rows of ``matrix`` are
     divided by the requested pressure of each focus.
     """
     if phases:
         return phase(matrix.conj().T @ strongest_sources(matrix, 300))
     foci = len(matrix)
-    # One focus at a given energy: time reversal, by Cauchy-Schwarz.
+    # For one focus at a given energy, time reversal is optimal (Cauchy-Schwarz).
     if foci == 1:
         return matrix[0].conj()
     products = matrix @ matrix.conj().T
-    # Start with the foci in phase, and with phases that turn by 1, 2 and 3 quarters from one focus
+    # Start with the foci in phase, and with phase steps of 1, 2 and 3 quarter turns from one focus
     # to the next.
     starts = [np.exp(2j * np.pi * quarters * np.arange(foci) / 4) for quarters in range(4)]
     ends = [_balanced_sources(products, start, steps) for start in starts]
     strengths = np.array(
         [np.abs(products @ end).min() / np.sqrt(np.vdot(end, products @ end).real) for end in ends]
     )
-    # Of ends that are equal up to rounding the first.
+    # Among ends equal up to rounding take the first, so that the result does not depend on the
+    # machine.
     best = int(np.argmax(np.round(strengths / strengths.max(), 9)))
     return matrix.conj().T @ ends[best]
 
@@ -328,11 +332,12 @@ def _balanced_sources(
 def _climb_at_equal_energy(
     search: _Search, start: Amplitudes, penalty: float, exponents: tuple[float, ...]
 ) -> Amplitudes:
-    """Climb the power mean at equal energy, that at suppression points R included by the penalty.
+    """Maximise the power mean at equal energy.
 
-    The best drive has the form d = M⁻¹ Aᴴ s, A being all rows and M = 1 + penalty Rᴴ R. It gives
-    the pressures P s with P = A M⁻¹ Aᴴ = L Lᴴ, at the energy sᴴ P s = ‖Lᴴ s‖². In x = Lᴴ s the
-    pressures are L x and the energy is ‖x‖², so that the search runs over the direction of x.
+    The energy at the suppression points R counts by the penalty. The best drive has the form
+    d = M⁻¹ Aᴴ s, where A holds all rows and M = 1 + penalty Rᴴ R. It gives the pressures P s with
+    P = A M⁻¹ Aᴴ = L Lᴴ, at the energy sᴴ P s = ‖Lᴴ s‖². With x = Lᴴ s the pressures are L x and the
+    energy is ‖x‖², so the search varies only the direction of x.
     """
     from scipy.optimize import minimize
 
@@ -342,7 +347,8 @@ def _climb_at_equal_energy(
         energy = np.eye(len(start)) + penalty * suppressed.conj().T @ suppressed
         solved_rows = cho_solve((cholesky(energy, lower=True), True), solved_rows)
     products = search.rows @ solved_rows
-    # Rounding leaves the products a little off Hermitian, which the Cholesky factor must not see.
+    # Rounding leaves the products slightly non-Hermitian, and the Cholesky factorisation needs
+    # them exactly Hermitian.
     products = 0.5 * (products + products.conj().T)
     count = len(products)
     # Samples of nearly the same hand have nearly dependent rows.
@@ -352,36 +358,34 @@ def _climb_at_equal_energy(
     def objective(
         coordinates: Float64[np.ndarray, "coordinates"], exponent: float
     ) -> tuple[float, Float64[np.ndarray, "coordinates"]]:
-        numbers = coordinates[:count] + 1j * coordinates[count:]
-        norm = np.linalg.norm(numbers)
-        unit = numbers / norm
-        mean, by_pressure = _log_power_mean(lower @ unit, search.samples.shape[:2], exponent)
+        x = coordinates[:count] + 1j * coordinates[count:]
+        norm = np.linalg.norm(x)
+        x_unit = x / norm
+        mean, by_pressure = _log_power_mean(lower @ x_unit, search.samples.shape[:2], exponent)
         by_unit = lower.conj().T @ by_pressure
-        # Only the part of the gradient across x turns its direction.
-        slope = (by_unit - unit * np.vdot(unit, by_unit).real) / norm
+        # Only the part of the gradient perpendicular to x changes its direction.
+        slope = (by_unit - x_unit * np.vdot(x_unit, by_unit).real) / norm
         return -mean, -np.concatenate([np.real(slope), np.imag(slope)])
 
-    numbers = solve_triangular(lower, search.rows @ start, lower=True)
+    x = solve_triangular(lower, search.rows @ start, lower=True)
     for exponent in exponents:
         # L-BFGS (Liu and Nocedal, Math. Program. 45, 503 (1989)).
         coordinates = minimize(
             objective,
-            np.concatenate([np.real(numbers), np.imag(numbers)]) / np.linalg.norm(numbers),
+            np.concatenate([np.real(x), np.imag(x)]) / np.linalg.norm(x),
             (exponent,),
             jac=True,
             method="L-BFGS-B",
             options={"maxiter": MAX_STEPS, "ftol": 1e-5},
         ).x
-        numbers = coordinates[:count] + 1j * coordinates[count:]
-    return solved_rows @ solve_triangular(
-        lower.conj().T, numbers / np.linalg.norm(numbers), lower=False
-    )
+        x = coordinates[:count] + 1j * coordinates[count:]
+    return solved_rows @ solve_triangular(lower.conj().T, x / np.linalg.norm(x), lower=False)
 
 
 def _climb_at_full_scale(
     search: _Search, start: Amplitudes, penalty: float, exponents: tuple[float, ...]
 ) -> Amplitudes:
-    """Climb the power mean over the phases, with every element at full scale."""
+    """Maximise the power mean over the phases, with every element at full scale."""
     from scipy.optimize import minimize
 
     rows = search.rows
@@ -415,12 +419,12 @@ def _climb_at_full_scale(
 
 
 def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:
-    """Climb the power mean over all phases, in steps of one size, and keep the best.
+    """Maximise the power mean over all phases in steps of equal size; keep the best.
 
     This is Adam (D. P. Kingma, J. Ba, "Adam: a method for stochastic optimization", ICLR 2015,
     algorithm 1) with one second moment for all phases.
     """
-    # Single precision: this runs for each frame of a moving hand.
+    # Single precision for speed, since this runs for each frame of a moving hand.
     rows = samples.reshape(-1, len(start)).astype(np.complex64)
     exponent = EXPONENTS["lowest tenth"][0][-1]
     phases = np.angle(start)
@@ -438,9 +442,9 @@ def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:
         by_phase = -np.imag((by_pressure.conj().astype(np.complex64) @ rows) * drive)
         slope = 0.8 * slope + (1.0 - 0.8) * by_phase
         square = 0.95 * square + (1.0 - 0.95) * float(np.mean(by_phase**2))
-        # The running means start at 0; the powers undo that.
+        # The running means start at 0; the powers correct this bias.
         size = np.sqrt(square / (1.0 - 0.95**step)) + np.finfo(float).tiny
-        # Phases turn by 0.1 rad in the root mean square.
+        # Steps of about 0.1 rad rms.
         phases = phases + 0.1 / size * slope / (1.0 - 0.8**step)
     return best
 
@@ -448,17 +452,17 @@ def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:
 def _log_power_mean(
     pressures: RowValues, shape: tuple[int, int], exponent: float
 ) -> tuple[float, RowValues]:
-    """Logarithm of the power mean over the samples of the weakest focus, and its gradient.
+    """Logarithm of the power mean of the weakest focus over the samples, and its gradient.
 
     Parameters
     ----------
-    pressures : at each focus of each sample.
-    shape : number of samples and of foci.
-    exponent : of the mean over the samples.
+    pressures : pressure at each focus of each sample.
+    shape : number of samples and number of foci.
+    exponent : exponent of the mean over the samples.
 
     Returns
     -------
-    The logarithm, and g: it changes by Re Σ conj(g) δp.
+    The logarithm and its gradient g; the logarithm changes by Re Σ conj(g) δp.
     """
     logs = np.log(np.maximum(np.abs(pressures), np.finfo(float).tiny)).reshape(shape)
     # Values relative to the smallest or largest, so that no power overflows.

@@ -1,9 +1,9 @@
-"""Sequences of drives. They make ultrasound perceptible, which itself is too fast to be felt.
+"""Sequences of drives, which make ultrasound perceptible.
 
-Skin feels changes of a few to a few hundred hertz. They come from varying the amplitude (amplitude
-modulation), from moving a focus to and fro (lateral modulation; R. Takahashi, K. Hasegawa, H.
-Shinoda, IEEE Trans. Haptics 13, 334, 2020) or from leading it along a path (spatiotemporal
-modulation; W. Frier et al., EuroHaptics 2018).
+Ultrasound itself is too fast to be felt; skin feels changes at a few to a few hundred hertz. They
+come from varying the amplitude (amplitude modulation), from moving a focus back and forth (lateral
+modulation; R. Takahashi, K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 13, 334, 2020) or from moving
+it along a path (spatiotemporal modulation; W. Frier et al., EuroHaptics 2018).
 """
 
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ class Sequence:
     Attributes
     ----------
     drives : (N, E) complex amplitudes of each frame, 1 at full scale.
-    rate : frames a second [Hz].
+    rate : frames per second [Hz].
 
     Raises
     ------
@@ -103,7 +103,7 @@ class Sequence:
         """Write all frames to a file, which ``load_drive`` reads and ``airtact emit`` sends.
 
         Parameters and errors are those of ``Drive.save``. A .csv has one line for each element in
-        each frame, and its times give the rate where there are 2 frames or more.
+        each frame; with 2 frames or more, its times give the rate.
         """
         save_drives(
             path,

@@ -38,12 +38,12 @@ class TransferMatrix:
 
     Attributes
     ----------
-    matrix : (F, E) complex pressure H[f, e] at focus f when element e alone is at full scale [Pa];
-        after the foci a row for each suppression point, if the beacons had them.
-    estimated_error : relative error of the matrix, as the solver of the beacons estimates it; NaN
-        if unknown.
+    matrix : (F, E) complex pressure H[f, e] at focus f when element e alone is at full scale [Pa].
+        Rows for the suppression points follow the foci if the beacons include them.
+    estimated_error : relative error of the matrix, estimated by the solver of the beacons; NaN if
+        unknown.
     foci : (F, 3) positions of the foci in the obstacles' frame [m], or None if unknown.
-    wavelength : of the sound in the air [m], or None if unknown.
+    wavelength : wavelength of the sound in the air [m], or None if unknown.
 
     Raises
     ------
@@ -93,7 +93,7 @@ class TransferMatrix:
         return self.matrix @ drive.amplitudes
 
     def check_fits(self, drive: Drive) -> None:
-        """Raise ``InvalidInput`` unless given a drive of as many elements."""
+        """Raise ``InvalidInput`` unless the drive has the matrix's number of elements."""
         check_drive(drive, "the drive")
         if len(drive) != self.matrix.shape[1]:
             raise InvalidInput(
@@ -121,13 +121,14 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
 
         H[f, e] = g_e · sensitivity · Σ_j w_j b_f(x_ej),
 
-    with b_f the field of a beacon of 1 Pa·m at focus f, x_ej and w_j the points and weights on the
-    face of element e, and g_e its gain (1 unless calibrated, 0 where it is dead). One solve serves
-    every translation and rotation of the array relative to the bodies (section 3.3 of the paper).
+    where b_f is the field of a beacon of 1 Pa·m at focus f, x_ej and w_j are the points and weights
+    on the face of element e, and g_e is its gain (1 unless calibrated, 0 if it is dead). One solve
+    serves every translation and rotation of the array relative to the bodies (section 3.3 of the
+    paper).
 
-    Where the scene has the array's boards (``reflecting_boards``), b_f is the pressure on their
-    faces and counts half: an infinite face doubles it, and the sensitivity of its elements is that
-    with the board behind them.
+    If the scene has the array's boards (``reflecting_boards``), b_f is the pressure on their faces
+    and counts half, because an infinite face doubles the pressure and the sensitivity of an element
+    already includes the board behind it.
 
     Parameters
     ----------
@@ -137,8 +138,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
 
     Returns
     -------
-    The matrix [Pa], with the relative error at the elements that the solver estimates for the worst
-    beacon.
+    The matrix [Pa]. Its error is the solver's estimate at the elements for the worst beacon.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
 
 
 def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
-    """Return the transfer matrix of unit beacons to an array whose placement was checked before."""
+    """Return the transfer matrix for an array whose placement has been checked."""
     sources = beacons.sources
     count = len(sources.positions)
     received = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
@@ -204,21 +204,22 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
 
 
 def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> TransferMatrix:
-    """Build the transfer matrix without the bodies, in closed form: the control of comparisons.
+    """Build the transfer matrix without the bodies, in closed form, as a control for comparisons.
 
-    A drive made from it by the same method as another one, and emitted with the bodies there, shows
-    the gain of considering the bodies: compare the two at equal peak or equal energy (``compare``).
-    Directivity and calibration of the elements count in both.
+    To find the gain of considering the bodies, make one drive from this matrix and one from
+    ``transfer_matrix`` by the same method, and compare them with the bodies present, at equal peak
+    or equal energy (``compare``). Both matrices include the directivity and calibration of the
+    elements.
 
     Parameters
     ----------
-    scene : its medium, frequency and planes count, its bodies do not.
+    scene : the medium, frequency and planes; its bodies are ignored.
     array : the E transducers in the obstacles' frame.
-    target : the foci, and suppression points, which are the rows of the matrix.
+    target : the foci and suppression points, which are the rows of the matrix.
 
     Returns
     -------
-    The matrix [Pa], without error.
+    The matrix [Pa], with estimated error 0.
 
     Raises
     ------
@@ -235,16 +236,16 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
 def focus_by_distance(
     array: PhasedArray, target: Target, medium: Medium, frequency: float
 ) -> Drive:
-    """Focus by the distances of each element to the foci, as if there were no hand; a control.
+    """Focus by the distances from the elements to the foci, as if there were no hand; a control.
 
-    d_e = Σ_f e^{−ik r_ef}, the paper's equation 11 in its equation 5, scaled to a largest amplitude
-    of 1. All foci count alike, also those that ask for less, and k is the real part of the
-    wavenumber.
+    The drive is d_e = Σ_f e^{−ik r_ef} (the paper's equation 11 in its equation 5), scaled to a
+    largest amplitude of 1. All foci have the same weight, whatever they request. k is the real part
+    of the wavenumber.
 
     Parameters
     ----------
     array, target : the transducers in the target's frame, and the foci.
-    medium, frequency : of the sound [Hz].
+    medium, frequency : the air and the frequency of the sound [Hz].
 
     Raises
     ------
@@ -256,7 +257,7 @@ def focus_by_distance(
     of_kind(target, Target, "the target", "Target(points, pressures)")
     of_kind(medium, Medium, "the medium", "air() or Medium(sound_speed, density)")
     check_frequency(frequency)
-    # No scene checks the placement here, so the element and the foci are checked alone.
+    # There is no scene to check the placement, so the elements and foci are checked alone.
     check_pattern(array.element, medium.wavenumber(frequency))
     check_apart(array)
     check_reach(array, target.points)
@@ -278,8 +279,8 @@ def rounding_error(
 ) -> Float64[np.ndarray, "foci"]:
     """Return the cost of rounding at each focus: the relative change of its pressure.
 
-    Boards with two levels of amplitude raise weak elements to full scale, so for them both drives
-    are compared at equal energy Σ|d|²; for all others as they are.
+    Boards with two amplitude levels raise weak elements to full scale, so for them both drives are
+    compared at equal energy Σ|d|²; for all other boards they are compared as they are.
 
     Parameters
     ----------
@@ -289,7 +290,7 @@ def rounding_error(
 
     Returns
     -------
-    (F,) |p emitted| / |p computed| − 1; NaN where the drive gives no pressure.
+    (F,) |p emitted| / |p computed| − 1; NaN for foci without pressure.
 
     Raises
     ------

@@ -1,18 +1,18 @@
-"""Transfer matrices of sampled hands (``ensemble``), from one solve where hands move rigidly.
+"""Transfer matrices of sampled hands (``ensemble``), from one solve if hands move rigidly.
 
 Warmer air scales the wavenumber by s. The solved field is then evaluated with all lengths scaled
-by s about the middle of the foci. This neglects that the bodies and the distances of the foci also
-scale by s, 0.2 % for each kelvin, and that the absorption changes. Compared with solves of a pinch
-in air that is 2 K (5 K) warmer, the error of the matrix is 1.3 % (3.2 %) in a box and 0.9 % (2.3 %)
-before flat boards; without scaling it is 24 to 138 %. The pressure of a drive at the weakest focus
-is within 0.2 % (0.4 %) (``benchmarks/robust.py warmer``).
+by s about the middle of the foci. This wrongly scales the bodies and the distances between foci
+too, by 0.2 % for each kelvin, and neglects the change of absorption. Compared with solves of a
+pinch in air that is 2 K (5 K) warmer, the error of the matrix is 1.3 % (3.2 %) in a box and 0.9 %
+(2.3 %) in front of flat boards; without scaling it is 24 to 138 %. The pressure of a drive at the
+weakest focus is within 0.2 % (0.4 %) (``benchmarks/robust.py warmer``).
 
-The pressure on an element is that at its centre times its directivity towards each focus, plus the
-remainder of the nominal matrix. Compared with the mean over the faces the error is 0.1 % for 2 mm
-and 3 degrees before flat boards, 1 % in a box.
+The pressure on an element is computed as the pressure at its centre times its directivity towards
+each focus, plus the remainder of the nominal matrix. Compared with the mean over the faces, for
+motions of 2 mm and 3 degrees, the error is 0.1 % in front of flat boards and 1 % in a box.
 
-Samples whose bodies move independently are solved, in air of their own temperature. Before a rigid
-plane one solve serves the samples whose hands see the plane at the same place: those that were
+Samples whose bodies move independently are each solved, in air of their own temperature. In front
+of a rigid plane one solve serves all hands at the same place relative to the plane: those that were
 shifted along it or turned about its normal.
 """
 
@@ -48,7 +48,7 @@ from airtact.transducers.layout import PhasedArray, join
 from airtact.transducers.placement import check_placement
 
 MAX_SAMPLES = 10_000
-"""Largest number of samples; more are probably a mistake."""
+"""Largest allowed number of samples; more are probably a mistake."""
 
 FociRows = Complex128[np.ndarray, "foci elements"]
 
@@ -57,23 +57,23 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class TransferEnsemble(TransferMatrix):
-    """The nominal transfer matrix, and those of S sampled hands; ``ensemble`` makes it.
+    """The nominal transfer matrix and those of S sampled hands; ``ensemble`` makes it.
 
-    It serves wherever a ``TransferMatrix`` does, as the nominal one. ``robust`` makes drives for
+    It can be used as a ``TransferMatrix``, and then is the nominal one. ``robust`` makes drives for
     all samples.
 
     Attributes
     ----------
     geometry : (S, F, E) the matrix of each sample with the nominal gains of the elements [Pa].
-    gains : (S, E) factor of each element in each sample, or None where it is 1.
+    gains : (S, E) factor of each element in each sample, or None if all are 1.
     uncertainty : the distributions that the samples were drawn from.
-    seed : of the samples.
-    left_out : number of impossible samples, such as hands that a transducer would reach into.
+    seed : seed of the samples.
+    left_out : number of impossible samples, such as hands that overlap a transducer.
 
     Raises
     ------
     InvalidInput
-        As ``TransferMatrix``, or the samples are none or of another shape.
+        As ``TransferMatrix``, or if there are no samples or their shape does not match.
     """
 
     geometry: Complex128[np.ndarray, "samples foci elements"]
@@ -142,33 +142,33 @@ def ensemble(
     """Compute the transfer matrices of random hands, air and transducers.
 
     A rigid motion of the hand needs no new solve: the multipole expansion of the beacons is
-    evaluated at the array as seen from the moved hand. Where bodies move independently or foci move
+    evaluated at the array as seen from the moved hand. If bodies move independently or foci move
     along the skin, each focus is evaluated as if all bodies moved with it. With ``solver``, each
     such sample is solved instead, in milliseconds by ``BoundaryElement().factorised(scene,
-    refined=target.points)``. Warmer air scales the wavenumber. Before a rigid plane one solve
+    refined=target.points)``. Warmer air scales the wavenumber. In front of a rigid plane one solve
     serves all motions along the plane; ``solver`` solves the other samples.
 
     Parameters
     ----------
-    beacons : field of unit beacons in the foci, ``solver.radiate(scene, target.beacons())``.
+    beacons : field of unit beacons at the foci, ``solver.radiate(scene, target.beacons())``.
     array : the transducers in the obstacles' frame.
     uncertainty : standard deviations.
     samples : number of samples, 1 to 10 000; a power of 2 spreads best.
-    seed : of the random numbers, 0 or more.
-    solver : solves each sample where bodies move independently, foci move along the skin, or there
-        is a plane.
+    seed : seed of the random numbers, 0 or more.
+    solver : solves each sample if bodies move independently, foci move along the skin, or there is
+        a plane.
 
     Returns
     -------
-    The nominal matrix and those of the samples. Impossible samples, in which an element or a focus
-    is inside a body or something is behind a face, are left out and counted.
+    The nominal matrix and those of the samples. Samples are impossible if an element or a focus is
+    inside a body or something is behind a face; they are left out and counted.
 
     Raises
     ------
     InvalidInput
-        As ``transfer_matrix``; "out_of_range": of samples or seed; "empty"; "not_converged": a
-        plane needs the solver; "does_not_match": an uncertainty does not apply to the scene or
-        array.
+        As ``transfer_matrix``; "out_of_range": ``samples`` or ``seed``; "empty": all samples are
+        impossible, or there is nothing that an uncertainty applies to; "not_converged": a plane
+        needs the solver; "does_not_match": an uncertainty does not apply to the medium.
 
     Examples
     --------
@@ -214,13 +214,13 @@ def matrices_at(
 ) -> Iterator[FociRows | None]:
     """Yield the transfer matrix (F, E) of a hand that is moved rigidly by each pose [Pa].
 
-    ``slower`` scales the wavenumber, for warmer air. Impossible poses, in which an element would
-    reach into a body or something is behind a face, give None. Before a plane ``solver`` solves
-    each pose that does not keep the plane. Raises as ``transfer_matrix``, and "not_converged".
+    ``slower`` scales the wavenumber, for warmer air. Impossible poses, with an element inside a
+    body or something behind a face, give None. In front of a plane, ``solver`` solves each pose
+    that does not keep the plane. Raises as ``transfer_matrix``, and "not_converged".
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
-    # The hand moves rigidly: groups, foci along the skin and boards do not move.
+    # The hand moves rigidly: groups of foci and boards do not move by themselves.
     still = (Pose.identity(),) * len(sampler.groups)
     unshifted = np.zeros((len(beacons.sources.positions), 2))
     return sampler.matrices(Draw(pose, still, unshifted, (), slower) for pose in poses)
@@ -239,7 +239,7 @@ def check_counts(samples: int, seed: int) -> None:
 
 
 def check_doubts(uncertainty: Uncertainty, scene: Scene, array: PhasedArray) -> None:
-    """Raise "does_not_match" or "empty" for an uncertainty of what scene or array do not have."""
+    """Raise "does_not_match" or "empty" if an uncertainty does not apply to the scene or array."""
     speed = scene.medium.sound_speed
     if (uncertainty.temperature or uncertainty.humidity) and not 300.0 <= speed <= 370.0:
         raise InvalidInput(
@@ -266,17 +266,17 @@ class _Sampler:
 
     Attributes
     ----------
-    field : of the beacons, as a multipole expansion where there are bodies.
+    field : field of the beacons, as a multipole expansion if there are bodies.
     array : the transducers.
-    pieces : its boards where they are uncertain, else none.
+    pieces : the boards of the array if their positions are uncertain, otherwise empty.
     uncertainty : the distributions.
     solver : for bodies that move independently, and for hands that move towards a plane; or None.
     groups : indices of the foci that move together.
-    bodies : (F,) the body that each focus is nearest to; 0 in open air.
-    middle : (3,) of the foci [m], about which the hand turns.
+    bodies : (F,) the body nearest to each focus; 0 in open air.
+    middle : (3,) middle of the foci [m]; the hand turns about it.
     ball : centre and radius of a ball around the bodies [m], or None.
-    remainder : (F, E) part of the nominal matrix beyond centres and directivity, over its carrier
-        wave [Pa].
+    remainder : (F, E) part of the nominal matrix that centres and directivity do not give, divided
+        by the carrier wave [Pa].
     """
 
     field: RadiatedField
@@ -346,20 +346,20 @@ class _Sampler:
 
     @property
     def together(self) -> bool:
-        """Whether all foci move as one."""
+        """Whether all foci move together."""
         uncertainty = self.uncertainty
         return not (uncertainty.own_position or uncertainty.own_rotation or uncertainty.along_skin)
 
     @cached_property
     def pattern(self) -> tuple[Float64[np.ndarray, "angles"], Float64[np.ndarray, "angles"]]:
-        """Sines of angles off an element's axis, and its far pressure over that on the axis."""
+        """Sines of angles off an element's axis, and the far pressure relative to the axis."""
         sines = np.linspace(0.0, 1.0, 400)
         directions = np.stack([sines, np.zeros_like(sines), np.sqrt(1.0 - sines**2)], axis=1)
         wavenumber = self.field.scene.wavenumber.real
         return sines, np.real(self.array.element.far_pattern(directions, wavenumber))
 
     def draw(self, samples: int, seed: int) -> Iterator[Draw]:
-        """Draw samples; with a solver each body has its own motion, else each group of foci."""
+        """Draw samples; each body moves by itself with a solver, else each group of foci."""
         foci = self.field.sources.positions
         obstacles = self.field.scene.obstacles
         if self.solver is None or not obstacles:
@@ -427,8 +427,8 @@ class _Sampler:
     ]:
         """Pressure at the centres of the elements times their directivity, and the carrier wave.
 
-        That costs a twelfth of the mean over their faces. The remainder is taken from the nominal
-        matrix, carried by the wave from the focus to the centre.
+        This costs a twelfth of the mean over the faces. The remainder is taken from the nominal
+        matrix and multiplied by the carrier, the wave from the focus to the centre.
         """
         element = self.array.element
         slower = np.array([[[factor]] for _, _, factor in seen])
@@ -448,10 +448,10 @@ class _Sampler:
             received = received * np.interp(sines, *self.pattern)
         return slower * element.sensitivity * received, carrier
 
-    # --- solved, each hand where it is ---
+    # --- one solve per hand ---
 
     def _solved(self, samples: Sequence[Draw]) -> Iterator[FociRows | None]:
-        """Yield matrices by one field for all hands that see the scene alike."""
+        """Yield matrices, with one solve for all hands that see the scene alike."""
         alike: dict[Hashable, list[int]] = {}
         for index, draw in enumerate(samples):
             alike.setdefault(self._view(draw) if self.together else index, []).append(index)
@@ -460,7 +460,7 @@ class _Sampler:
             field = _if_possible(self._field_of, samples[indices[0]])
             if field is None:
                 continue
-            if len(indices) >= 4 and field.scene.obstacles:  # from there on an expansion pays
+            if len(indices) >= 4 and field.scene.obstacles:  # for fewer an expansion does not pay
                 field = _expanded(field)
             for index in indices:
                 matrices[index] = _if_possible(partial(self._at_array, field), samples[index])
@@ -487,13 +487,13 @@ class _Sampler:
         return scene, foci
 
     def _view(self, draw: Draw) -> Hashable:
-        """Return a key that is equal for hands that see the planes, and their air, alike."""
+        """Return a key that is equal for hands with the same air and view of the planes."""
         planes = [_plane_seen(plane, draw.hand) for plane in self.field.scene.planes]
         numbers = [(*plane.normal, plane.height(np.zeros((1, 3)))[0]) for plane in planes]
         return draw.slower, *(np.round(np.concatenate(numbers), 9) + 0.0).tolist()
 
     def _field_of(self, draw: Draw) -> RadiatedField:
-        """Return the field of the foci of a draw in the frame of its hand, solved if need be."""
+        """Return the field of a draw's beacons in the frame of its hand; solve if necessary."""
         scene = self.field.scene
         planes = [_plane_seen(plane, draw.hand) for plane in scene.planes]
         pairs = zip(planes, scene.planes, strict=True)
@@ -501,9 +501,9 @@ class _Sampler:
             return self.field
         if self.solver is None:
             raise InvalidInput(
-                "before a plane, each sample with a lifted or tilted hand or with other bodies, "
-                "foci or air needs its own solve. Give solver=BoundaryElement(), or set these "
-                "deviations to 0.",
+                "in front of a plane, each sample with a lifted or tilted hand or with other "
+                "bodies, foci or air needs its own solve. Give solver=BoundaryElement(), or set "
+                "these deviations to 0.",
                 code="not_converged",
             )
         medium = replace(scene.medium, sound_speed=scene.medium.sound_speed / draw.slower)
@@ -521,7 +521,7 @@ class _Sampler:
         foci: Real[np.ndarray, "group 3"],
         ball: tuple[Float64[np.ndarray, "3"], float] | None,
     ) -> None:
-        """Check the placement of an array, but only where something is near enough to fail."""
+        """Check the placement of an array, but only if something is near enough to fail."""
         spheres = pose.apply(foci)
         radii = np.zeros(len(foci))
         suspect = False
@@ -543,14 +543,14 @@ def _expanded(field: RadiatedField) -> RadiatedField:
 
 
 def _plane_seen(plane: Plane, hand: Pose) -> Plane:
-    """Return a plane in the frame of a moved hand: the plane itself after motions that keep it."""
+    """Return a plane in the frame of a moved hand; the same object if the motion keeps it."""
     return plane if plane.kept_by(hand) else plane.moved(hand.inverse())
 
 
 def _if_possible(make: Callable[[Draw], Made], draw: Draw) -> Made | None:
     """Return the result of a function of a draw; None if the draw is geometrically impossible.
 
-    Other faults of the input, such as a hand metres away, are raised.
+    Other errors in the input, such as a hand metres away, are raised.
     """
     try:
         return make(draw)

@@ -1,4 +1,4 @@
-"""Drives on one array, compared at equal peak, at equal energy and by their phases alone."""
+"""Comparison of drives at equal peak, at equal energy and with their phases alone."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ HELD_EQUAL = {
     "equal energy": "Σ|d|² is the same for every drive, the largest that all reach at full scale",
     "phase only": "every drive keeps its phases and puts every element that emits at full scale",
 }
-"""The normalisations of a comparison, and the quantity that each holds equal."""
+"""The normalisations of a comparison, and what each holds equal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +32,12 @@ class Comparison:
 
     Attributes
     ----------
-    names : of the D drives; the first is the reference.
+    names : names of the D drives; the first is the reference.
     target : the foci.
     pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each
         focus [Pa].
-    field : the 2 D solved right-hand sides: each drive with its strongest element at full scale,
-        then its phases alone; ``column`` finds them by name.
+    field : the field of 2 D excitations: all drives with their strongest element at full scale,
+        then the phases of all drives alone; ``column`` finds them by name.
     """
 
     names: tuple[str, ...]
@@ -69,14 +69,14 @@ class Comparison:
     def column(self, name: str, phase_only: bool = False) -> int:
         """Return the excitation of ``field`` that belongs to a drive, or to its phases alone.
 
-        It raises ``InvalidInput`` where no drive has that name.
+        It raises ``InvalidInput`` if no drive has that name.
         """
         if name not in self.names:
             raise InvalidInput(
                 f"there is no drive {name!r}. Give one of {', '.join(self.names)}.",
                 code="unknown_name",
             )
-        # The drives by their phases alone follow after all drives as they are.
+        # The phases alone follow after all drives.
         return self.names.index(name) + len(self.names) * phase_only
 
     def at(
@@ -97,7 +97,7 @@ class Comparison:
         Raises
         ------
         InvalidInput
-            If the normalisation is not known.
+            If the normalisation is unknown.
         """
         if held_equal not in self.pressures:
             raise InvalidInput(
@@ -107,7 +107,7 @@ class Comparison:
         return self.pressures[held_equal]
 
     def ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
-        """(D, F) pressure of each drive over that of the first, under one normalisation.
+        """(D, F) ratio of each drive's pressure to that of the first, under one normalisation.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class Comparison:
         Raises
         ------
         InvalidInput
-            If the normalisation is not known, or the first drive gives a focus no pressure.
+            If the normalisation is unknown, or the first drive gives a focus no pressure.
         """
         pressures = self.under(held_equal)
         if not pressures[0].all():
@@ -135,20 +135,20 @@ class Comparison:
         Raises
         ------
         InvalidInput
-            If the normalisation is not known.
+            If the normalisation is unknown.
         """
         return self.under(held_equal)[:, self.target.weights > 0.0].min(axis=1)
 
     def table(self) -> list[dict[str, str | int | float]]:
-        """Return one row for each normalisation, drive and focus, which ``pandas.DataFrame`` takes.
+        """Return one row for each normalisation, drive and focus, as for ``pandas.DataFrame``.
 
         Returns
         -------
         Rows with ``held_equal``, ``drive``, ``focus``, its position ``x``, ``y``, ``z`` [m],
-        ``pressure`` [Pa] and ``ratio``, the pressure over that of the first drive there (NaN where
-        that is 0 Pa).
+        ``pressure`` [Pa] and ``ratio``, the ratio to the first drive's pressure there (NaN if that
+        is 0 Pa).
         """
-        # NaN where ``ratios`` raises, so that the other rows can be read.
+        # NaN where ``ratios`` would raise, so that the other rows can still be read.
         return [
             {
                 "held_equal": held_equal,
@@ -214,14 +214,14 @@ def compare(
     solver: Solver,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Compare drives at the foci by one solve, each at full scale and by its phases alone.
+    """Compare drives at the foci by one solve, at full scale and with their phases alone.
 
     Parameters
     ----------
-    scene : what is in the air.
+    scene : the air and the bodies in it.
     array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
-    drives : by name; the first is the reference for the ratios. The scale of a drive does not
-        matter.
+    drives : drives by name; the first is the reference for the ratios. The scale of a drive does
+        not matter.
     target : the F foci; their requested pressures do not matter.
     solver : a different or more accurate solver than the one that made the drives.
     progress : called with a description of each step as it begins, such as ``print``.
@@ -236,7 +236,7 @@ def compare(
     ------
     InvalidInput
         If there is no drive, a drive is silent or for another number of elements, or the array, the
-        scene and the foci do not go together (see ``evaluate``).
+        scene and the foci do not fit together (see ``evaluate``).
     """
     of_kind(drives, Mapping, "the drives", 'a dict of drives by name, {"hand considered": drive}')
     of_kind(target, Target, "the target", "Target(points, pressures)")
@@ -247,11 +247,11 @@ def compare(
     strongest = [drive.at_full_scale() for drive in drives.values()]
     excitations = [*strongest, *(drive.phase_only() for drive in strongest)]
     field = radiate_drives(scene, array, excitations, solver, foci=target.points, progress=progress)
-    # Drives along the first axis, so that each drive's pressures are contiguous.
+    # Drives on the first axis, so that each drive's pressures are contiguous.
     magnitudes = np.abs(np.ascontiguousarray(field.at(target.points).T))
     equal_peak = magnitudes[: len(drives)]
-    # The drive of lowest energy sets the energy that all drives can reach below full scale. The
-    # field is linear in the drive, so the second normalisation needs no solve.
+    # The drive of lowest energy sets the energy that all drives can reach within full scale. The
+    # field is linear in the drive, so equal energy needs no further solve.
     least_energetic = min(strongest, key=lambda drive: drive.energy)
     factors = np.array([drive.factor_to_match(least_energetic) for drive in strongest])
     pressures = {

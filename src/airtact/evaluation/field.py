@@ -1,4 +1,4 @@
-"""The field of a drive by a forward solve: all elements emit, and the scene scatters."""
+"""The field of a drive from a forward solve: all elements emit, and the bodies scatter."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,18 +26,19 @@ def drive_sources(
     ----------
     array : the transducers, E elements of Q face points.
     drives : S drives of E elements each.
-    scene : where they emit; needed if it has reflecting boards, in whose faces elements have half
+    scene : the scene; needed if it has reflecting boards, because elements in their faces have half
         the strength.
 
     Returns
     -------
     E·Q monopoles, element by element, each with S strengths sensitivity · w_j · g_e · d_e [Pa·m],
-    g_e being the gain of element e.
+    where g_e is the gain of element e.
 
     Raises
     ------
     InvalidInput
-        If there is no drive, or a drive is silent, for another number of elements or no drive.
+        If there is no drive, or a drive is silent, for another number of elements or not a
+        ``Drive``.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(drives) == 0:
@@ -77,11 +78,11 @@ def radiate_drives(
     points: Mapping[str, Float64[np.ndarray, "points 3"]] | None = None,
     progress: Progress | None = None,
 ) -> RadiatedField:
-    """Solve for several drives at once, one right-hand side a drive.
+    """Solve for several drives at once, with one right-hand side per drive.
 
-    This is where all evaluations check the placement of the array, the foci and other ``points``
-    (by the word for one of them), which must be off the bodies and the elements. The errors are
-    those of ``evaluate``.
+    All evaluations check the placement here: the foci and other ``points`` must be off the bodies
+    and the elements. The keys of ``points`` name one such point in messages. The errors are those
+    of ``evaluate``.
     """
     # A class instead of an instance is a common mistake; the message then names that class.
     kind = solver.__name__ if isinstance(solver, type) else "BoundaryElement"
@@ -148,18 +149,18 @@ def field_map(
     solver: Solver,
     progress: Progress | None = None,
 ) -> Complex128[np.ndarray, "points"]:
-    """Return the complex pressure of a drive at any points, scattering by all bodies included.
+    """Return the complex pressure of a drive at any points, including scattering by all bodies.
 
-    It takes one solve with all face points of all elements as sources of one excitation. No
-    transfer matrix is involved, so the result can verify a drive that was made from one.
+    One solve has all face points of all elements as sources. It uses no transfer matrix, so the
+    result can verify a drive that was made from one.
 
     Parameters
     ----------
-    scene : what is in the air.
+    scene : the air and the bodies in it.
     array : the transducers in the scene's frame, see ``PhasedArray.seen_from``.
     drive : the drive of the array.
-    points : (P, 3) points [m]. Behind the faces of directional elements the result is meaningless:
-        real ones are shielded there.
+    points : (P, 3) points [m]. Behind the faces of directional elements the result is meaningless,
+        because real elements are shielded there.
     solver : a different or more accurate solver than the one that made the drive.
     progress : called with a description of each step as it begins, such as ``print``.
 

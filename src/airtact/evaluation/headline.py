@@ -20,16 +20,16 @@ def body_word(bodies: Sequence[str]) -> str:
 def headline(
     comparison: Comparison, drive: Drive, word: str = "hand", foci: Sequence[str] = ()
 ) -> str:
-    """State the pressure at the weakest focus, and what considering the bodies gains.
+    """State the pressure at the weakest focus, and the gain from considering the bodies.
 
     Parameters
     ----------
-    comparison : of the drive that considers the bodies, and the one by the same method that ignores
-        them, if there is one.
-    drive : the first drive as it is emitted. If it is at full scale, so is the second; else the
-        second has the same energy.
+    comparison : comparison of the drive that considers the bodies with the drive of the same method
+        that ignores them, if there is one.
+    drive : the first drive as it is emitted. If it is at full scale, so is the second; otherwise
+        the second has the same energy.
     word : the word for the bodies.
-    foci : a name for each focus, to name the one that loses most.
+    foci : a name for each focus, used for the focus that loses most.
     """
     # Below full scale the hardware does not limit the peak, so the drives are compared by energy.
     held_equal = "equal peak" if drive.is_full_scale else "equal energy"
@@ -94,14 +94,14 @@ def shortfalls(
 
 
 def _counted(comparison: Comparison, held_equal: str) -> Float64[np.ndarray, "drives counted"]:
-    """(D, F) pressure over weight at the foci with a request."""
+    """(D, F) pressure divided by weight, at the foci with a request."""
     weights = comparison.target.weights
     asked = weights > 0.0
     return comparison.pressures[held_equal][:, asked] / weights[asked]
 
 
 def _per_cent(share: float) -> str:
-    """Write a share in per cent, after a space (ISO 80000-1)."""
+    """Write a share in per cent, with a space before the sign (ISO 80000-1)."""
     return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
 
 
@@ -111,7 +111,7 @@ def _signed(share: float) -> str:
 
 
 def _amount(weakest: float, target: Target) -> str:
-    """Write a pressure, or its part of the request where the foci ask for different pressures."""
+    """Write a pressure, or its fraction of the request if the foci request different pressures."""
     weights = target.weights[target.weights > 0.0]
     if target.pressures is not None and not np.allclose(weights, weights[0]):
         return f"{weakest:.0%} of the request".replace("%", " %")

@@ -1,4 +1,4 @@
-"""Pressure of drives where hand, air and transducers deviate, on samples no drive was made for."""
+"""Pressure of drives under deviations of hand, air and transducers, on held-out samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,19 +20,19 @@ HELD_OUT_SAMPLES = 256
 """Number of samples on which drives are evaluated."""
 
 SOLVED_HELD_OUT_SAMPLES = 64
-"""Number of samples before a plane, where each sample is solved."""
+"""Number of samples in front of a plane, where each sample needs a solve."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShiftMap:
-    """The weakest focus under several drives for a shifted hand, its foci along with it.
+    """The weakest focus under several drives when the hand and its foci are shifted.
 
     Attributes
     ----------
-    shifts : a window around no shift at all; its points are shifts of the hand in the obstacles'
-        frame [m].
+    shifts : a window around zero shift; its points are shifts of the hand in the obstacles' frame
+        [m].
     pressures : (D, P) peak pressure of the weakest focus at each shift, at the energy of the first
-        drive [Pa]; NaN where a shift is impossible.
+        drive [Pa]; NaN for impossible shifts.
     """
 
     shifts: Window
@@ -43,16 +43,16 @@ class ShiftMap:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """The weakest focus under several drives over samples that none of them was made for.
+    """The weakest focus under several drives, over samples that no drive was made for.
 
     Attributes
     ----------
-    names : of the D drives.
+    names : names of the D drives.
     pressures : (D, S) peak pressure of the weakest focus in each sample, at the energy of the first
         drive [Pa].
     expected : (D,) the same without deviations [Pa].
     left_out : number of impossible samples.
-    maps : the same for a hand that is shifted in a plane; may be none.
+    maps : the same for a hand that is shifted in a plane; may be empty.
     """
 
     names: tuple[str, ...]
@@ -65,11 +65,11 @@ class HeldOut:
 
     @property
     def lowest_tenth(self) -> Float64[np.ndarray, "drives"]:
-        """(D,) pressure that the weakest focus exceeds 9 of 10 times [Pa]."""
+        """(D,) pressure that the weakest focus exceeds in 9 of 10 samples [Pa]."""
         return np.quantile(self.pressures, 0.1, axis=1)
 
     def sentence(self) -> str:
-        """State the pressure that the weakest focus exceeds 9 of 10 times."""
+        """State the pressure that the weakest focus exceeds in 9 of 10 samples."""
         first, *rest = self.lowest_tenth
         words = [f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], rest, strict=True)]
         compared = f" ({', '.join(words)} at equal energy)" if words else ""
@@ -86,9 +86,9 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
 
     Parameters
     ----------
-    samples : of another seed than those that drives were made for.
-    target : the foci; those that ask for nothing do not count.
-    drives : by name.
+    samples : samples with another seed than those that the drives were made for.
+    target : the foci; those without a request do not count.
+    drives : drives by name.
 
     Raises
     ------
@@ -96,7 +96,9 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
         "empty": there is no drive; or a drive is for another number of elements.
     """
     if not drives:
-        raise InvalidInput("there is no drive. Give at least one by name.", code="empty")
+        raise InvalidInput(
+            'no drives were given. Give at least one, as {"name": drive}.', code="empty"
+        )
     # The rows of the foci come first; suppression points after them do not count.
     asked = np.flatnonzero(target.weights > 0.0)
     factors = _factors(drives)
@@ -123,10 +125,10 @@ def shift_map(
 
     Parameters
     ----------
-    beacons : field of unit beacons in the foci.
-    array, target, drives : for the hand where it is expected.
-    shifts : a window around no shift at all.
-    solver : solves the scene for each distance from a plane, if there is one.
+    beacons : field of unit beacons at the foci.
+    array, target, drives : for the hand at its expected position.
+    shifts : a window around zero shift.
+    solver : solves the scene for each distance from a plane, if there is a plane.
     """
     asked = np.flatnonzero(target.weights > 0.0)
     amplitudes = np.stack([drive.amplitudes for drive in drives.values()], axis=1)

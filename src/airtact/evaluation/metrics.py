@@ -1,4 +1,4 @@
-"""The pressure at every focus under a drive, evaluated by a solver that did not make the drive."""
+"""The pressure at every focus under a drive, from a solver that did not make the drive."""
 
 from dataclasses import dataclass
 from html import escape
@@ -24,7 +24,7 @@ NOT_MODELLED = (
 
 
 def not_modelled(report: SolveReport) -> str:
-    """Return the limits of the pressures that a report belongs to, in a sentence."""
+    """Return a sentence on the limits of the pressures that a report belongs to."""
     # Solvers note planes and boards in their settings, which also stored fields carry.
     planes = PLANES in report.settings
     if BOARDS in report.settings:
@@ -44,14 +44,14 @@ def not_modelled(report: SolveReport) -> str:
 
 
 def pascals(pressure: float) -> str:
-    """Write a pressure with three digits, in kPa from 1 kPa on."""
+    """Write a pressure with three digits, in kPa from 1 kPa."""
     if pressure < 1e3:
         return f"{pressure:.3g} Pa"
     return f"{pressure / 1e3:.{max(0, 2 - int(np.log10(pressure / 1e3)))}f} kPa"
 
 
 def beyond_linear(reached: Float64[np.ndarray, "*foci"]) -> tuple[str, ...]:
-    """Warn where the strongest of some pressures [Pa] is too large for the linear model."""
+    """Return a warning if the largest pressure [Pa] is too large for the linear model."""
     limit = 5e3  # the particle velocity is then 3 % of the speed of sound
     strongest = float(reached.max())
     if strongest <= limit:
@@ -70,8 +70,8 @@ class Evaluation:
     ----------
     target : the foci and their requested pressures.
     pressures : (F,) complex pressure at each focus [Pa], peak.
-    report : of the solver that evaluated them.
-    field : the field of the drive alone; None where it was solved with others.
+    report : report of the solver that evaluated them.
+    field : the field of the drive alone; None if it was solved together with others.
     """
 
     target: Target
@@ -110,15 +110,15 @@ class Evaluation:
 
     @property
     def shares(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) pressure over the requested pressure, NaN for no request or 0 Pa."""
+        """(F,) ratio of pressure to requested pressure, NaN if that is missing or 0 Pa."""
         return fraction(self.magnitudes, self.target)
 
     @property
     def counted(self) -> Float64[np.ndarray, "counted"]:
-        """Values of the foci with a request, from which worst, mean and uniformity follow.
+        """Values of the foci with a request; worst, mean and uniformity follow from them.
 
-        They are shares of the requested pressures if there are any; else magnitudes [Pa], divided
-        by the requested shares if there are any.
+        They are fractions of the requested pressures if there are any, otherwise magnitudes [Pa],
+        divided by the requested shares if there are any.
         """
         # Foci without a request have no share and must not count as the worst.
         if self.target.pressures is not None:
@@ -128,12 +128,12 @@ class Evaluation:
 
     @property
     def worst(self) -> float:
-        """Smallest share, or smallest pressure [Pa] without a request."""
+        """Smallest of ``counted``: a fraction, or a pressure [Pa] if none is requested."""
         return float(self.counted.min())
 
     @property
     def mean(self) -> float:
-        """Mean share, or mean pressure [Pa] without a request."""
+        """Mean of ``counted``: a fraction, or a pressure [Pa] if none is requested."""
         return float(self.counted.mean())
 
     @property
@@ -141,9 +141,9 @@ class Evaluation:
         """1 − (max − min)/(max + min) over the foci, 1 when all are equal.
 
         Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define it for intensity; here
-        it is that of pressure, or of the share of the requested pressure.
+        it is computed from ``counted``.
         """
-        # All silent: 0, not 0 / 0.
+        # If all foci are silent, return 0, not 0 / 0.
         high = self.counted.max()
         low = self.counted.min()
         return float(1.0 - (high - low) / (high + low)) if high > 0.0 else 0.0
@@ -181,7 +181,7 @@ def evaluate(
 
     Parameters
     ----------
-    scene : what is in the air.
+    scene : the air and the bodies in it.
     array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
     drive : the drive of the array.
     target : the F foci and their requested pressures.

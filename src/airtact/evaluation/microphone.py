@@ -1,4 +1,4 @@
-"""A virtual microphone, which reads the mean pressure over its face."""
+"""A virtual microphone, which measures the mean pressure over its face."""
 
 from dataclasses import dataclass
 
@@ -18,15 +18,16 @@ class Microphone:
 
     Attributes
     ----------
-    diameter : of the face and the housing [m]; the paper's is a quarter of an inch (section 4.2).
-    axis : (3,) direction in which the face looks, of any length.
-    housing : how far the housing reaches behind the face [m].
+    diameter : diameter of the face and the housing [m]; a quarter of an inch in the paper (section
+        4.2).
+    axis : (3,) direction that the face points in, of any length.
+    housing : length of the housing behind the face [m].
 
     Raises
     ------
     InvalidInput
-        If the diameter is not above zero or over 20 mm, the axis has no length, or the housing is
-        negative.
+        If the diameter is not above zero or exceeds 20 mm, the axis has no length, or the housing
+        is not 0 to 1 m long.
     """
 
     diameter: float = 6.35e-3
@@ -59,7 +60,7 @@ class Microphone:
         return turn_from_z(axis / np.linalg.norm(axis))
 
     def face(self, centres: Real[np.ndarray, "centres 3"]) -> Float64[np.ndarray, "centres face 3"]:
-        """Return the points of the face (N, Q, 3) [m] for centres of it (N, 3) [m]."""
+        """Return the points of the face (N, Q, 3) [m] at each of its centres (N, 3) [m]."""
         # The quadrature of a piston's face is exact for polynomials of degree 9.
         return centres[:, None, :] + piston(self.diameter / 2.0).points @ self._turn.T
 
@@ -71,7 +72,7 @@ class Microphone:
         Parameters
         ----------
         scene : the bodies.
-        centres : (N, 3) of the face [m].
+        centres : (N, 3) centres of the face [m].
         """
         centres = points_of(centres, "positions of a microphone", least=0)
         # A disc of 49 points: the centre, and rings at half the radius and at the rim.
@@ -88,12 +89,12 @@ class Microphone:
     def read(
         self, field: RadiatedField, centres: Real[np.ndarray, "centres 3"]
     ) -> Complex128[np.ndarray, "centres excitations"]:
-        """Return the mean pressure over the face (N, S) [Pa], NaN where a body overlaps it.
+        """Return the mean pressure over the face (N, S) [Pa], NaN if a body overlaps it.
 
         Parameters
         ----------
-        field : of S excitations.
-        centres : (N, 3) of the face [m].
+        field : a field of S excitations.
+        centres : (N, 3) centres of the face [m].
         """
         centres = points_of(centres, "positions of a microphone", least=0)
         excitations = field.sources.strengths.shape[1]

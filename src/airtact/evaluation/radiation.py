@@ -1,4 +1,4 @@
-"""Radiation pressure on the surfaces of bodies, and the force on the skin round a focus."""
+"""Radiation pressure on the surfaces of bodies, and the force on the skin around a focus."""
 
 from dataclasses import dataclass
 
@@ -17,12 +17,12 @@ def radiation_pressure(
     velocity: Complex128[np.ndarray, "points 3"],
     medium: Medium,
 ) -> Float64[np.ndarray, "points"]:
-    """Return the mean pressure of sound on a sound-hard surface [Pa], inwards where positive.
+    """Return the mean pressure of sound on a sound-hard surface [Pa], positive inwards.
 
-    To second order the mean pressure is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2, and no air crosses a hard surface at
-    rest, so that with peak values it is |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc. R. Soc. Lond. A
-    147, 212, 1934; T. Hasegawa, K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969). Before a wall that
-    a plane wave p meets squarely it is 2⟨p²⟩/(ρc²).
+    To second order the mean pressure is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2. No air crosses a hard surface at
+    rest, so with peak values it is |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc. R. Soc. Lond. A 147,
+    212, 1934; T. Hasegawa, K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969). A plane wave p at
+    normal incidence exerts 2⟨p²⟩/(ρc²) on a wall.
 
     Parameters
     ----------
@@ -51,10 +51,11 @@ class RadiationMap:
 
     Attributes
     ----------
-    body : (Q,) number of the body.
-    points, normals, areas : (Q, 3) [m], (Q, 3) outward and (Q,) [m²] of each point.
-    pressure : (Q,) total peak pressure [Pa].
-    radiation_pressure : (Q,) mean pressure inwards [Pa].
+    body : (Q,) index of the body.
+    points, normals, areas : (Q, 3) position [m], (Q, 3) outward normal and (Q,) area [m²] of each
+        point.
+    pressure : (Q,) total pressure, complex peak value [Pa].
+    radiation_pressure : (Q,) mean pressure, positive inwards [Pa].
     """
 
     body: Int64[np.ndarray, "points"]
@@ -68,18 +69,18 @@ class RadiationMap:
         return one_line(self, f"{len(self.points)} points on surfaces")
 
     def force(self, body: int) -> Float64[np.ndarray, "3"]:
-        """(3,) force of the sound on a body, by its number [N]."""
+        """(3,) force of the sound on the body with this index [N]."""
         # Pressure acts against the outward normal.
         chosen = self.body == body
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
 
     def pad_force(self, focus: Real[np.ndarray, "3"]) -> float:
-        """Force on the skin within 5 mm of a focus [N], a fingertip's, inwards where positive.
+        """Force on the skin within 5 mm of a focus [N], about a fingertip; positive inwards.
 
-        It is NaN where the skin is over 2 mm away.
+        It is NaN if the skin is more than 2 mm away.
         """
         nearest = int(np.linalg.norm(self.points - focus, axis=1).argmin())
-        # The nearest skin is below the focus, in the tangent plane of the nearest point.
+        # The height of the focus above the tangent plane of the nearest point.
         height = float((np.asarray(focus) - self.points[nearest]) @ self.normals[nearest])
         if height > 2e-3:
             return float("nan")
@@ -93,8 +94,8 @@ class RadiationMap:
 def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
     """Compute the radiation pressure on all surfaces for one excitation of a solved field.
 
-    It raises ``InvalidInput`` if there is no body, one is not sound-hard, or the velocity on a
-    surface is not known.
+    It raises ``InvalidInput`` if there is no body, a body is not sound-hard, or the velocity on a
+    surface is unknown.
     """
     scene = field.scene
     if not scene.obstacles:

@@ -1,4 +1,4 @@
-"""A measured scan of a field, compared with a prediction after one complex scale."""
+"""A measured scan of a field, compared with a prediction after fitting one complex scale."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from airtact.errors import (
 from airtact.files.text_table import read_text_table
 
 MIN_POSITIONS = 3
-"""Smallest number of positions; fewer are fitted by any field."""
+"""Smallest number of positions; almost any field fits fewer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Scan:
     Attributes
     ----------
     points : (N, 3) positions [m].
-    pressures : (N,) readings, in any unit; real where no phase was measured.
+    pressures : (N,) readings, in any unit; real if no phase was measured.
     phased : whether the phase was measured.
     """
 
@@ -89,8 +89,8 @@ def load_scan(path: str | Path) -> Scan:
 
     Parameters
     ----------
-    path : the file with the columns x, y, z [m], pressure in any unit and, if it was measured,
-        phase [rad]. Its first line names them; further columns are ignored.
+    path : file with the columns x, y, z [m], pressure in any unit and, if it was measured, phase
+        [rad]. The first line names the columns; further columns are ignored.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def load_scan(path: str | Path) -> Scan:
     Raises
     ------
     InvalidInput
-        If the file cannot be read, a column is missing, a value is no number, or the scan is not
+        If the file cannot be read, a column is missing, a value is not a number, or the scan is not
         valid.
     """
     table = read_text_table(Path(path))
@@ -110,7 +110,7 @@ def load_scan(path: str | Path) -> Scan:
     if phased:
         phases = table.numbers("phase")
         largest = float(np.abs(phases).max(initial=0.0))
-        # Wrapped phases end at 2π. Phases in degrees, and unwrapped ones, go beyond.
+        # Wrapped phases end at 2π. Phases in degrees and unwrapped phases exceed it.
         if largest > 2.0 * np.pi + 0.1:
             raise InvalidInput(
                 f"{Path(path).name}: the column phase reaches {largest:.4g}. Is it in degrees? "
@@ -124,16 +124,16 @@ def load_scan(path: str | Path) -> Scan:
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """A scan beside its prediction.
+    """A scan and its prediction.
 
     Attributes
     ----------
     scan : the measurement.
     predicted : (N,) pressures [Pa], NaN where the prediction is not defined.
     used : (N,) whether the prediction is defined at a position.
-    scale : measured over predicted, the best single number; real and positive where no phase was
+    scale : least-squares ratio of measured to predicted pressure; real and positive if no phase was
         measured.
-    error : root mean square of measured minus scale times predicted, over that of measured.
+    error : rms of measured minus scale times predicted, divided by the rms of measured.
     """
 
     scan: Scan
@@ -157,9 +157,9 @@ class Overlay:
 
 
 def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Overlay:
-    """Compare a scan with a prediction after one complex scale, that of least squares.
+    """Compare a scan with a prediction after fitting one complex scale by least squares.
 
-    Where no phase was measured, magnitudes are compared, and the scale is real.
+    If no phase was measured, magnitudes are compared, and the scale is real.
 
     Parameters
     ----------
@@ -168,13 +168,13 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
 
     Returns
     -------
-    Both, with the scale and the relative error.
+    The scan and the prediction, with the scale and the relative error.
 
     Raises
     ------
     InvalidInput
         If the shapes differ, fewer than 3 positions can be compared, the prediction is 0 at all of
-        them, or the phases fit far better when they are negated.
+        them, or negated phases fit far better.
 
     Examples
     --------
@@ -207,7 +207,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     scale, error = _fitted(measured, model)
     # Instruments with the convention e^(+iωt) store conjugated phases.
     mirrored = _fitted(measured, model.conj())[1] if scan.phased else error
-    # Up to 20 % the scan agrees with the prediction.
+    # With an error up to 20 % the scan agrees with the prediction.
     if mirrored < 0.5 * error and error > 0.2:
         raise InvalidInput(
             f"the scan deviates from the prediction by {error:.1%}, and by {mirrored:.1%} with "
@@ -220,9 +220,9 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
 def best_shift(
     scan: Scan, read: Callable[[Float64[np.ndarray, "points 3"]], Complex128[np.ndarray, "points"]]
 ) -> tuple[Float64[np.ndarray, "3"], float]:
-    """Find the shift of a scan that makes it fit the prediction best.
+    """Find the shift of a scan that fits the prediction best.
 
-    The search covers 9 mm along each axis.
+    The search covers ±9 mm along each axis.
 
     Parameters
     ----------
@@ -231,13 +231,13 @@ def best_shift(
 
     Returns
     -------
-    The shift (3,) to add to the positions of the scan [m], and the error that is left.
+    The shift (3,) to add to the positions of the scan [m], and the remaining error.
     """
 
     def error(shift: Float64[np.ndarray, "3"]) -> float:
         model = read(scan.points + shift)
         used = np.isfinite(model)
-        # A shift into a body would leave few positions, which anything fits.
+        # A shift into a body would leave few positions, and almost any field fits those.
         if used.sum() < max(MIN_POSITIONS, 0.3 * len(used)):
             return 1.0
         measured = scan.pressures[used]
@@ -247,7 +247,7 @@ def best_shift(
 
     best = np.zeros(3)
     lowest = error(best)
-    # Steps of 3 mm, a third of a wavelength, find the right minimum. Finer steps refine it.
+    # Steps of 3 mm, a third of a wavelength, find the right minimum; finer steps refine it.
     for reach, step in ((9e-3, 3e-3), (2e-3, 1e-3), (0.5e-3, 0.25e-3)):
         for _ in range(2):
             for axis in np.eye(3):

@@ -1,4 +1,4 @@
-"""Errors of the solver on this machine for known fields of one sphere and of two."""
+"""Errors of the solver on this machine for the known fields of one sphere and of two spheres."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ from airtact.geometry.primitives import sphere
 from airtact.timing import Progress, no_progress
 
 SOLVER = BoundaryElement(accuracy=0.01)
-"""The solver that is checked, at the accuracy that every error is compared with."""
+"""The solver to check; its accuracy is the limit for every error."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class KnownField:
 
     Attributes
     ----------
-    name : the bodies and where the points lie.
+    name : the bodies and the place of the points.
     truth : the reference.
-    error : norm of the difference over that of the reference, over all sources and points.
+    error : norm of the difference divided by that of the reference, over all sources and points.
     reference_error : estimated error of the reference.
     """
 
@@ -47,9 +47,9 @@ class SelfCheck:
 
     Attributes
     ----------
-    instructions : name of the compiled loops' instruction set in use.
-    threads : threads that the loops run on.
-    asked : accuracy that the solver was asked for.
+    instructions : instruction set that the compiled loops use.
+    threads : number of threads of the compiled loops.
+    asked : requested accuracy of the solver.
     fields : known fields, in the order in which they were solved.
     """
 
@@ -67,7 +67,7 @@ class SelfCheck:
 
 
 def self_check(report_step: Progress = no_progress) -> SelfCheck:
-    """Solve one sphere and two with boundary elements, near and far from their surfaces."""
+    """Solve one and two spheres with boundary elements; compare near and far from the surfaces."""
     report_step("solving one sphere")
     air = Medium(sound_speed=343.1, density=1.293)
     first = sound_hard(sphere(8e-3, 4e-3))
@@ -88,9 +88,9 @@ def self_check(report_step: Progress = no_progress) -> SelfCheck:
     report_step("solving two spheres")
     beside = Pose(np.eye(3), np.array([16e-3, 0.0, 0.0]))
     scene = Scene(air, [first, sound_hard(sphere(5e-3, 2.5e-3).moved(beside))], frequency=40e3)
-    # Solved once by ``references/fundamental_solutions.py``, which shares no code with the solver.
-    # Points across the middle of the gap, and points 100 mm away; by reciprocity either set may be
-    # the sources.
+    # The reference was solved by ``references/fundamental_solutions.py``, which shares no code with
+    # the solver. Its points are across the middle of the gap and 100 mm away; by reciprocity either
+    # set may be the sources.
     with np.load(Path(__file__).with_name("two_spheres.npz")) as stored:
         away, between, pressure, error = (
             stored[name] for name in ("away", "between", "pressure", "error")

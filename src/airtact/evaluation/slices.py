@@ -24,13 +24,12 @@ class Slices:
     Attributes
     ----------
     corner : (3,) the first point [m].
-    axes : (3, 3) unit vectors in rows: right, up, and the normal of the planes, each an axis of the
-        frame.
-    steps : (3,) distance of neighbouring points along each of the axes [m].
-    pressures : (planes, rows, columns, S) peak pressure [Pa], carried into hard bodies by at most a
-        few points.
+    axes : (3, 3) unit vectors in rows: right, up, and the normal of the planes. Each is an axis of
+        the frame.
+    steps : (3,) distance between neighbouring points along each axis [m].
+    pressures : (planes, rows, columns, S) peak pressure [Pa], continued into hard bodies.
     depth : (planes, rows, columns) depth in a body [m], negative outside.
-    any_axis : whether the planes are so close that sections along all three axes show the field.
+    any_axis : whether the planes are close enough for sections along all three axes.
     """
 
     corner: Float64[np.ndarray, "3"]
@@ -46,19 +45,20 @@ class Slices:
 def slices_around(
     field: RadiatedField, columns: Sequence[int], foci: Real[np.ndarray, "foci 3"], window: Window
 ) -> Slices:
-    """Evaluate a field in planes across the axis that a window faces most.
+    """Evaluate a field in planes perpendicular to the axis closest to a window's normal.
 
-    The complex pressure is evaluated at four to five points a wavelength and interpolated by cubic
-    splines. Near a sound-hard surface, where its slope along the normal vanishes, it is a parabola
-    between the solved pressure on the surface and that at a height of ``WALL`` wavelengths, off by
-    some 2 % in the mean and 7 % of the largest at worst.
+    The complex pressure is evaluated at four to five points per wavelength and interpolated by
+    cubic splines. At a sound-hard surface its slope along the normal vanishes, so near the surface
+    it is approximated by a parabola between the solved pressure on the surface and the pressure at
+    a height of ``WALL`` wavelengths. The error is about 2 % in the mean, and at worst 7 % of the
+    largest pressure.
 
     Parameters
     ----------
-    field : as a solver returns it.
+    field : field that a solver returned.
     columns : the S excitations to show.
-    foci : (F, 3) [m].
-    window : through the foci.
+    foci : (F, 3) positions of the foci [m].
+    window : window through the foci.
 
     Returns
     -------
@@ -93,12 +93,13 @@ def slices_around(
 
 
 def _counts(size: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
-    """Points along each axis of a size [wavelengths], and whether they are equally close on all."""
+    """Count points along the axes of a size [wavelengths]; also return if all steps are equal."""
     # An odd number, so that one plane is in the middle.
     counts = 2 * np.ceil(size * 5.0 / 2.0).astype(int) + 1
     if counts.prod() <= MAX_POINTS:
         return tuple(counts.tolist()), True
-    # Too many points for a box: four a wavelength or fewer in the planes, and at least nine planes.
+    # Too many points for a box: take at most four per wavelength in the planes, and at least nine
+    # planes.
     min_planes = 9
     step = max(0.25, float(np.sqrt(size[0] * size[1] * min_planes / MAX_POINTS)))
     across, along = (np.ceil(size[:2] / step).astype(int) + 1).tolist()
@@ -125,7 +126,7 @@ def _pressure(
     points: Float64[np.ndarray, "points 3"],
     depth: Float64[np.ndarray, "points"],
 ) -> Complex128[np.ndarray, "points excitations"]:
-    """Complex pressure at points, by the parabola near hard walls; NaN deep inside bodies."""
+    """Complex pressure at points, from the parabola near hard walls; NaN deep inside bodies."""
     if any(obstacle.boundary != "sound_hard" for obstacle in field.scene.obstacles):
         return field.at(points)
     surface = field.on_surface
@@ -147,7 +148,7 @@ def _pressure(
     pressure[away] = evaluated[: np.count_nonzero(away)]
     rims = evaluated[np.count_nonzero(away) :]
     walls = pressure_on_surfaces(field, projections)
-    # The slope along the normal vanishes on the wall: a parabola in the height.
+    # The slope along the normal vanishes on the wall, so use a parabola in the height.
     weight = (depth[near] / rim)[:, None] ** 2
     pressure[near] = walls + weight * (np.where(np.isfinite(rims), rims, walls) - walls)
     return pressure
@@ -156,7 +157,7 @@ def _pressure(
 def _carried_inside(
     pressure: Complex128[np.ndarray, "planes rows columns excitations"],
 ) -> Complex128[np.ndarray, "planes rows columns excitations"]:
-    """Replace NaN by the nearest pressure, or splines would ring at the edge of bodies."""
+    """Replace NaN by the nearest pressure, because splines would ring at the edge of bodies."""
     from scipy.ndimage import distance_transform_edt
 
     unknown = np.isnan(pressure[..., 0])
@@ -172,8 +173,8 @@ class SurfacePressure:
 
     Attributes
     ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) their corners.
+    vertices : (V, 3) positions [m].
+    triangles : (T, 3) indices of the corners.
     pressures : (V, S) peak pressure of each excitation [Pa].
     """
 
@@ -189,7 +190,7 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
 
     Parameters
     ----------
-    field : as a solver returns it.
+    field : field that a solver returned.
     columns : the S excitations to show.
     """
     from trimesh.remesh import subdivide_to_size
@@ -224,13 +225,13 @@ def pressure_on_surfaces(
 
     Parameters
     ----------
-    field : with at least one body.
-    points : (P, 3) on the surfaces [m].
+    field : field of a scene with at least one body.
+    points : (P, 3) points on the surfaces [m].
 
     Returns
     -------
-    (P, S) complex pressure [Pa] for each excitation, by kriging from the nearest 16 solved points
-    with the covariance sin(kr)/kr of a diffuse field.
+    (P, S) complex pressure [Pa] of each excitation. It is interpolated by kriging from the nearest
+    16 solved points, with the covariance sin(kr)/kr of a diffuse field.
     """
     from scipy.spatial import KDTree
 
@@ -244,7 +245,7 @@ def pressure_on_surfaces(
     same_side = np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.5
     between = np.linalg.norm(around[:, :, None] - around[:, None], axis=-1)
     covariance = np.sinc(wavenumber * between / np.pi) * same_side[:, :, None] * same_side[:, None]
-    # A share of 1e-4 of the variance counts as errors of the solved pressure.
+    # Errors of the solved pressure are assumed to have 1e-4 of the variance.
     diagonal = np.arange(neighbours)
     covariance[:, diagonal, diagonal] = 1.0 + 1e-4
     to_point = np.sinc(wavenumber * distances / np.pi) * same_side

@@ -1,4 +1,4 @@
-"""Tactile thresholds of modulated ultrasound, and the level of a drive above them."""
+"""Tactile thresholds of modulated ultrasound, and the level of a drive relative to them."""
 
 from typing import Literal
 
@@ -7,25 +7,25 @@ import numpy as np
 Modulation = Literal["amplitude", "spatiotemporal"]
 
 THRESHOLDS: dict[str, float] = {"amplitude": 557.0, "spatiotemporal": 334.0}
-"""Smallest peak pressure felt by modulation [Pa]: in amplitude at 200 Hz, or by a moving focus.
+"""Smallest perceptible peak pressure [Pa], for amplitude modulation at 200 Hz or a moving focus.
 
-They are those of T. Howard et al. 2019."""
+From T. Howard et al. 2019."""
 
 CONSTANT_FORCE_NOTE = (
     'Skin hardly feels a constant force: give [drive.modulation] with kind = "am" in the scene '
     "file, or play the drive with --modulate am:200."
 )
-"""The note beside a drive that is not modulated."""
+"""The note for a drive that is not modulated."""
 
 
 def sensation(pressure: float, modulation: Modulation | None, depth: float = 1.0) -> str:
-    """Describe how far a focus is above the threshold of detection, and that threshold's source.
+    """Describe the level of a focus above the threshold of detection, with the threshold's source.
 
     Parameters
     ----------
     pressure : peak pressure at the weakest focus [Pa].
-    modulation : None for a constant drive.
-    depth : of the modulation of the force.
+    modulation : kind of modulation; None for a constant drive.
+    depth : modulation depth of the force.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def sensation(pressure: float, modulation: Modulation | None, depth: float = 1.0
     """
     if modulation is None:
         return CONSTANT_FORCE_NOTE
-    # The depth is that of the force, which goes with the square of the pressure.
+    # The depth refers to the force, which is proportional to the square of the pressure.
     felt = max(pressure * np.sqrt(depth), np.finfo(float).tiny)
     # Nine digits hide the rounding of the logarithm.
     level = round(20.0 * float(np.log10(felt / THRESHOLDS[modulation])), 9)

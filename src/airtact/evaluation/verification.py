@@ -1,4 +1,4 @@
-"""Verification of a drive by one solve with a solver that did not make it."""
+"""Verification of a drive by one solve, with a solver that did not make the drive."""
 
 from dataclasses import dataclass
 
@@ -25,9 +25,9 @@ from airtact.transducers.levels import EIGHT_BITS, Levels
 
 
 def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
-    """Return the largest pressure of each focus if the array served it alone [Pa], peak.
+    """Return the largest peak pressure of each focus if it were the only one [Pa].
 
-    With every element at full scale that is Σ_e |H_fe|: all arrive in phase.
+    It is Σ_e |H_fe|: every element is at full scale, and their sound arrives in phase.
 
     Examples
     --------
@@ -44,8 +44,8 @@ class SideLobe:
 
     Attributes
     ----------
-    pressure : [Pa], peak.
-    point : (3,) its position [m].
+    pressure : peak pressure [Pa].
+    point : (3,) position [m].
     """
 
     pressure: float
@@ -54,16 +54,16 @@ class SideLobe:
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """All figures of a drive; ``print`` it for a summary.
+    """All results for a drive; ``print`` it for a summary.
 
     Attributes
     ----------
     evaluation : the pressure at each of the F foci.
-    quantised : the same when the drive is rounded to levels.
+    quantised : the same for the drive rounded to levels.
     levels : those levels.
-    attainable : (F,) pressure of each focus at full scale if the array served it alone [Pa].
+    attainable : (F,) pressure of each focus at full scale if it were the only one [Pa].
     skin : sound on the surfaces of the bodies, None in open air.
-    forces : (F,) force on the skin within 5 mm of each focus [N], NaN where none is near.
+    forces : (F,) force on the skin within 5 mm of each focus [N], NaN for foci away from skin.
     side_lobe : strongest sound more than a wavelength from every focus: on the bodies, and in the
         air up to two wavelengths beyond the foci.
     suppression_points : (Q,) complex pressure at the target's suppression points [Pa].
@@ -86,12 +86,12 @@ class Verification:
 
     @property
     def attained(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) pressure of each focus over what it could get alone at full scale."""
+        """(F,) ratio of each focus's pressure to ``attainable``."""
         return self.evaluation.magnitudes / self.attainable
 
     @property
     def quantisation_loss(self) -> float:
-        """Largest change of a focus's pressure by rounding, over its pressure."""
+        """Largest relative change of a focus's pressure due to rounding."""
         # Silent foci have no relative change.
         exact = self.evaluation.magnitudes
         change = np.abs(self.quantised.magnitudes - exact)[exact > 0.0] / exact[exact > 0.0]
@@ -105,7 +105,7 @@ class Verification:
 
     @property
     def suppression_level(self) -> float:
-        """Mean p² at the suppression points over that at the foci [dB]; NaN without such points."""
+        """Mean p² at the suppression points relative to the foci [dB]; NaN without such points."""
         if not len(self.suppression_points):
             return float("nan")
         foci = np.mean(self.evaluation.magnitudes**2)
@@ -156,26 +156,27 @@ def verify(
     ----------
     scene, array, drive, solver, progress : as in ``evaluate``.
     target : the foci and suppression points.
-    transfer : of the foci, for the attainable maximum; None to compute it by ``solver``.
+    transfer : transfer matrix of the foci, for the attainable maximum; None to compute it with
+        ``solver``.
     head : (3,) or (N, 3) points of a head [m] at which the level is evaluated.
-    levels : of a board; the solve is for the drive and for the drive rounded to them.
+    levels : levels of a board; the drive rounded to them is verified too.
 
     Returns
     -------
-    All figures of the drive.
+    All results for the drive.
 
     Raises
     ------
     InvalidInput
-        As ``evaluate``; a suppression or head point in a body or on an element, or a body that is
-        not sound-hard.
+        As ``evaluate``, or if a suppression or head point is in a body or on an element, or a body
+        is not sound-hard.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     head = np.empty((0, 3)) if head is None else np.atleast_2d(head)
     head = points_of(head, "points of the head", least=0)
     if transfer is not None:
         check_foci(transfer, target)
-    # Both drives in one solve: rounding then costs a right-hand side, not a factorisation.
+    # Solve both drives together: rounding then costs a right-hand side, not a factorisation.
     rounded = quantise(drive, levels).drive()
     if not rounded.amplitudes.any():  # a drive too weak for the levels
         rounded = drive
@@ -226,7 +227,8 @@ def _side_lobe(
 ) -> SideLobe:
     """Return the strongest pressure on the bodies and in a box two wavelengths beyond the foci.
 
-    It is off the foci by a wavelength, off the elements by half a wavelength, and off the bodies.
+    Points within a wavelength of a focus, within half a wavelength of an element or inside bodies
+    do not count.
     """
     scene = field.scene
     wavelength = scene.wavelength
@@ -248,12 +250,12 @@ def _side_lobe(
     spacing = max(wavelength / 6.0, float(np.cbrt(np.prod(high - low) / 20_000)))
     counts = ((high - low) / spacing).astype(int) + 1
     points, pressure = pressure_at(_grid(list(map(np.linspace, low, high, counts))))
-    # A lobe may lie between the points: refine to a third of the spacing around the strongest.
+    # A lobe may lie between the points, so refine the 40 strongest to a third of the spacing.
     strongest = points[np.argsort(-pressure)[:40]]
     around = strongest[:, None] + _grid([np.array([-1.0, 0.0, 1.0]) * spacing / 3.0] * 3)
     points, pressure = pressure_at(np.clip(around.reshape(-1, 3), low, high))
     if skin is not None:
-        # Nearer than a wavelength a maximum is part of the focus, not a lobe.
+        # A maximum within a wavelength of a focus is part of the focus, not a lobe.
         off = _farther(skin.points, target.points, wavelength)
         points = np.concatenate([points, skin.points[off]])
         pressure = np.concatenate([pressure, np.abs(skin.pressure[off])])

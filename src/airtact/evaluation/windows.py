@@ -14,7 +14,7 @@ AXES = dict(zip("xyz", np.eye(3), strict=True))
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A rectangle of points in a plane, a step apart; right and up are unit vectors [m]."""
+    """A rectangular grid of points in a plane [m]; ``right`` and ``up`` are unit vectors."""
 
     centre: Float64[np.ndarray, "3"]
     right: Float64[np.ndarray, "3"]
@@ -25,12 +25,12 @@ class Window:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of points."""
+        """Number of rows and columns of points."""
         return max(2, round(self.height / self.step) + 1), max(2, round(self.width / self.step) + 1)
 
     @property
     def points(self) -> Float64[np.ndarray, "points 3"]:
-        """The points, along ``right`` fastest, from the lower left corner [m]."""
+        """The points from the lower left corner, row by row [m]."""
         rows, columns = self.shape
         across = np.linspace(-self.width / 2, self.width / 2, columns)
         along = np.linspace(-self.height / 2, self.height / 2, rows)
@@ -44,7 +44,7 @@ class Window:
 
     @property
     def origin(self) -> Float64[np.ndarray, "3"]:
-        """Zero of its picture: that of the frame along the frame's axes, else the centre [m]."""
+        """Zero of its picture [m]: along axes of the frame the frame's zero, else the centre."""
         aligned = [axis for axis in (self.right, self.up) if _axis_name(axis)]
         return self.centre - sum((self.centre @ axis * axis for axis in aligned), np.zeros(3))
 
@@ -55,14 +55,14 @@ class Window:
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top edge of its picture, from ``origin`` [mm]."""
+        """Left, right, bottom and top edge of its picture, relative to ``origin`` [mm]."""
         ((across, along),) = self.seen(self.centre[None])
         half_width = 500 * self.width
         half_height = 500 * self.height
         return across - half_width, across + half_width, along - half_height, along + half_height
 
     def seen(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 2"]:
-        """Project points (P, 3) [m] into the picture: (P, 2) from ``origin`` [mm]."""
+        """Project points (P, 3) [m] into the picture: (P, 2) relative to ``origin`` [mm]."""
         return 1e3 * (points - self.origin) @ np.stack([self.right, self.up], axis=1)
 
     def height_of(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
@@ -77,25 +77,25 @@ def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
 def plane_through(
     foci: Real[np.ndarray, "foci 3"], bodies: Real[np.ndarray, "vertices 3"], wavelength: float
 ) -> Window:
-    """Return a window through the foci, and along the bodies if the foci do not fix the plane.
+    """Return a window through the foci, and towards the bodies if the foci do not fix the plane.
 
-    Three or more foci that are not in one plane give the best-fitting plane. The window extends
-    three wavelengths past the outermost foci, its sides along the frame's axes where the plane
-    allows, and has about 20,000 points at most.
+    Foci that are not in one plane give the best-fitting plane. The window extends three wavelengths
+    past the outermost foci and has about 20,000 points at most. Its sides are along the frame's
+    axes if the plane allows.
     """
     middle = foci.mean(axis=0)
-    # Directions of the spread of the foci, the widest first. Under a tenth of a wavelength there is
-    # none.
+    # Principal directions of the foci, the widest first. A spread under a tenth of a wavelength
+    # gives no direction.
     _, spreads, principal = np.linalg.svd(foci - middle, full_matrices=False)
     candidates = list(principal[: len(spreads)][spreads > wavelength / 10])
     if len(bodies):
         towards = _direction(bodies.mean(axis=0) - middle)
-        # The frame's axis within 18 degrees is easier to read.
+        # An axis of the frame within 18 degrees is easier to read.
         near = [axis for axis in AXES.values() if abs(towards @ axis) > 0.95]
         candidates.append(near[0] if near else towards)
     first, second = _independent([*candidates, AXES["z"], AXES["x"], AXES["y"]])
     normal = np.cross(first, second)
-    # Upwards is z, or y where z is normal to the plane; right is mostly positive.
+    # Upwards is z, or y if z is nearly normal to the plane; right is mostly positive.
     axis = AXES["z"] if abs(normal[2]) < 0.9 else AXES["y"]
     up = _direction(axis - axis @ normal * normal)
     right = np.cross(up, normal)
@@ -116,7 +116,7 @@ def plane_of_scene(scene: Scene, foci: Real[np.ndarray, "foci 3"]) -> Window:
 def plane_across(
     foci: Real[np.ndarray, "foci 3"], name: Literal["xy", "xz", "yz"], wavelength: float
 ) -> Window:
-    """Return a window round the foci along two axes of the frame, such as "xz"."""
+    """Return a window around the foci along two axes of the frame, such as "xz"."""
     return _round_foci(foci, AXES[name[0]], AXES[name[1]], wavelength)
 
 
@@ -135,7 +135,7 @@ def _round_foci(foci: np.ndarray, right: np.ndarray, up: np.ndarray, wavelength:
 def close_up(
     focus: Real[np.ndarray, "3"], outward: Real[np.ndarray, "3"], wavelength: float
 ) -> Window:
-    """Return a window of three wavelengths round a focus, upright along ``outward``."""
+    """Return a window of three wavelengths around a focus, with ``outward`` pointing up."""
     up = _direction(np.asarray(outward, dtype=np.float64))
     _, right = _independent([up, AXES["y"], AXES["z"], AXES["x"]])
     right = right * np.sign(right[np.argmax(np.abs(right))])
@@ -163,7 +163,7 @@ def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Points of a cuboid along the frame's axes, a step apart, from its lowest corner [m]."""
+    """A grid of points in a cuboid along the frame's axes; ``origin`` is the lowest corner [m]."""
 
     origin: Float64[np.ndarray, "3"]
     step: float
@@ -171,7 +171,7 @@ class Box:
 
     @property
     def points(self) -> Float64[np.ndarray, "points 3"]:
-        """The points, along x fastest and z slowest [m]."""
+        """The points [m]; x varies fastest and z slowest."""
         # The order of VTK's image data.
         indices = np.stack(np.unravel_index(np.arange(np.prod(self.counts)), self.counts, "F"), 1)
         return self.origin + self.step * indices
@@ -180,7 +180,7 @@ class Box:
 def box_around(
     foci: Real[np.ndarray, "foci 3"], wavelength: float, max_points: int = 60_000
 ) -> Box:
-    """Return a box to 1.5 wavelengths past the foci, with 8 points per wavelength if possible."""
+    """Return a box that extends 1.5 wavelengths past the foci, ideally 8 points per wavelength."""
     lowest = foci.min(axis=0) - 1.5 * wavelength
     size = foci.max(axis=0) + 1.5 * wavelength - lowest
     step = float(max(wavelength / 8, np.cbrt(np.prod(size) / max_points)))

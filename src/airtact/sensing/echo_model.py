@@ -2,7 +2,7 @@
 
 By reciprocity the regular waves w_e that element e of unit strength emits about the bodies also
 describe its reception: E[r, e] = w_rᵀ T w_e/(4πik). A motion of the bodies multiplies all w_e by
-one matrix D. The array is therefore expanded once, about the initial pose.
+one matrix D. The array is therefore expanded only once, about the initial pose.
 
 A pose is a twist (6,) of the bodies' frame from the initial pose: translation [m] and rotation
 [rad] about the centre of the scattering matrix. With V_i the generators of the six motions of
@@ -90,7 +90,7 @@ class EchoModel:
     def derivatives(self, twist: Twist) -> Complex[np.ndarray, "6 receivers transmissions"]:
         """Return derivatives by a further translation [Pa/m] and rotation [Pa/rad]."""
         incident = self._incident(twist)
-        # One large product is faster than seven.
+        # One large matrix product is faster than seven.
         along = np.concatenate([incident, *along_motions(incident, self._wavenumber)], axis=1)
         scattered = self._scattered(along)
         count = self.emitted.shape[1]
@@ -104,7 +104,7 @@ class EchoModel:
 
     def _incident(self, twist: Twist) -> Waves:
         """Regular waves about the moved centre, with the additional orders of the translation."""
-        # Translation by d mixes orders up to about k d apart.
+        # A translation by d mixes orders up to about k d apart.
         spare = 1 + int(np.ceil(self._wavenumber * np.linalg.norm(twist[:3])))
         count = wave_count(self.scattering.order + spare)
         return moved(twist, self.emitted[:count], self._wavenumber)

@@ -5,10 +5,10 @@ Version 2 of the file is HDF5 with these datasets; those in brackets are optiona
 - ``format_version``: 2, or 1 without ``valid``.
 - ``frequency`` [Hz].
 - ``codes_real``, ``codes_imaginary``: (E, M) emission of each of E elements in each of M
-  transmissions, over full scale; an element emits Re[c e^{−iωt}].
+  transmissions, as a fraction of full scale; an element emits Re[c e^{−iωt}].
 - ``pressures_real``, ``pressures_imaginary``: (R, M) pressure at each of R receivers in each
   transmission [Pa, peak], with the same phasor.
-- (``receivers``: (R,) indices of the receiving elements, from 0; all in their order by default.)
+- (``receivers``: (R,) indices of the receiving elements, from 0; by default all in order.)
 - (``noise``: rms magnitude of the complex noise of one pressure [Pa], measured without a
     transmission.)
 - (``valid``: (R, M) 1 for received pressures, else 0; all valid by default.)
@@ -53,13 +53,12 @@ class Echoes:
     codes : (E, M) emission of each of E elements in each of M transmissions, |c| = 1 at full scale.
     pressures : (R, M) mean pressure over the face of each of R receivers in each transmission,
         times the receiver's gain [Pa]; the phasor is Re[p e^{−iωt}].
-    receivers : (R,) indices of the receiving elements; None for all E in their order. Stored as
-        indices.
+    receivers : (R,) indices of the receiving elements; None for all E in order. Stored as indices.
     frequency : frequency of the sound [Hz].
     noise : rms magnitude of the complex noise of one pressure [Pa], measured without a
         transmission; None if unknown.
-    valid : (R, M) whether each pressure was received; receivers are blind while they ring. None if
-        all were. Invalid pressures are stored as 0.
+    valid : (R, M) whether each pressure was received; elements cannot receive while they ring. None
+        if all were. Invalid pressures are stored as 0.
 
     Raises
     ------
@@ -211,8 +210,8 @@ def load_echoes(path: str | Path) -> Echoes:
             imaginary = numbers[f"{name}_imaginary"]
             if real.shape != imaginary.shape:
                 raise InvalidInput(
-                    f"real and imaginary parts of the {name} have shapes {real.shape} and "
-                    f"{imaginary.shape}.",
+                    f"real and imaginary parts of the {name} must have the same shape, but have "
+                    f"{real.shape} and {imaginary.shape}.",
                     code="sizes_differ",
                 )
         return Echoes(
@@ -226,7 +225,7 @@ def load_echoes(path: str | Path) -> Echoes:
 
 
 def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
-    """Raise "sizes_differ" if echoes are of another array; ``name`` describes them."""
+    """Raise "sizes_differ" if the echoes belong to another array; ``name`` describes them."""
     if len(echoes.codes) != len(array):
         raise InvalidInput(
             f"the {name} are of an array of {len(echoes.codes)} elements, and this one has "
@@ -236,8 +235,8 @@ def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
 
 
 def check_not_clipped(values: Num[np.ndarray, "pressures"]) -> None:
-    """Raise "signal_unusable" if over 5 % of the values are equal to the largest."""
-    # With noise no values are equal, unless an amplifier or converter saturates.
+    """Raise "signal_unusable" if more than 5 % of the values equal the largest."""
+    # With noise no two values are equal, unless an amplifier or converter saturates.
     equal = int(np.sum(values > (1.0 - 1e-6) * values.max())) if len(values) else 0
     if equal > max(0.05 * len(values), 8):
         raise InvalidInput(

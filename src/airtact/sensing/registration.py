@@ -56,7 +56,7 @@ class Located:
         disagree by more than the noise, or if the residual indicates a wrong shape.
     bound : Cramér-Rao bound, of the same shape: the smallest covariance possible with the noise;
         NaN if the noise is unknown.
-    residual : rms residual over the rms of the echoes, including noise.
+    residual : rms of the residual, including noise, divided by the rms of the echoes.
     misfit : the same without noise; 0.2 or more for a wrong model, such as another hand.
     converged : whether the iteration converged with a misfit of at most 0.1. Do not use the pose
         otherwise.
@@ -90,7 +90,7 @@ class Located:
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """Standard deviation of the translation [m] and of the rotation [rad], over all axes."""
+        """Standard deviation of the translation [m] and rotation [rad], combined over all axes."""
         variances = np.diag(self.covariance)
         return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:6].sum()))
 
@@ -109,7 +109,7 @@ def locate(
     scattering: ScatteringMatrix | None = None,
     solver: Solver | None = None,
 ) -> Located:
-    """Find the rigid pose of the bodies of a scene, and an unknown opening, from echoes.
+    """Find the rigid pose of the bodies of a scene from echoes, and optionally their opening.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def locate(
     # The residual of a wrong shape has about 8 degrees of freedom (ends and radii of two fingers,
     # minus the six of a pose), for any number of pressures. Each unknown of the pose is assumed to
     # have absorbed as much, so the power is divided by 8 and not by the number of pressures.
-    # Solvers and interpolation have an error of 5 %.
+    # 5 % are attributed to errors of solvers and interpolation.
     of_shape = 2.0 * max(misfit**2 - 0.05**2, 0.0) * power(fit.measured) / 8
     return Located(
         pose=pose,
@@ -224,7 +224,7 @@ def locate(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Measured echoes and their model, of bodies or of a family."""
+    """Measured echoes and their model, for fixed bodies or for a family."""
 
     model: EchoModel
     measured: Received
@@ -232,7 +232,7 @@ class _Fit:
     family: ScatteringFamily | None = None
 
     def best(self) -> OptimizeResult:
-        """Minimise from the initial pose, and from others if that fails."""
+        """Minimise from the initial pose, and from other poses if that fails."""
         receivers, transmissions = self.measured.shape
         chosen = np.random.default_rng(0).permutation(receivers)[:160]
         few = self.part(np.sort(chosen), min(transmissions, 8))
@@ -250,7 +250,7 @@ class _Fit:
         return min(ends, key=lambda pose: pose.cost)
 
     def residual(self, unknowns: Unknowns) -> Float64[np.ndarray, "parts"]:
-        """Real and imaginary parts of modelled less measured echoes [Pa]."""
+        """Real and imaginary parts of modelled minus measured echoes [Pa]."""
         model = self.model
         if self.family is not None:
             model = replace(model, scattering=self.family.at(self.family.start + unknowns[6]))
@@ -323,10 +323,10 @@ class _Fit:
     def misfit(
         self, pose: OptimizeResult, without: Int64[np.ndarray, "rows"] | None = None
     ) -> float:
-        """Rms of the residual beyond noise over that of the echoes beyond noise."""
+        """Rms of the residual divided by the rms of the echoes, both without noise."""
         rows = np.delete(np.arange(len(self.measured)), [] if without is None else without)
         measured = self.measured[rows]
-        of_noise = self.noise**2 * np.count_nonzero(measured)  # those that are not valid are 0
+        of_noise = self.noise**2 * np.count_nonzero(measured)  # invalid pressures are 0
         of_echoes = max(power(measured) - of_noise, 1e-300)
         return float(np.sqrt(max(power(self.left(pose)[rows]) - of_noise, 0.0) / of_echoes))
 
@@ -401,7 +401,7 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
     pressures = np.asarray(echoes.pressures)
     if echoes.valid is not None:
         pressures = pressures[np.asarray(echoes.valid)]
-    if pressures.size < 4:  # of two numbers each, for seven unknowns
+    if pressures.size < 4:  # two real numbers each, for up to seven unknowns
         raise InvalidInput(
             f"{counted(pressures.size, 'pressure does', 'pressures do')} not determine the pose; "
             "give four or more.",
@@ -431,11 +431,11 @@ def disagreement(
     inverse: Squares,
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
-    """Variance of the pose from groups of receivers over that from single ones; 1 for noise.
+    """Ratio of the pose's variance from groups of receivers to that from single ones; 1 for noise.
 
-    The residual of a wrong shape is correlated at neighbouring receivers, so more of them do not
-    improve the pose. Groups of neighbours are therefore taken as independent (K.-Y. Liang, S. L.
-    Zeger, Biometrika 73, 13 (1986)). The result is the mean ratio over all unknowns.
+    The residual of a wrong shape is correlated at neighbouring receivers, so more receivers do not
+    improve the pose. Only groups of neighbours are therefore taken as independent (K.-Y. Liang,
+    S. L. Zeger, Biometrika 73, 13 (1986)). The result is the mean ratio over all unknowns.
     """
     count = min(16, len(places) // 4)
     if count < 2:
@@ -452,7 +452,7 @@ def disagreement(
 def unexplained(
     echoes: Echoes, scattering: ScatteringMatrix, array: PhasedArray, pose: Pose
 ) -> Float64[np.ndarray, "receivers"]:
-    """Residual of the model at each receiver, including noise, over the rms of all echoes.
+    """Residual of the model at each receiver, with noise, relative to the rms of all echoes.
 
     Parameters
     ----------

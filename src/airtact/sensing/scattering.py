@@ -1,10 +1,10 @@
 """The scattering matrix (T-matrix) of the bodies of a scene, in spherical waves.
 
 The bodies are solved for all regular waves at once. A layer of monopoles of density Z_nm on a
-sphere around them makes the regular wave j_n(kr) Z_nm inside, except for aliased orders of the
-quadrature, which decay inwards like the waves themselves. The monopoles that radiate the scattered
-pressure are projected onto outgoing waves, or, if the solver has none, the scattered pressure on
-the same sphere. Sources: P. C. Waterman, J. Acoust. Soc. Am. 45, 1417 (1969); P. A. Martin,
+sphere around them makes the regular wave j_n(kr) Z_nm inside. The quadrature also makes waves of
+aliased orders, which decay inwards. The monopoles that radiate the scattered pressure are projected
+onto outgoing waves. If the solver has no such monopoles, the scattered pressure on the same sphere
+is projected instead. See P. C. Waterman, J. Acoust. Soc. Am. 45, 1417 (1969), and P. A. Martin,
 Multiple Scattering (2006), chapter 7.
 """
 
@@ -96,10 +96,10 @@ def scattering_matrix(
     ----------
     solver : solver of the bodies, such as ``BoundaryElement(accuracy=0.01, estimate=False)``.
     scene : the bodies, in their own frame.
-    accuracy : relative error by the truncation of the waves, 0.0001 to 0.1; it determines the
+    accuracy : relative error due to the truncation of the waves, 0.0001 to 0.1; it determines the
         order.
-    ball : centre (3,) of the waves and radius of a ball that contains the bodies [m]; nearly the
-        smallest ball by default.
+    ball : centre (3,) of the waves and radius of a ball that contains the bodies [m]; by default
+        nearly the smallest such ball.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def scattering_matrix(
     patterns = reaching_patterns(scene, centre, order, accuracy)
     amplitudes = 1.0 / (4j * np.pi * scene.wavenumber * radial)
     amplitudes = np.diag(amplitudes[:, 0]) if patterns is None else amplitudes * patterns
-    # Inside a layer of density Z_nm the field is 4πik h_n(k R) j_n(kr) Z_nm: hence the amplitudes.
+    # The field inside a layer of density Z_nm is 4πik h_n(k R) j_n(kr) Z_nm, hence the amplitudes.
     layer = mixed((weights * waves).T, amplitudes)
     field = solver.radiate(scene, Monopoles(centre + outer * directions, layer))
     # Projected sources need neither a quadrature nor the field close to the bodies.
@@ -174,7 +174,7 @@ def _symmetric(
 
 
 def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
-    """Raise "does_not_match" if the matrix is of another scene."""
+    """Raise "does_not_match" if the matrix belongs to another scene."""
     if scattering.scene is not scene:
         raise InvalidInput(
             "the scattering matrix belongs to another scene; use scattering.scene.",
@@ -217,12 +217,12 @@ def _quadrature(
 def reaching_patterns(
     scene: Scene, centre: Float64[np.ndarray, "3"], order: int, smallest: float
 ) -> Float64[np.ndarray, "waves patterns"] | None:
-    """Orthonormal patterns of regular waves with pressure at the bodies; None if nearly all have.
+    """Orthonormal patterns of regular waves that reach the bodies; None if nearly all do.
 
     Bodies fill only a part of the ball of the waves, so most patterns hardly reach them. The
-    patterns are eigenvectors of the mean square pressure of the waves on the surfaces and under
-    them. Points under the surfaces include waves that vanish on them, as at an interior resonance.
-    The omitted patterns have an rms pressure below ``smallest`` times the largest.
+    patterns are eigenvectors of the mean square pressure of the waves on and below the surfaces.
+    Points below the surfaces keep waves that vanish on them, as at an interior resonance. The
+    omitted patterns have an rms pressure below ``smallest`` times the largest.
     """
     points = _points_of(scene) - centre
     squares = np.zeros((wave_count(order), wave_count(order)), dtype=np.float32)
@@ -238,7 +238,7 @@ def reaching_patterns(
 
 
 def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
-    """Random points on the triangles of the surfaces, and as many under them [m]."""
+    """Random points on the triangles of the surfaces, and the same number below them [m]."""
     random = np.random.default_rng(0)
     corners = np.concatenate([body.surface.corners for body in scene.obstacles])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -255,7 +255,7 @@ def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
 
 @dataclass(frozen=True, eq=False)
 class ScatteringFamily:
-    """Scattering matrices of bodies with one parameter; the result of ``scattering_family``.
+    """Scattering matrices of bodies with one shape parameter; ``scattering_family`` returns it.
 
     Each entry of the matrix is interpolated by the polynomial through Chebyshev points, which is
     nearly optimal for smooth functions (L. N. Trefethen, Approximation Theory and Approximation
@@ -309,7 +309,7 @@ class ScatteringFamily:
 
     @cached_property
     def effect(self) -> float:
-        """Change of the matrix by the parameter, over that by a translation of 1 m."""
+        """Change of the matrix by the parameter, relative to that by a translation of 1 m."""
         middle = 0.5 * (self.low + self.high)
         here = self.at(middle).matrix
         change = self.derivative(middle).matrix
@@ -345,11 +345,11 @@ def scattering_family(
     values: int = 5,
     accuracy: float = 0.005,
 ) -> ScatteringFamily:
-    """Solve bodies with one parameter, such as a gap, for a few values of it.
+    """Solve bodies for a few values of one shape parameter, such as a gap.
 
-    ``locate`` finds the parameter together with the pose. Each value is one scattering matrix,
+    ``locate`` finds the parameter together with the pose. Each value needs one scattering matrix,
     which ``Stored(solver, folder)`` stores. Between the values the matrix is interpolated; five
-    values cover ± 2 mm at 40 kHz.
+    values cover ±2 mm at 40 kHz.
 
     Parameters
     ----------
@@ -364,9 +364,9 @@ def scattering_family(
     Raises
     ------
     InvalidInput
-        "out_of_range": the values; "does_not_match": scenes with different media, frequencies or
-        numbers of bodies; "all_zero": the bodies do not depend on the parameter; "too_few": an
-        interpolation error over 2 %; or as ``scattering_matrix``.
+        "out_of_range": invalid values; "does_not_match": scenes with different media, frequencies
+        or numbers of bodies; "all_zero": the bodies do not depend on the parameter; "too_few": the
+        interpolation error exceeds 2 %; or as ``scattering_matrix``.
 
     Examples
     --------
@@ -407,7 +407,7 @@ def scattering_family(
     ball = (centre, radius)
     matrices = tuple(scattering_matrix(solver, scene, accuracy, ball) for scene in scenes)
     family = ScatteringFamily(low, high, start, matrices)
-    # Half the range, as the translation that changes the matrix as much.
+    # The translation that changes the matrix as much as half the range does.
     shift = 0.5 * (high - low) * family.effect
     if shift < 1e-7:
         raise InvalidInput(
@@ -415,7 +415,7 @@ def scattering_family(
             f"{1e3 * shift:.1g} mm; scene_of must use its argument.",
             code="all_zero",
         )
-    if family.error > 0.02:  # more would limit the fit, and not the solver
+    if family.error > 0.02:  # beyond this the interpolation limits the fit, not the solver
         raise InvalidInput(
             f"{len(matrices)} values from {low:g} to {high:g} are too few: the interpolation error "
             f"of the scattering matrix is {100 * family.error:.2g} %, more than 2 %. Use more "

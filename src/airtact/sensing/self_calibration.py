@@ -1,16 +1,17 @@
 """Poses of an array's boards, gains of its elements and sound speed, from direct sound.
 
-Elements of boards that face each other receive each other's transmissions. Codes such as those of
-Hadamard separate the emitters. Element r receives p_re = ρ_r τ_e T_re from element e: T is the
-direct sound between elements of unit gain, τ are the gains of emission and ρ those of reception,
-which differ by the electronics. For given positions the gains are found by alternating least
+Elements of boards that face each other receive each other's transmissions. Codes such as Hadamard
+codes separate the emitters. Element r receives p_re = ρ_r τ_e T_re from element e. T is the direct
+sound between elements of unit gain, τ are the gains of emission, and ρ the gains of reception; they
+differ because of the electronics. For given positions the gains are found by alternating least
 squares for ρ and τ. Motions of the boards and the sound speed are found by the Levenberg-Marquardt
 method on the residual of the optimal gains (variable projection: G. Golub and V. Pereyra, SIAM J.
 Numer. Anal. 10, 413, 1973), with exact derivatives.
 
-Board 0 is fixed, because a motion of the array changes nothing. Nor does a factor that multiplies
-all ρ and divides all τ: both get the same mean (with two boards, in each direction separately). The
-scale of the array follows from the positions of elements on their boards, which are taken as exact.
+Board 0 is fixed, because a motion of the whole array changes nothing. Multiplying all ρ and
+dividing all τ by one factor changes nothing either, so both get the same mean (with two boards, in
+each direction separately). The scale of the array follows from the positions of the elements on
+their boards, which are taken as exact.
 """
 
 from dataclasses import dataclass, replace
@@ -51,16 +52,16 @@ class Calibrated:
     Attributes
     ----------
     array : the array with corrected boards and the gains of emission.
-    sound_speed : [m/s].
-    motions : motion of each board from its given to its true pose, in the array's frame; that of
-        board 0 is zero.
+    sound_speed : speed of sound [m/s].
+    motions : motion of each board from its given to its true pose, in the array's frame; board 0
+        does not move.
     emission, reception : (E,) gains of emission and reception; 0 for dead elements, and 1 in
         ``reception`` for elements that do not receive. Their common factor is a convention.
     covariance : (6 B − 5, 6 B − 5) covariance of the translation of the centre of boards 1 to B − 1
         [m] and a small rotation about it [rad], board by board along the array's axes, and of the
         sound speed [m/s].
     gain_deviation : relative rms standard deviation of the gains, and of their phases [rad].
-    residual : rms residual over the rms of the direct sound, including noise.
+    residual : rms of the residual, including noise, divided by the rms of the direct sound.
     misfit : the same without noise.
     converged : whether the iteration converged with a misfit of at most 0.1. Do not use the result
         otherwise.
@@ -95,7 +96,7 @@ class Calibrated:
 
     @property
     def deviation(self) -> tuple[float, float, float]:
-        """Largest standard deviation of boards [m], [rad], and that of the sound speed [m/s]."""
+        """Largest standard deviation of the boards [m], [rad], and of the sound speed [m/s]."""
         variances = np.diag(self.covariance)
         boards = variances[:-1].reshape(-1, 2, 3).sum(axis=2).max(axis=0)
         return float(np.sqrt(boards[0])), float(np.sqrt(boards[1])), float(np.sqrt(variances[-1]))
@@ -108,7 +109,7 @@ class Calibrated:
         return here - self.believed.positions.reshape(boards, -1, 3).mean(axis=1)
 
     def as_emitted(self, echoes: Echoes) -> Echoes:
-        """Scale echoes as if elements received with their gains of emission, as in ``locate``.
+        """Scale echoes as if elements received with their gains of emission, as ``locate`` assumes.
 
         Raises
         ------
@@ -146,7 +147,7 @@ class ArrayState:
     Attributes
     ----------
     boards : B boards, of unit gain.
-    wavenumber : [1/m].
+    wavenumber : wavenumber of the sound [1/m].
     reception, emission : (E,) gains.
     slopes : derivatives of the direct sound of each pair of boards (first, second), first < second.
     model : (E, E) pressure at the receivers from the emitters for unit gains, 0 for unused pairs
@@ -169,7 +170,7 @@ class ArrayState:
 
 @dataclass(frozen=True, eq=False)
 class ArrayFit:
-    """Pressures (E, E) at each receiver from each emitter, and which of them are used."""
+    """Pressures (E, E) at each receiver from each emitter, and which pairs are used."""
 
     measured: Pairs
     counted: CountedPairs
@@ -190,8 +191,8 @@ class ArrayFit:
     ) -> ArrayState:
         """Find the best of several starts with a few elements of each board, then fit all elements.
 
-        Phases are ambiguous by 2π, so a start with an error of half a wavelength may lead to
-        another minimum.
+        Phases are ambiguous by 2π, so a start that is wrong by half a wavelength may lead to a
+        wrong minimum.
         """
         random = np.random.default_rng(0)
         size = len(boards[0])
@@ -204,7 +205,7 @@ class ArrayFit:
         spread = np.repeat([1.2e-3, 0.012], 3)  # standard deviations of boards [m] and angles [rad]
         best = None
         for count in range(48):
-            # The first start is the given array. Board 0 is the same in all.
+            # The first start is the given array. Board 0 is the same in all starts.
             motions = random.normal(size=(len(boards), 6)) * spread * (count > 0)
             motions[0] = 0.0
             faster = 1.0 + 0.006 * random.normal() * (count > 0)
@@ -276,7 +277,7 @@ class ArrayFit:
         return ArrayState(boards, wavenumber, reception, emission, slopes, model, cost)
 
     def _gains(self, model: Pairs, reception: Gains, emission: Gains) -> tuple[Gains, Gains]:
-        """Find the gains by alternating least squares; unused ones stay the same."""
+        """Find the gains by alternating least squares; unused gains stay the same."""
         turned = model.conj() * self.measured
         power = np.abs(model) ** 2
         for _ in range(40):
@@ -289,7 +290,7 @@ class ArrayFit:
         return reception, emission
 
     def equations(self, here: ArrayState, units: Step) -> tuple[Squares, Step]:
-        """Set up the normal equations without the gains, and half the gradient.
+        """Set up the normal equations with the gains eliminated, and half the gradient.
 
         The unknowns are the motions of all boards except the first and the wavenumber, in
         ``units``.
@@ -362,14 +363,14 @@ def calibrate(
     echoes : transmissions of the empty array, with codes that separate all elements.
     array : array with the assumed poses of its boards; its gains are ignored.
     medium : assumed air; its absorption is not corrected.
-    boards : number of boards, all with equally many elements, listed one after another; found from
-        a known kind of board by default.
+    boards : number of boards, all with the same number of elements, listed one after another; by
+        default it is found if the boards are of a known kind.
 
     Raises
     ------
     InvalidInput
-        "sizes_differ", "unknown_name": the array; "given_twice": codes that do not separate the
-        elements; "misplaced": elements or boards that face no others; "signal_unusable";
+        "sizes_differ", "unknown_name": the array does not match; "given_twice": the codes do not
+        separate the elements; "misplaced": elements or boards face no others; "signal_unusable";
         "pose_not_found": the transmissions do not determine a combination of unknowns.
 
     Examples
@@ -418,7 +419,7 @@ def calibrate(
     # Convert the unknowns to metres, radians, and the sound speed.
     scale = np.append(units[:-1], -units[-1] * speed / best.wavenumber.real)
     emission, reception = _same_mean(fit, best, dead)
-    # Information on each gain alone; the other unknowns hardly matter.
+    # Information on each gain with the other unknowns fixed; they hardly matter.
     emitted = np.sum(np.abs(best.reception[:, None] * best.emission * best.model) ** 2, axis=0)
     calibrated = join(best.boards).calibrated(emission)
     return Calibrated(
@@ -580,7 +581,7 @@ def moved(board: PhasedArray, motion: Float64[np.ndarray, "6"]) -> PhasedArray:
 
 
 def _units(boards: tuple[PhasedArray, ...], wavenumber: complex) -> Step:
-    """Find steps in metres, radians and 1/m with about the same effect."""
+    """Return steps in metres, radians and 1/m with about the same effect."""
     middles = np.stack([board.positions.mean(axis=0) for board in boards])
     arm = float(np.sqrt(np.mean([np.var(board.positions, axis=0).sum() for board in boards])))
     distance = float(np.linalg.norm(middles[:, None] - middles, axis=2).max())

@@ -1,4 +1,4 @@
-"""Codes, and simulated echoes of coded transmissions with noise."""
+"""Transmission codes, and simulated echoes of coded transmissions with noise."""
 
 import numpy as np
 from jaxtyping import Complex128, Integer, Num
@@ -20,9 +20,10 @@ def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
 
     Parameters
     ----------
-    elements : E.
-    transmissions : M, at most the smallest power of 2 not below E, which is the default. With that
-        many, the elements can be separated, with the noise of E transmissions of each alone.
+    elements : number of elements E.
+    transmissions : number of transmissions M; at most the smallest power of 2 not below E, which is
+        the default. With the default the elements can be separated, and the noise is as low as if
+        each element emitted alone E times.
 
     Returns
     -------
@@ -31,7 +32,7 @@ def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
     Raises
     ------
     InvalidInput
-        "out_of_range": of elements or transmissions.
+        "out_of_range": ``elements`` or ``transmissions``.
     """
     # Sylvester's construction needs a power of 2; rows beyond the elements are left out.
     size = 1 << (_count(elements, "elements") - 1).bit_length()
@@ -45,11 +46,11 @@ def random_codes(
     seed: int = 0,
     parts: Integer[np.ndarray, "elements"] | None = None,
 ) -> Codes:
-    """All elements at full scale with random phases.
+    """Random phases at full scale for all elements.
 
     Parameters
     ----------
-    elements, transmissions : E and M.
+    elements, transmissions : number of elements E and of transmissions M.
     seed : seed of the random numbers, 0 or more.
     parts : (E,) index of the part of each element, such as its board. The parts emit one after
         another, one in each transmission, so that the others can receive meanwhile. By default all
@@ -62,8 +63,8 @@ def random_codes(
     Raises
     ------
     InvalidInput
-        "out_of_range": of elements, transmissions or seed; "sizes_differ": not one part for each
-        element.
+        "out_of_range": ``elements``, ``transmissions`` or ``seed``; "sizes_differ": ``parts`` does
+        not have one number for each element.
 
     Examples
     --------
@@ -111,21 +112,21 @@ def simulate_echoes(
 
     Parameters
     ----------
-    made_by : a solver, which solves for each code, or the scattering matrix of the scene, which
-        takes milliseconds.
+    made_by : a solver, which solves for each code; or the scattering matrix of the scene, which
+        takes only milliseconds.
     scene : the bodies.
     array : the E transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
     codes : (E, M), as in ``Echoes``.
     receivers : indices of the receiving elements; all by default.
-    noise : rms of the echoes over that of the added complex noise [dB]; no noise by default.
+    noise : level of the echoes (rms) above the added complex noise [dB]; no noise by default.
     seed : seed of the random numbers, 0 or more.
 
     Raises
     ------
     InvalidInput
         As ``Echoes`` and ``transfer_matrix``; "bodies_overlap"; "sizes_differ": codes of another
-        array; "does_not_match": the scattering matrix is of another scene; "out_of_range": noise or
-        seed.
+        array; "does_not_match": the scattering matrix belongs to another scene; "out_of_range":
+        ``noise`` or ``seed``.
 
     Examples
     --------
@@ -176,7 +177,7 @@ def _solved_echoes(solver: Solver, scene: Scene, array: PhasedArray, codes: Code
 def noisy(
     pressures: Num[np.ndarray, "receivers transmissions"], decibels: float, seed: int
 ) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float]:
-    """Add complex normal noise at a ratio below the pressures [dB]; also return its rms [Pa]."""
+    """Add complex normal noise at a level below the pressures [dB]; also return its rms [Pa]."""
     decibels = between(decibels, -300.0, 300.0, "the noise", "dB", "it is echoes over noise.")
     deviation = 10.0 ** (-decibels / 20.0) * float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
     random = np.random.default_rng(seed)

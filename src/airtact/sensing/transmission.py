@@ -1,4 +1,4 @@
-"""Direct sound between elements of an array, and its derivatives by motions of the boards.
+"""Direct sound between elements of an array, and its derivatives by board motions.
 
 An element of unit gain emits s Σ_q w_q e^{ikR}/R over the points of its face, where s is the
 sensitivity, and receives the mean over its face with the same weights. A small rigid motion of a
@@ -29,9 +29,10 @@ def transmission(
 
     Returns
     -------
-    Pressures (R, E) at receiver r from emitter e, both of unit gain [Pa], equal in both directions;
-    and their derivatives (13, R, E) by a translation of the receiving board [Pa/m] and a rotation
-    about its centre [Pa/rad], by those of the emitting board, and by the wavenumber [Pa·m].
+    Pressures (R, E) at receiver r from emitter e, both of unit gain [Pa], the same in both
+    directions; and their derivatives (13, R, E) by a translation of the receiving board [Pa/m] and
+    a rotation about its centre [Pa/rad], by the same motions of the emitting board, and by the
+    wavenumber [Pa·m].
     """
     weights = receiving.element.weights
     faces = receiving.face_points
@@ -82,7 +83,7 @@ def facing(
 ) -> Bool[np.ndarray, "receivers emitters"]:
     """Whether elements of two boards face each other and are not adjacent at an edge.
 
-    The default limits are 60 degrees, beyond which real pistons differ, and 20 mm.
+    The default limits are 20 mm and 60 degrees; beyond that angle real transducers are not pistons.
     """
     away = receiving.positions[:, None, :] - emitting.positions
     distance = np.linalg.norm(away, axis=2)
@@ -97,14 +98,20 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
     Raises
     ------
     InvalidInput
-        "unknown_name".
+        "unknown_name": the number of boards is unknown or does not divide the elements.
     """
     if count is None:
         count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
-    if count < 2 or len(array) % count:
+    if count < 2:
         raise InvalidInput(
-            f"the array's {len(array)} elements make {count} boards, but calibration needs 2 or "
-            "more boards of equal size that face each other; give the number of boards.",
+            f"cannot tell which boards the {len(array)} elements belong to; give the number of "
+            "boards (2 or more).",
+            code="unknown_name",
+        )
+    if len(array) % count:
+        raise InvalidInput(
+            f"{len(array)} elements do not divide into {count} equal boards; give the number of "
+            "boards.",
             code="unknown_name",
         )
     return [elements_of(array, rows) for rows in np.split(np.arange(len(array)), count)]
@@ -138,11 +145,11 @@ def simulate_transmissions(
     array : array with the gains of emission.
     medium : the air.
     codes : (E, M), as in ``Echoes``.
-    boards : number of boards, all with equally many elements, listed one after another; found from
-        a known kind of board by default.
+    boards : number of boards, all with the same number of elements, listed one after another; by
+        default it is found if the boards are of a known kind.
     frequency : frequency of the sound [Hz].
     reception : (E,) gains of reception; those of the array by default.
-    noise : rms of the pressures over that of the added complex noise [dB]; no noise by default.
+    noise : level of the pressures (rms) above the added complex noise [dB]; no noise by default.
     seed : seed of the noise, 0 or more.
 
     Raises

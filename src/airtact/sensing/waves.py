@@ -33,7 +33,7 @@ def wave_count(order: int) -> int:
 
 
 def order_of(waves: Waves) -> int:
-    """Order of waves, from their number."""
+    """Order of the waves, computed from their number."""
     return round(np.sqrt(len(waves))) - 1
 
 
@@ -103,7 +103,7 @@ def projected(
     """
     waves = regular_waves(order, offsets, wavenumber)
     strengths = np.ascontiguousarray(strengths, dtype=np.complex64)
-    real = not wavenumber.imag  # half the work
+    real = not wavenumber.imag  # real waves halve the work
     summed = mixed(waves, strengths) if real else waves.astype(np.complex64) @ strengths
     return 4j * np.pi * wavenumber * summed.astype(np.complex128)
 
@@ -111,7 +111,7 @@ def projected(
 def regular_waves(
     order: int, offsets: Real[np.ndarray, "points 3"], wavenumber: complex
 ) -> Shaped[np.ndarray, "waves points"]:
-    """Regular waves j_n(kr) Z_nm at offsets (P, 3), (waves, P); real for a real k."""
+    """Regular waves j_n(kr) Z_nm (waves, P) at offsets (P, 3); real for a real k."""
     # A real argument keeps the waves, and all products with them, real.
     argument = np.linalg.norm(offsets, axis=1) * (
         wavenumber if wavenumber.imag else wavenumber.real
@@ -158,24 +158,24 @@ def motions(order: int) -> tuple[csr_matrix, ...]:
         csr_matrix(matrix) for matrix in (along_x, along_y, along_z, about_x, about_y, about_z)
     ]
     for matrix in matrices:
-        # Remove rounding errors of cancelled entries, which would double the work of products.
+        # Remove cancelled entries that rounding keeps; they would double the work of products.
         matrix.data[np.abs(matrix.data) < 1e-13] = 0.0
         matrix.eliminate_zeros()
     return tuple(csr_matrix(matrix, dtype=np.float32) for matrix in matrices)
 
 
 def along_motions(waves: Waves, wavenumber: float) -> Complex[np.ndarray, "6 waves columns"]:
-    """Differentiate regular waves by the six motions, translations [1/m] and turns [1/rad]."""
+    """Differentiate regular waves by the six motions, translations [1/m] and rotations [1/rad]."""
     along = np.stack([matrix @ waves for matrix in motions(order_of(waves))])
     along[:3] *= wavenumber
     return along
 
 
 def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Waves:
-    """Regular waves about a centre that moves by a twist (6,): translation [m] and turn [rad].
+    """Regular waves about a centre moved by a twist (6,), a translation [m] and rotation [rad].
 
-    The exponential of an antisymmetric matrix V of norm at most s is summed as Σ (2 − δ_j0) J_j(s)
-    φ_j(V/s), with φ_0 = 1, φ_1 = x, φ_(j+1) = 2x φ_j + φ_(j−1): Chebyshev's expansion (DLMF
+    The exponential of an antisymmetric matrix V of norm at most s is summed by the Chebyshev
+    expansion Σ (2 − δ_j0) J_j(s) φ_j(V/s), with φ_0 = 1, φ_1 = x, φ_(j+1) = 2x φ_j + φ_(j−1) (DLMF
     10.12.3).
     """
     order = order_of(waves)
