@@ -73,20 +73,20 @@ class Medium:
 def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -> Medium:
     """Humid air at one atmosphere (101 325 Pa).
 
-    Speed by Cramer (1993, equation 15), density by CIPM-2007, absorption by ISO 9613-1 at
-    ``frequency``.
+    The speed follows from Cramer (1993, equation 15), the density from CIPM-2007, and the
+    absorption at ``frequency`` from ISO 9613-1.
 
     Parameters
     ----------
     celsius : temperature [°C], -20 to 50 (the range of ISO 9613-1; Cramer and CIPM-2007 were fitted
         at 0 to 30 °C).
     humidity : relative humidity, 0 to 1.
-    frequency : [Hz], at which the absorption is taken.
+    frequency : frequency [Hz] of the absorption.
 
     Raises
     ------
     InvalidInput
-        Outside those ranges.
+        A value is outside its range.
 
     Examples
     --------
@@ -151,7 +151,7 @@ def _absorption(celsius: float, humidity: float, frequency: float) -> float:
     """ISO 9613-1 equations (3) to (5) at one atmosphere, in neper per metre."""
     kelvin = celsius + 273.15
     relative = kelvin / 293.15
-    # (B.2), (B.3): over one atmosphere
+    # (B.2), (B.3): saturation pressure divided by one atmosphere
     saturation = 10.0 ** (4.6151 - 6.8346 * (273.16 / kelvin) ** 1.261)
     percent = 100.0 * humidity * saturation  # molar concentration of water vapour, (B.1)
     oxygen = 24.0 + 4.04e4 * percent * (0.02 + percent) / (0.391 + percent)

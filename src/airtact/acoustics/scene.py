@@ -135,7 +135,7 @@ class Scene:
     medium : fluid around the bodies.
     obstacles : the bodies, which do not touch; none for a free field.
     frequency : [Hz], 1 kHz to 1 MHz.
-    planes : a rigid plane such as a table, see ``plane``; none for open air.
+    planes : a list with one rigid plane such as a table, see ``plane``; empty for open air.
 
     Raises
     ------

@@ -155,7 +155,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     """
     radius = positive(radius, "the radius", "m")
     spacing = positive(spacing, "the spacing", "m")
-    # in a hexagonal lattice each point takes an area of √3/2 times the square of the spacing
+    # in a hexagonal lattice each point covers an area of √3/2 times the square of the spacing
     count = max(4.0, np.ceil(4.0 * np.pi * radius**2 / (np.sqrt(0.75) * spacing**2)))
     check_count(count, spacing)
     index = np.arange(int(count)) + 0.5
@@ -224,7 +224,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     Raises
     ------
     InvalidInput
-        If the offset is negative or over 20 mm, or a shifted point is nearer to the surface than
+        If the offset is negative or over 20 mm, or a shifted point is closer to the surface than
         half the offset, as in a crevice.
 
     Examples
@@ -248,7 +248,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
         nearest = trimesh.proximity.closest_point_naive(mesh, points[off])[0]
         projected[off] = surface.shape.project(nearest)
     shifted = projected + offset * outward(surface.depth, projected)
-    # In a crevice the shifted point is nearer to the opposite side.
+    # In a crevice the shifted point is closer to the opposite side.
     short = np.flatnonzero(-surface.depth(shifted) < 0.5 * offset)
     if len(short):
         where = projected[short[0]]

@@ -123,7 +123,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
         diameter[cut_off] = np.divide(square, height, out=np.zeros(len(square)), where=height > 0.0)
     centres = touch - 0.5 * diameter[:, None] * normals
     opposed = np.einsum("ni,ni->n", facing, normals) < -np.cos(np.radians(20.0))
-    # Beside an edge a ball may protrude from the body: 0.9 of its radius suffices.
+    # Beside an edge a ball may protrude from the body, so 0.9 of its radius suffices.
     inside = shape.depth(centres) >= 0.9 * 0.5 * diameter
     thin = np.flatnonzero(inside & opposed)
     thin = thin[:: 1 + len(thin) // 2000]
@@ -167,7 +167,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
             fault = f"overlap or touch: {max(-near.gap, 0.0) * 1e3:.3g} mm deep near {where}"
         else:
             apart = f"{near.gap * 1e3:.3g} mm apart near {where}"
-            fault = f"are {apart}, nearer than {NEAREST * 1e3:g} mm"
+            fault = f"are {apart}, less than {NEAREST * 1e3:g} mm"
         raise InvalidInput(
             f"bodies {i} and {j} {fault}; move them apart, or merge them: "
             "airtact.geometry.merged([first, second]), or merge_bodies = true in a scene file.",

@@ -87,6 +87,6 @@ def _check_unit(extent: float) -> None:
     advice = f"such as {' or '.join(likely)}, " if likely else ""
     raise InvalidInput(
         f"the body is {extent:.3g} wide in the units of the file: {listed}. Give its scale, "
-        f"{advice}or 1.0 where it really is in metres.",
+        f"{advice}or 1.0 if it really is in metres.",
         code="not_in_metres",
     )

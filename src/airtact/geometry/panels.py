@@ -77,10 +77,10 @@ def panels_of(
     edge : edge of the equilateral triangles [m].
     near : points beside which panels are smaller [m].
     smallest : smallest edge beside points [m]; a quarter of it in gaps and thin walls.
-    bend : largest angle by which panels of a round surface turn [rad].
+    bend : largest angle between a panel's normals at opposite edges, on a round surface [rad].
     away : largest root mean square distance of panels from a smooth mesh [m].
     image : function that mirrors points at a plane, for gaps to the mirror images of the bodies.
-    walls : indices of bodies whose flat faces get smaller panels where they face each other.
+    walls : indices of bodies whose flat faces get smaller panels if they face each other.
     """
     bodies = [shape.panels(edge, bend, away) for shape in shapes]
     facing = _facing_faces([bodies[index] for index in walls])

@@ -94,7 +94,7 @@ class Capsule(Shape):
         along = np.clip(local[:, 2], -self.length / 2.0, self.length / 2.0)
         out = local.copy()
         out[:, 2] -= along
-        out[~out.any(axis=1), 0] = 1.0  # a point on the axis has no direction of its own
+        out[~out.any(axis=1), 0] = 1.0  # a point on the axis has no radial direction
         out *= (radius / np.sqrt(np.einsum("pd,pd->p", out, out)))[:, None]
         out[:, 2] += along
         return out
@@ -314,8 +314,8 @@ def _triangles(rings: int, around: int, bands: int) -> Triangles:
 def _bands(around: int, length: float) -> int:
     # Height of an equilateral triangle on an edge of the cylinder's rim.
     step = math.sqrt(3.0) * math.sin(math.pi / around)
-    # A cylinder too short for a band of good triangles gets none: both caps share one ring in its
-    # middle.
+    # A cylinder too short for a band of good triangles gets no band, and both caps share one ring in
+    # its middle.
     return max(1, round(length / step)) if length > 0.6 * step else 0
 
 
@@ -342,7 +342,7 @@ def _cap(rings: int, around: int) -> tuple[Vertices, Triangles]:
     """
     points = [np.array([[0.0, 0.0, 1.0]])]
     triangles = []
-    inner = 0  # first vertex of the ring before, and its number of points
+    inner = 0  # first vertex of the previous ring, and its number of points
     fewer = 1
     for ring in range(1, rings + 1):
         count = _ring_points(ring, rings, around)

@@ -49,8 +49,8 @@ _RULE_FIT = np.linalg.solve(_WEIGHTED_SHAPE @ _RULE_SHAPE, _WEIGHTED_SHAPE)
 class QuadraticMesh:
     """A closed mesh of quadratic triangles at rest, curved on first use.
 
-    ``midpoints`` are points of the surface over the middles of edges 01, 12, 20 [m]; by default the
-    mesh is curved by its normals. ``sharp_edges`` are by default the edges that turn by more than
+    ``midpoints`` are points of the surface at the middles of edges 01, 12, 20 [m]; by default the
+    mesh is curved by its normals. ``sharp_edges`` are by default the edges that bend by more than
     ``sharp_degrees``.
     """
 

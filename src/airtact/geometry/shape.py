@@ -18,7 +18,7 @@ from airtact.geometry.mesh.arrays import (
 from airtact.geometry.mesh.remeshing import RidgedMesh
 from airtact.geometry.pose import Pose
 
-# Default angle by which a panel of a round surface turns [rad].
+# Default angle between the normals at opposite edges of a panel on a round surface [rad].
 BEND = math.pi / 5
 
 
@@ -85,7 +85,7 @@ class Shape(ABC):
         return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
 
     def edge_middles(self, corners: EdgeVectors) -> EdgeVectors:
-        """Points of the surface over the middles of edges 01, 12, 20 of triangles (T, 3, 3) [m]."""
+        """Points of the surface at the middles of edges 01, 12, 20 of triangles (T, 3, 3) [m]."""
         straight = 0.5 * (corners + np.roll(corners, -1, axis=1))
         return self.project(straight.reshape(-1, 3)).reshape(straight.shape)
 

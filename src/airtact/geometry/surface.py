@@ -56,7 +56,7 @@ class Surface:
     ----------
     vertices : (V, 3) [m].
     triangles : (T, 3) vertex indices.
-    midpoints : (T, 3, 3) points of the true surface over the middles of edges 01, 12, 20 [m]. If
+    midpoints : (T, 3, 3) points of the true surface at the middles of edges 01, 12, 20 [m]. If
         None, the panels are curved by the normals of the triangles around each vertex.
     primitive : the exact shape that the triangles approximate, or None.
     sharp_degrees : angle between neighbouring triangles above which their edge remains sharp; 0

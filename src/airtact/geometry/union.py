@@ -95,7 +95,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     result = Surface(
         vertices[used],
         triangles.reshape(-1, 3),
-        sharp_degrees=45.0,  # round parts of merged bodies turn less
+        sharp_degrees=45.0,  # edges on round parts of merged bodies bend less
         repairs=tuple(sentence for index in solids for sentence in bodies[index].repairs),
     )
     check_surface(result)

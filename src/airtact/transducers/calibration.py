@@ -78,7 +78,7 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
 
     Parameters
     ----------
-    path : file as for ``load_calibration``. Further columns are the displacement of an element x,
+    path : file as for ``load_calibration``. Optional columns are the displacement of an element x,
         y, z [m] and the rotation vector of its face turn_x, turn_y, turn_z [rad], in the array's
         frame; both are 0 for elements that are not listed.
     array : the nominal array.
@@ -86,7 +86,7 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
     Raises
     ------
     InvalidInput
-        As for ``load_calibration``; "out_of_range": an element is off by 0.1 m or half a turn, or
+        As for ``load_calibration``; "out_of_range": an element deviates by 0.1 m or half a turn or
         more.
     """
     gains = load_calibration(path, len(array))

@@ -243,7 +243,8 @@ def _ring(distance: float, count: int, start: float) -> Float64[np.ndarray, "poi
 
 def check_pattern(element: Element, wavenumber: complex | float) -> None:
     """Raise "out_of_range" if a face has too few points for a wavenumber [rad/m]."""
-    # The rules integrate polynomials up to their degree, and the phase over a face grows with ka.
+    # The rules are exact for polynomials up to their degree, and the phase across a face grows with
+    # ka.
     size = wavenumber.real * element.radius
     count = len(element.points)
     largest = MAX_PISTON_SIZE.get(count, MAX_PISTON_SIZE[19])

@@ -92,7 +92,7 @@ class Levels:
         """
         if self.phase_only:
             return (shares > 1e-3).astype(np.int64)
-        # A share halfway between two levels rounds up.
+        # A fraction halfway between two levels is rounded up.
         middles = (self.amplitudes[1:] + self.amplitudes[:-1]) / 2
         return np.searchsorted(middles, shares, side="right").astype(np.int64)
 

@@ -45,7 +45,7 @@ def check_placement(
     check_before_planes(scene.planes, array.face_points.reshape(-1, 3), "face")
     if foci is not None:
         check_reach(array, foci)
-    # The rigid faces of reflecting boards shade what is behind them.
+    # The rigid faces of reflecting boards shade everything behind them.
     strength_in(scene, array)  # raises where an element is off the boards
     if scene.boards or not array.element.directional:
         return
@@ -227,8 +227,8 @@ def open_air_bound(
 ) -> Float64[np.ndarray, "points"]:
     """Return the peak pressure at points with all elements at full scale and in phase.
 
-    It is Σ_e |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e with the point in front of
-    them. No drive gives more pressure without bodies.
+    It is the sum of |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e that face the point.
+    Without bodies, no drive gives more pressure.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
     for distance in (0.05, 0.1, 0.2):
         points.append(middle + distance * axis)
         points.extend(array.positions[chosen] + distance * array.normals[chosen])
-    # At nearer points a single element dominates.
+    # At closer points a single element dominates.
     clear = [
         point for point in points if np.linalg.norm(array.positions - point, axis=1).min() > 30e-3
     ]

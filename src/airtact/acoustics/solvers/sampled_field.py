@@ -329,7 +329,7 @@ def _fits(sampled: SampledField) -> Float64[np.ndarray, "2"]:
             near = (distance <= reach) & (distance > SAME_NODE)
             level = pressures[near, column] * distance[near]
             phase = np.exp(1j * sampled.scene.wavenumber.real * distance[near])
-            # The sum is large only where the phase follows that of the wave.
+            # The sum is large only if the phase follows that of the wave.
             fits += np.abs([np.vdot(phase, level), np.vdot(phase.conj(), level)])
             total += np.abs(level).sum()
     return fits / total if total else fits

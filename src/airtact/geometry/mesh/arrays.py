@@ -35,7 +35,7 @@ TriangleLabels = Int64[np.ndarray, "triangles"]
 # Both ends of each sharp edge.
 Ridges = Int64[np.ndarray, "ridges 2"]
 
-# Curved panels: corners 0, 1, 2 and points over the middles of edges 01, 12, 20 [m].
+# Curved panels: corners 0, 1, 2 and points of the surface at the middles of edges 01, 12, 20 [m].
 QuadraticTriangles = Float64[np.ndarray, "panels 6 3"]
 Pieces = Float64[np.ndarray, "_ 6 3"]
 

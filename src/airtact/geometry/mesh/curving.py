@@ -45,7 +45,7 @@ _CAP_DEGREES = 40.0
 def curved(
     vertices: Vertices, triangles: Triangles, sharp_degrees: float
 ) -> tuple[EdgeVectors, EdgeMask]:
-    """Points of the curved surface over the edge middles of a closed mesh [m], and the sharp edges.
+    """Points of the curved surface at the edge middles of a closed mesh [m], and the sharp edges.
 
     Caps close bodies that were cut off, such as a hand at the wrist. They remain flat with sharp
     rims.

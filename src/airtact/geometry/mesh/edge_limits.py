@@ -29,7 +29,7 @@ def bend_sizes(
 
     The radius of a bend is estimated from pairs of triangles whose normals differ by 75 to 150
     degrees and that lie on a common arc. Pairs across a sharp edge (``ridges``) are ignored.
-    ``factor`` scales the limits; it is below 1 if panels must be nearer to the surface.
+    ``factor`` scales the limits; it is below 1 if panels must be closer to the surface.
     """
     corners = vertices[triangles]
     centres = corners.mean(axis=1)

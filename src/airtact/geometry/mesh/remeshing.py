@@ -139,7 +139,7 @@ def near_surface(panels: QuadraticTriangles, triangles: Triangles, away: float) 
     while True:
         straight = with_middles(panels[:, :3])
         rise = np.linalg.norm(panels[:, 3:] - straight[:, 3:], axis=2)
-        # The middle of a triangle rises by up to 4/3 of its edges.
+        # The middle of a triangle rises by up to 4/3 of the rise of its edges.
         split = rise > 0.75 * away
         split |= split.ravel()[edge_twins(triangles)]
         if not split.any():

@@ -264,8 +264,8 @@ def _without_holes(
 ) -> NewTriangles:
     """Close the holes of a consistently oriented mesh by triangles over their vertices.
 
-    A lid is triangulated in projection along its normal. It may cross a surface that leans over the
-    hole, which ``check_not_crossed`` detects. Raise ``InvalidInput`` for holes wider than
+    A lid is triangulated in projection along its normal. It may cross a surface that extends over
+    the hole, which ``check_not_crossed`` detects. Raise ``InvalidInput`` for holes wider than
     ``largest`` [m], except for cracks, which enclose no area.
     """
     from manifold3d import triangulate

@@ -18,7 +18,7 @@ from airtact.geometry.mesh.quadratic_triangles import longest_edges
 AnyTriangles = Int[np.ndarray, "triangles 3"]
 AnyVertices = Real[np.ndarray, "vertices 3"]
 
-# Edges whose triangles turn by more than this stay sharp [degrees].
+# Edges stay sharp if the normals of their triangles differ by more than this [degrees].
 SHARP_DEGREES = 75.0
 
 

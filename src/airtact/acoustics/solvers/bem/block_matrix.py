@@ -1,7 +1,8 @@
 """A matrix in blocks of 32 panels: near blocks entry by entry, far blocks as low-rank products.
 
-The panels are sorted so that those of a block are close together. Distant blocks of panels interact
-smoothly, so a few terms (column vector times row vector) approximate the matrix between them.
+The panels are sorted so that the panels of a block are close together. The interaction between
+distant blocks is smooth, so a few terms (column vector times row vector) approximate the matrix
+between them.
 """
 
 from collections.abc import Sequence

@@ -38,8 +38,8 @@ from airtact.acoustics.solvers.problem import (
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.errors import InvalidInput, in_mm, points_of
 
-# A reflected panel needs corners 0 and 2 exchanged for its normal to be outward. Corner 1 stays,
-# and with it the three nodes that share a second collocation point.
+# In a reflected panel, corners 0 and 2 are exchanged to make its normal outward. Corner 1 stays,
+# and the three nodes near it, which share a second collocation point, remain a group.
 _MIRRORED = np.array([2, 1, 0, 4, 3, 5])
 _TURNED_RULE = np.stack([RULE_POINTS[:, 0], 1 - RULE_POINTS.sum(axis=1)], axis=1)
 # Node of a panel for each node of its image

@@ -63,7 +63,7 @@ class NearRows(_kernels.NearRows):
     """
 
     def split(self, points: int) -> tuple["NearRows", "NearRows"]:
-        """Split into the rows of the first ``points`` points and those of the others."""
+        """Split into the rows of the first ``points`` points and the rows of the rest."""
         begin = int(self.first[points])
         return (
             NearRows(self.first[: points + 1], self.panel[:begin], self.excess[:begin]),
@@ -160,7 +160,7 @@ def _near_groups(
     precision: str,
     min_distance: float = 0.0,
 ) -> list[tuple[Mask, NearRows]]:
-    """Near rows of points off the panels, and of those on a panel, whose contacts reach farther.
+    """Near rows of points off the panels, and of points on a panel with a larger contact range.
 
     Adjacent panels deviate from the true surface by different lengths. If a point on one panel
     counted as above or below the next, the solid angle at their common corner would be halved or
@@ -173,7 +173,7 @@ def _near_groups(
         return []
     on = np.zeros(len(points), dtype=bool) if contact is None else near & contact
     if not on.any():
-        # points without near panels take no entries, so their bounds can be dropped
+        # points without near panels have no entries, so their bounds can be dropped
         lists = np.append(first[:-1][near], first[-1]), panel
         rows = near_rows(nodes, points[near], wavenumber, near_rule, precision, min_distance, lists)
         return [(near, rows)]

@@ -38,11 +38,11 @@ class MovingPanels:
     ----------
     corners : corners and edge midpoints of the panels, as meshed [m].
     inside : second collocation points in the body, as meshed; two for each panel [m].
-    deviation : of the panels from the true surface [m].
+    deviation : distance of the panels from the true surface [m].
     admittance : ρc/Z of the panels, 0 for sound-hard ones.
-    wavenumber : of the sound [rad/m].
+    wavenumber : wavenumber of the sound [rad/m].
     near_rule : how near panels are integrated.
-    low_rank_error : of the matrix.
+    low_rank_error : error of the matrix's low-rank blocks, as in ``assemble``.
     """
 
     corners: QuadraticTriangles
@@ -56,7 +56,7 @@ class MovingPanels:
     __repr__ = in_short
 
     def facing(self, points: Points, share: float) -> "MovingPanels":
-        """Keep the panels that face at least a share of some points (P, 3) [m].
+        """Keep the panels that face at least a fraction ``share`` of points (P, 3) [m].
 
         Sound from sources in front of the body to such points hardly depends on panels that face
         away from most of the points.
@@ -86,8 +86,8 @@ class MovingPanels:
 
         Parameters
         ----------
-        corners : corners and edge midpoints of the panels now [m].
-        inside : second collocation points now [m].
+        corners : moved corners and edge midpoints of the panels [m].
+        inside : moved second collocation points [m].
         sources : monopoles outside the body.
         tolerance : relative residual of the iteration.
 

@@ -191,7 +191,7 @@ def thickness(
         return diameter
     from airtact.geometry.mesh.panel_tree import panel_tree
 
-    # pairs of a node and a panel of its body that may limit the node's largest ball
+    # pairs of a node and a panel of the same body that may limit the node's largest ball
     centres = nodes.points - 0.5 * largest * nodes.normals
     first, panel = near_lists(nodes, centres[unknown], 0.5 * largest + nodes.radii)
     node = np.repeat(unknown, np.diff(first))

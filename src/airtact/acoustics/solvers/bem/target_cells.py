@@ -66,7 +66,7 @@ class Cells:
         """Sum a double layer or monopoles at the points, in their original order.
 
         The sums are in float32 with each cell's centre as origin. A double layer leaves out nodes
-        nearer than ``min_distance`` [m].
+        closer than ``min_distance`` [m].
         """
         cells = len(self.centres)
         at_points = _kernels.Cells(self.points, self.first, self.centres, self.reach)

@@ -76,7 +76,7 @@ class Factor(ABC):
 
 
 class SparseCholesky(Factor):
-    """NGSolve's own L D Lᵀ in double precision."""
+    """NGSolve's L D Lᵀ factorisation in double precision."""
 
     def __init__(self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> None:
         super().__init__(form, free)

@@ -30,7 +30,7 @@ from airtact.errors import InvalidInput, in_mm
 # Netgen's limit on the growth of edges
 GRADING = 0.9
 
-# Fraction of its straight volume that a curved tetrahedron must keep everywhere
+# Smallest allowed ratio of a curved tetrahedron's volume element to the straight one's
 MIN_STRETCH = 0.02
 
 # Points closer together than this coincide [λ]
@@ -45,7 +45,7 @@ BODY = 3
 # Corners of the six edges of a tetrahedron
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
-# Smallest barycentric coordinate of a point inside a tetrahedron, with rounding
+# Smallest barycentric coordinate of a point inside a tetrahedron, with an allowance for rounding
 INSIDE = -1e-7
 
 

@@ -33,9 +33,9 @@ class SurfaceMesh:
     ----------
     vertices : (V, 3) [m].
     triangles : (T, 3) vertex indices, anticlockwise seen from outside the body.
-    middles : (T, 3, 3) the curved surface over the middles of edges 01, 12, 20 [m], the same for
-        both neighbours.
-    body : (T,) obstacle of each.
+    middles : (T, 3, 3) points of the curved surface at the middles of edges 01, 12, 20 [m], the
+        same for both neighbours.
+    body : (T,) index of each triangle's obstacle.
     """
 
     vertices: Float64[np.ndarray, "vertices 3"]
@@ -96,7 +96,7 @@ def _covered(
     bends = bend_sizes(rough.vertices, rough.triangles, rough.ridges, largest / BEND_RATIO)
     sizes = np.minimum(strip_sizes(rough.vertices, rough.ridges, largest), BEND_RATIO * bends)
     if len(neighbours):
-        # Triangles that face another body have edges of 1.5 gaps at most, but never tiny ones.
+        # Triangles that face another body have edges of at most 1.5 gaps, but never tiny ones.
         gap = KDTree(np.concatenate(neighbours)).query(rough.vertices)[0]
         sizes = np.minimum(sizes, np.maximum(1.5 * gap, 0.15 * edge))
     corners = rough.vertices[rough.triangles]

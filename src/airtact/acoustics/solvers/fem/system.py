@@ -61,7 +61,7 @@ class System:
     coarse_surface : fewer quadrature points on the surfaces, enough for receivers a wavelength off.
     weights : (3, bodies) w_d, w_s and w_v of the weak form.
     method : solver that factorises the matrix, "pardiso" or "sparsecholesky".
-    factors : a factor for each parity excited so far.
+    factors : the factorised matrix for each parity excited so far.
     """
 
     scene: Scene
@@ -95,7 +95,7 @@ class System:
         return {parity: self._free(parity, shared=False) for parity in parities(self.mirrors)}
 
     def _free(self, parity: Sequence[int], shared: bool) -> Bool[np.ndarray, "unknowns"]:
-        """Unknowns of one parity, which is 0 on the mirrors that it is odd about.
+        """Unknowns of one parity; an odd parity about a mirror excludes those on it.
 
         ``shared`` selects those that tetrahedra share.
         """
@@ -115,7 +115,7 @@ class System:
         return self.factors[parity]
 
     def right_hand_side(self, positions: SourcePoints, strengths: Strengths) -> Coefficients:
-        """Right-hand side for the pressure that monopoles at positions [λ] scatter."""
+        """Right-hand side for the pressure scattered from monopoles at positions [λ]."""
         # L_y(v) of the weak form, summed over the sources y.
         w_d, w_s, w_v = self.weights
         surface = self.surface
@@ -182,12 +182,12 @@ class System:
         folded, image = self.folded(points)
         panel, reference, _ = self.panels.closest(folded)
         nearest, _ = points_at(self.panels.quadratic_triangles[panel], reference)
-        # The nearest point of the whole surface is the image of that of the meshed part.
+        # The nearest point of the whole surface is the image of the nearest meshed point.
         return np.stack(images(self.mirrors, nearest))[image, np.arange(len(image))]
 
     def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
         """Barycentric coordinates in tetrahedra as NGSolve's points."""
-        # All points in one array of NGSolve's records: mapping them one by one from Python is slow.
+        # All points go into one array of NGSolve's records, because mapping them one by one is slow.
         points: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
         points[:] = self._mesh_point
         points["nr"] = number
@@ -297,7 +297,7 @@ def grade_orders(
 ) -> None:
     """Set the orders of edges, faces and tetrahedra according to their lengths.
 
-    An edge of ``size`` [λ] gets ``order``; ``surface`` are points all over the surfaces [λ].
+    An edge of ``size`` [λ] gets ``order``; ``surface`` are points spread over the surfaces [λ].
     """
     ngsolve = ngsolve_library()
     points = np.array([vertex.point for vertex in mesh.vertices])

@@ -111,11 +111,11 @@ def _filling(scene: Scene, medium: Medium) -> tuple[float, complex]:
 
 
 def _plain(number: complex) -> complex | float:
-    """Return a real number as float: NGSolve is quicker with it."""
+    """Convert a complex number without imaginary part to float, which is faster in NGSolve."""
     return number if number.imag else number.real
 
 
-# Highest order of quadrature in tetrahedra: NGSolve 6.2.2608 mixes up the points of higher ones
+# Highest order of quadrature in tetrahedra; NGSolve 6.2.2608 mixes up the points of higher orders
 MAX_RULE_ORDER = 5
 
 
@@ -125,10 +125,10 @@ class QuadraturePoints:
 
     Attributes
     ----------
-    points, normals : [λ]; the normals out of the body, 0 inside.
-    areas : (Q,) area [λ²] or volume [λ³] that each represents.
-    body : (Q,) obstacle of each.
-    weighted : (unknowns, Q) integrates values at the points against the test functions.
+    points, normals : positions [λ] and outward unit normals; the normals are 0 inside a body.
+    areas : (Q,) area [λ²] or volume [λ³] that each point represents.
+    body : (Q,) index of each point's obstacle.
+    weighted : (unknowns, Q) matrix that integrates values at the points against the test functions.
     """
 
     points: Float64[np.ndarray, "nodes 3"]

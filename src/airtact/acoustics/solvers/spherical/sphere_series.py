@@ -131,7 +131,7 @@ class SphereField(RadiatedField):
         radius = np.linalg.norm(offset, axis=1)
         at_centre = radius == 0.0
         direction = offset / np.where(at_centre, 1.0, radius)[:, None]
-        direction[at_centre] = (0.0, 0.0, 1.0)  # any direction serves
+        direction[at_centre] = (0.0, 0.0, 1.0)  # any direction is valid
         return radius, direction
 
 

@@ -76,7 +76,7 @@ class PlacedBody:
         return bool(squares.min(initial=np.inf) > (radius + reach) ** 2)
 
     def reaches(self, points: Points) -> Mask:
-        """Which points are too near for the skeletons."""
+        """Which points are too close to the body for the skeletons."""
         reach = self.reduced.reach
         near = self.in_box(points, reach)
         if near.any():

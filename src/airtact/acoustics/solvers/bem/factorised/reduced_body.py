@@ -1,4 +1,4 @@
-"""The scattering of one body, reduced to a few of its nodes: its own matrix is inverted once.
+"""The scattering of one body, reduced to a few of its nodes by inverting its matrix once.
 
 For sources and receivers some distance away, a few nodes of a body, its skeletons, determine the
 incident field at all nodes and the field that the nodes radiate, to any accuracy. All other nodes
@@ -240,7 +240,7 @@ def _error_check(
     sources = np.arange(0, len(proxies), -(-len(proxies) // 64))
     beside = np.arange(0, len(nodes.points), -(-len(nodes.points) // 64))
     radiated = _direct_sides(surface, proxies[sources - len(proxies) // 2], np.eye(len(sources)))
-    # 0.06 λ over the surface: half a millimetre at 40 kHz in air
+    # 0.06 λ above the surface: half a millimetre at 40 kHz in air
     height = 0.06 * 2 * np.pi / surface.wavenumber.real
     close = nodes.points[beside] + height * nodes.normals[beside]
     far_sides = _transposed_sides(surface, proxies[sources], np.eye(len(sources)))
