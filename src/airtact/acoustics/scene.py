@@ -307,7 +307,7 @@ def check_not_inside(
 def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
     """Raise if the sources have the wrong type, are inside a body or behind a plane.
 
-    The error calls the sources of ``Target.beacons`` foci. ``planes`` tells whether the solver
+    The error calls the sources of ``Target.beacons`` foci. ``planes`` is True if the solver
     supports planes.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")

@@ -314,8 +314,8 @@ def _triangles(rings: int, around: int, bands: int) -> Triangles:
 def _bands(around: int, length: float) -> int:
     # Height of an equilateral triangle on an edge of the cylinder's rim.
     step = math.sqrt(3.0) * math.sin(math.pi / around)
-    # A cylinder too short for a band of good triangles gets no band, and both caps share one ring in
-    # its middle.
+    # A cylinder too short for a band of good triangles has no band. Both caps then share one ring
+    # in its middle.
     return max(1, round(length / step)) if length > 0.6 * step else 0
 
 

@@ -74,7 +74,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
         check_not_crossed(body)
     solids = {index: solid_of(*_flattened(body)) for index, body in enumerate(bodies)}
     for index in reversed(range(len(bodies))):
-        rest = [solid for other, solid in solids.items() if other != index]
+        rest = [solid for number, solid in solids.items() if number != index]
         volume = solids[index].volume()
         if any((solids[index] - solid).volume() < 1e-9 * volume for solid in rest):
             del solids[index]
@@ -118,7 +118,7 @@ def _links(
         distance = approach(bodies[first], bodies[second])
         if distance is not None:
             near[first, second] = distance
-    links = {pair: found for pair, found in near.items() if found.gap <= gap * (1.0 + 1e-9)}
+    links = {pair: close for pair, close in near.items() if close.gap <= gap * (1.0 + 1e-9)}
     ends = np.array(list(links), dtype=np.int64).reshape(-1, 2)
     part = components(ends[:, 0], ends[:, 1], len(bodies))
     apart = [pair for pair in near if part[pair[0]] != part[pair[1]]]

@@ -16,7 +16,7 @@ Gradients = Complex128[np.ndarray, "points 3 excitations"]  # also velocities
 SourcePoints = Real[np.ndarray, "sources 3"]
 Strengths = Complex128[np.ndarray, "sources excitations"]
 Coefficients = Complex128[np.ndarray, "unknowns excitations"]
-# A number for each point and source, as for unit monopoles
+# A number for each point and source
 Pairs = Float64[np.ndarray, "points sources"]
 ComplexPairs = Complex128[np.ndarray, "points sources"]
 

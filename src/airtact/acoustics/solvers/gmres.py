@@ -119,7 +119,7 @@ def _settled(
     column, row = np.tril_indices(steps)
     triangles = np.zeros((len(residuals), steps, steps), dtype=np.complex128)
     triangles[:, row, column] = spaces.triangles[:, : len(row)]
-    least = np.linalg.svd(triangles, compute_uv=False)[:, -1]
-    size = least * np.linalg.norm(spaces.weights[:, :steps], axis=1)
+    smallest = np.linalg.svd(triangles, compute_uv=False)[:, -1]
+    size = smallest * np.linalg.norm(spaces.weights[:, :steps], axis=1)
     # Without cavities the error is 1.3 to 2.7 times the residual, so up to 3 is well-conditioned.
     return bool(((residuals <= error * size) | (3.0 * size >= 1.0)).all())

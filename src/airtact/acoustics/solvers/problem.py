@@ -207,7 +207,7 @@ class RadiatedField(ABC):
             if obstacle.medium is None and touching.any():
                 gradient[touching] = self._surface_gradient(obstacle, points[touching])
         gradient[~self._valid(points)] = np.nan
-        # ρ ∂v/∂t = −∇p, and e^{−iωt}
+        # from ρ ∂v/∂t = −∇p with the time factor e^{−iωt}
         return gradient / (2j * np.pi * scene.frequency * density[:, None, None])
 
     def _mirrored_at(self, points: Vectors) -> Pressures:
@@ -220,7 +220,7 @@ class RadiatedField(ABC):
     def _surface_gradient(self, obstacle: Obstacle, points: Vectors) -> Gradients:
         """∇p on the surface of a body [Pa/m]: along it, and along the normal by its impedance."""
         project = obstacle.surface.shape.project
-        # The pressure at the nearest surface point does not vary along the normal.
+        # The pressure at the projected point does not vary along the normal.
         step = np.full(len(points), self.scene.wavelength / 40.0)
         gradient = differences(lambda shifted: self._at(project(shifted)), project(points), step)
         if obstacle.ratio is not None:

@@ -206,12 +206,12 @@ def load_samples(
                 f"all {pressures.size} pressures are 0; export a field with sound.",
                 code="all_zero",
             )
-        wanted = sources.strengths.shape[1]
-        if pressures.shape[1] != wanted:
+        excitations = sources.strengths.shape[1]
+        if pressures.shape[1] != excitations:
             raise InvalidInput(
                 f"it has {counted(pressures.shape[1], 'pressure', 'pressures')} per row "
                 f"({'; '.join(names)}), and the sources have "
-                f"{counted(wanted, 'excitation', 'excitations')}; keep one for each.",
+                f"{counted(excitations, 'excitation', 'excitations')}; keep one for each.",
                 code="sizes_differ",
             )
         if time_sign == "e^{+jωt}":
@@ -256,7 +256,7 @@ def _of_frequency(names: Sequence[str], frequency: float) -> list[str]:
                 code="does_not_match",
             )
     frequencies = {name: re.search(r"freq=([0-9.e+-]+)", name) for name in names}
-    stated = {name: float(found[1]) for name, found in frequencies.items() if found}
+    stated = {name: float(match[1]) for name, match in frequencies.items() if match}
     chosen = [name for name in names if abs(stated.get(name, frequency) - frequency) < 0.5]
     if names and not chosen:
         listed = ", ".join(f"{value:g} Hz" for value in sorted(set(stated.values())))

@@ -115,7 +115,7 @@ def _pairs_within(corners: Corners, tolerance: float) -> IndexPairs:
     for level in np.unique(size):
         members = np.flatnonzero(size == level)
         groups.append((members, KDTree(centres[members]), float(reach[members].max())))
-    found = []
+    pairs_by_size = []
     for (first, tree, radius), (second, other, other_radius) in combinations_with_replacement(
         groups, 2
     ):
@@ -123,8 +123,8 @@ def _pairs_within(corners: Corners, tolerance: float) -> IndexPairs:
             other, radius + other_radius + tolerance, output_type="ndarray"
         )
         pairs = np.stack([first[near["i"]], second[near["j"]]], axis=1)
-        found.append(pairs[pairs[:, 0] < pairs[:, 1]] if tree is other else pairs)
-    pairs = np.sort(np.concatenate(found), axis=1)
+        pairs_by_size.append(pairs[pairs[:, 0] < pairs[:, 1]] if tree is other else pairs)
+    pairs = np.sort(np.concatenate(pairs_by_size), axis=1)
     low = corners.min(axis=1) - tolerance
     high = corners.max(axis=1)
     for axis in range(3):  # one axis at a time, without copies of (pairs, 3)

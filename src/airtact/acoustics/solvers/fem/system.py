@@ -187,7 +187,7 @@ class System:
 
     def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
         """Barycentric coordinates in tetrahedra as NGSolve's points."""
-        # All points go into one array of NGSolve's records, because mapping them one by one is slow.
+        # All points are in one array of NGSolve's records; mapping them one by one is slow.
         points: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
         points[:] = self._mesh_point
         points["nr"] = number

@@ -40,7 +40,7 @@ from airtact.timing import Clock, Progress
 # Gap between the bodies and the smallest sphere [λ]; some solutions are invalid closer to a body
 MARGIN = 1.0
 
-# Points along each angle of an interpolated value
+# Number of grid points along each angle for an interpolated value
 SPREAD = 5
 
 
@@ -54,8 +54,8 @@ class InterpolationSpheres:
     radius : of the smallest one [m].
     order : highest order of the expansion.
     values : (A, B, R, S) by polar angle (twice ``order`` points and some beyond the poles), by
-        azimuth (some of them repeated), and by radius, smallest/r being the Chebyshev points of [0,
-        1].
+        azimuth (some are repeated), by radius (``radius``/r are the Chebyshev points of [0, 1]) and
+        by excitation.
     """
 
     centre: Float64[np.ndarray, "3"]
@@ -97,7 +97,7 @@ class MultipoleField(RadiatedField):
     Attributes
     ----------
     solved : the original field, used inside the smallest interpolation sphere.
-    report : of the solve, with the error of the expansion.
+    report : report of the solve, with the error of the expansion.
     errors : (S,) relative error of each excitation, of the solution and the expansion together.
     """
 
@@ -107,7 +107,7 @@ class MultipoleField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Pressure on the surfaces of the bodies, of the original field."""
+        """Pressure of the original field on the surfaces of the bodies."""
         return self.solved.on_surface
 
     @property
@@ -260,7 +260,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
 
 
 def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
-    """Centre and radius of a ball around the bodies, hardly larger than the smallest [m].
+    """Centre and radius of a ball around the bodies, hardly larger than the smallest such ball [m].
 
     The centre moves towards the farthest point in decreasing steps (M. Bădoiu, K. L. Clarkson, SODA
     (2003) 801).
@@ -296,7 +296,7 @@ def _coefficients(
     if unknown:
         raise InvalidInput(
             f"the field is not known at {unknown} of {len(points)} points {1e3 * radius:.3g} mm "
-            "from the middle of the bodies; give one that is known everywhere around them.",
+            "from the middle of the bodies; give a field that is known everywhere around them.",
             code="data_missing",
         )
     scattered = scattered.reshape(order + 1, 2 * order + 1, -1)
@@ -344,7 +344,7 @@ def _table(
 
 
 def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, "points spread"]]:
-    """Index of the first grid point beside each angle, and the weights from there on."""
+    """Index of the first grid point for each angle, and the weights from this point on."""
     position = angles / step
     first = np.ceil(position - SPREAD / 2).astype(np.int64)
     off = (position - first)[:, None] - np.arange(SPREAD)
@@ -363,7 +363,7 @@ def _kernel(off: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]
 def _transform(
     frequencies: Int64[np.ndarray, "frequencies"], fine: int
 ) -> Float64[np.ndarray, "frequencies"]:
-    """Fourier transform of the kernel, on a grid of ``fine`` points a turn."""
+    """Fourier transform of the kernel, on a grid with ``fine`` points per turn."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
     off = 0.5 * SPREAD * nodes
     waves = np.cos(2 * np.pi / fine * frequencies[:, None] * off)
