@@ -105,7 +105,7 @@ class Target:
         pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers fix
             the phases too; with real numbers the method chooses them.
         shares : relative pressures in the same form; give at most one of the two.
-        suppression_points : (Q, 3) where the pressure is suppressed [m].
+        suppression_points : (Q, 3) points where the pressure is suppressed [m].
 
         Raises
         ------
@@ -156,7 +156,7 @@ class Target:
 
     @property
     def wanted(self) -> Complex128[np.ndarray, "foci"]:
-        """(F,) weights with the required phases, or phase 0 where the method chooses it."""
+        """(F,) weights with the required phases, or with phase 0 if the method chooses them."""
         phases = 0.0 if self.phases is None else self.phases
         return self.weights * np.exp(1j * np.asarray(phases))
 

@@ -88,7 +88,7 @@ def polyline(
             f"line {int(lengths.argmin())} of a polyline has no length: its ends coincide.",
             code="all_zero",
         )
-    # Rounding must not add a point where the spacing divides the length.
+    # Rounding must not add a point if the spacing divides the length.
     counts = np.maximum(np.ceil(lengths / spacing - 1e-9), 1.0)
     check_count(counts.sum() + 1.0, spacing)
     parts = [

@@ -95,7 +95,7 @@ class PhasedArray:
         of_kind(element, Element, "the element of an array", "monopole() or piston(radius)")
         normals = _unit(_as_many(normals, positions, "normal"), "normal")
         if tangents is None:
-            # Across each normal: from x, or from y where the normal is near x.
+            # Perpendicular to each normal, from x, or from y if the normal is near x.
             along_x = np.abs(normals[:, :1]) >= 0.9
             tangents = _across(np.where(along_x, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), normals)
         tangents = _unit(_as_many(tangents, positions, "tangent"), "tangent")

@@ -28,7 +28,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
 
     Parameters
     ----------
-    array : made of boards whose outline is known.
+    array : array of boards with a known outline.
     thickness : distance from the faces of the transducers to the back of a board [m], 0.5 to 50 mm.
 
     Raises

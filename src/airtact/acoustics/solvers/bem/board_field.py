@@ -32,7 +32,7 @@ class BoardField(RadiatedField):
     scene : the other bodies.
     boards : the boards alone.
     around : field with elements and boards as sources.
-    reach : distance from a board below which the field is unknown [m].
+    reach : distance from a board within which the field is unknown [m].
     """
 
     boards: Scene

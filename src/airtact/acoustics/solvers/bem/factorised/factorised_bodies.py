@@ -49,7 +49,7 @@ from airtact.timing import Clock
 
 @dataclass(frozen=True, eq=False)
 class PlacedBody:
-    """A reduced body, and the pose from its own frame to the scene."""
+    """A reduced body and its pose, from the body's frame to the scene."""
 
     reduced: ReducedBody
     pose: Pose
@@ -58,12 +58,12 @@ class PlacedBody:
 
     @cached_property
     def local(self) -> Pose:
-        """Pose from the scene to the body's own frame."""
+        """Pose from the scene to the body's frame."""
         return self.pose.inverse()
 
     @cached_property
     def ball(self) -> tuple[Float64[np.ndarray, "3"], float]:
-        """Centre and radius of a ball that holds all nodes [m]."""
+        """Centre and radius of a ball that contains all nodes [m]."""
         tree = self.reduced.tree
         centre = self.pose.apply(0.5 * (tree.mins + tree.maxes))
         return centre, 0.5 * float(np.linalg.norm(tree.maxes - tree.mins))
@@ -109,7 +109,7 @@ class PlacedBody:
         )
 
     def coupling_from(self, source: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
-        """−D(x) + i D(x') at the rows' skeleton, D the double layer of the source's columns."""
+        """−D(x) + i D(x') at the rows' skeleton, with D from the source's columns."""
         count = len(self.reduced.rows)
         points = self.pose.apply(self.reduced.row_points)
         nodes, normals, single = source.reduced.column_nodes
@@ -196,7 +196,7 @@ class FactorisedField(RadiatedField):
         )
 
     def _valid(self, points: Vectors) -> Mask:
-        # outside the bodies, and farther off than the skeletons' reach
+        # outside the bodies and beyond the skeletons' reach
         if all(body.clear_of(points, body.reduced.reach) for body in self.placed):
             return np.ones(len(points), dtype=bool)
         valid = ~np.any([body.reaches(points) for body in self.placed], axis=0)
@@ -278,7 +278,7 @@ class FactorisedBodies(Solver):
         )
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Solve for the monopoles, with each body where the scene has it.
+        """Solve for the monopoles, with each body at its pose in the scene.
 
         The scene must have the same bodies, moved rigidly or not, in the same medium at the same
         frequency. The monopoles are outside the bodies or on their surfaces. If two bodies are
@@ -378,7 +378,7 @@ class FactorisedBodies(Solver):
         ):
             same = (before.boundary, before.ratio) == (after.boundary, after.ratio)
             pose, off = rigid_motion(before.surface, after.surface)
-            # vertices may be off by a thousandth of the wavelength
+            # vertices may deviate by a thousandth of the wavelength
             if not same or off > 1e-3 * self.scene.wavelength:
                 raise InvalidInput(
                     f"body {index} is not the one that was factorised, moved rigidly: factorise "

@@ -2,8 +2,8 @@
 
 For sources and receivers some distance away, a few nodes of a body, its skeletons, determine the
 incident field at all nodes and the field that the nodes radiate, to any accuracy. All other nodes
-are linear combinations of the skeletons. The nodes and the combinations follow
-from monopoles on a surface around the body (the proxy surface).
+are linear combinations of the skeletons. The nodes and the combinations follow from monopoles on a
+surface around the body (the proxy surface).
 
 Source: P. G. Martinsson and V. Rokhlin, "A fast direct solver for boundary integral equations in
 two dimensions", Journal of Computational Physics 205 (2005) 1.
@@ -160,7 +160,7 @@ class ReducedBody:
 
 
 def reduced_body(surface: DualSurface, reach: float, goal: float) -> ReducedBody:
-    """Invert a body's own matrix and find its skeletons.
+    """Invert a body's matrix and find its skeletons.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def reduced_body(surface: DualSurface, reach: float, goal: float) -> ReducedBody
     factors = scipy.linalg.lu_factor(matrix, overwrite_a=True, check_finite=False)
     error_of = _error_check(surface, proxies, factors)
     kind = factors[0].dtype.type
-    # 12 random combinations of the proxies for each square wavelength of surface to begin with
+    # start with 12 random combinations of the proxies for each square wavelength of surface
     area = float(surface.nodes.weights.sum()) * (surface.wavenumber.real / (2 * np.pi)) ** 2
     count = min(math.ceil(12 * (area + 4)), len(proxies))
     tolerance = 0.3 * goal
@@ -181,7 +181,7 @@ def reduced_body(surface: DualSurface, reach: float, goal: float) -> ReducedBody
     while True:
         rows, of_rows = _skeleton(_direct_sides, surface, proxies, count, tolerance)
         columns, of_columns = _skeleton(_transposed_sides, surface, proxies, count, tolerance)
-        # solve for the skeleton of the rows only: a few columns instead of all nodes
+        # solve only for the skeleton of the rows, a few columns instead of all nodes
         exact = scipy.linalg.lu_solve(factors, of_rows.T.astype(kind), check_finite=False)
         full = np.ascontiguousarray(exact.T)
         scattering = rounded(full @ of_columns.T.astype(kind), goal)
