@@ -103,7 +103,7 @@ DRAWN = """() => {
 def test_the_page_shows_the_sound_with_the_hand_in_its_place(browser) -> None:
     with Loop() as loop:
         page = opened_page(browser, loop.page.address)
-        page.get_by_text("with the hand as it was").wait_for()
+        page.get_by_text("pressure for the hand").wait_for()
         page.close()
 
 

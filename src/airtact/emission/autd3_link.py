@@ -57,13 +57,13 @@ class AUTD3Link(Link):
         address: str | None = None,
         sound_speed: float | None = None,
     ) -> None:
-        of_kind(poses, list | tuple, "where the boards stand", "a list of Pose, one for each board")
+        of_kind(poses, list | tuple, "the value of poses", "a list of Pose, one for each board")
         for index, pose in enumerate(poses):
             of_kind(pose, Pose, f"pose {index}", "Pose(rotation, translation)")
         super().__init__("autd3", len(poses))
         if through not in THROUGH:
             raise InvalidInput(
-                f"{through!r} is none of the ways to AUTD3: {', '.join(THROUGH)}.",
+                f"{through!r} is not an AUTD3 connection: give one of {', '.join(THROUGH)}.",
                 code="unknown_name",
             )
         if through in ("remote", "simulator") and address is None:

@@ -127,6 +127,6 @@ def codec_of(board: Board | str) -> Codec:
     if kind.name == "sonicsurface":
         return Codec(kind, on_off, _sonicsurface, baud=230_400)
     raise InvalidInput(
-        f"the messages of {kind.name} boards are not known here; add them to codec_of.",
+        f"there is no codec for {kind.name} boards; add one to codec_of.",
         code="not_supported",
     )

@@ -216,7 +216,7 @@ class Emission:
         LinkFailed
             If the link fails or the emission has ended.
         """
-        check_drive(drive, "what is emitted")
+        check_drive(drive, "the drive to emit")
         self.link.check_elements(len(drive))
         return self._play(drive.amplitudes[None], np.ones(1), 0.0, wait)
 
@@ -281,7 +281,7 @@ class Emission:
         LinkFailed
             As ``play``.
         """
-        check_drive(drive, "what is emitted")
+        check_drive(drive, "the drive to emit")
         self.link.check_elements(len(drive))
         envelope, rate = self._frames_of(
             AmplitudeModulation() if modulation is None else modulation
@@ -373,7 +373,7 @@ class Emission:
         return modulation.envelope(count), rate
 
     def _check_sequence(self, sequence: Sequence) -> None:
-        of_kind(sequence, Sequence, "what is played", "Sequence(drives, rate)")
+        of_kind(sequence, Sequence, "the sequence to play", "Sequence(drives, rate)")
         self.link.check_elements(sequence.drives.shape[1])
         self.link.check_sequence(len(sequence), sequence.rate)
 
@@ -382,7 +382,7 @@ class Emission:
         link = self.link
         if link.poses is None:
             raise InvalidInput(
-                f"the {link.name} link does not know where its {link.boards} boards are, so no "
+                f"the poses of the {link.boards} boards of the {link.name} link are unknown, so no "
                 "safe level can be computed: give a cap, such as 0.1.",
                 code="key_missing",
             )

@@ -282,7 +282,7 @@ class Link(ABC):
     def _end(self) -> None: ...
 
     def _check(self, frame: Frame) -> None:
-        of_kind(frame, Frame, "what is sent", "quantise(drive, link.levels)")
+        of_kind(frame, Frame, "the frame to send", "quantise(drive, link.levels)")
         if not self._open:
             raise InvalidInput(
                 f"the {self.name} link is not open ({self.sent} frames sent): open it first.",

@@ -1,1 +1,1 @@
-"""Reading of files within size limits, atomic writing, and tables of text."""
+"""Reading of files within size limits, atomic writing, and text tables."""

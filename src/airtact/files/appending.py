@@ -1,4 +1,4 @@
-"""Process that appends rows to an HDF5 file, independent of slow disks and killed programs.
+"""Process that appends rows to an HDF5 file, unaffected by slow disks and killed programs.
 
 ``python -m airtact.files.appending FILE`` reads messages from its standard input: 8 bytes of
 length, then a pickled mapping from names to values. The values of ``"attributes"`` become

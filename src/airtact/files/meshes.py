@@ -41,7 +41,7 @@ def read_mesh(
     """
     scene = _scene(path)
     with _describing_damage(path):
-        # Instances share one mesh, so they are counted before they are copied.
+        # Instances share one mesh, so count triangles before copying them.
         parts = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
         _check_triangles(sum(len(getattr(part, "faces", ())) for part in parts))
         mesh = scene.to_mesh()
@@ -83,9 +83,9 @@ def _scene(path: Path) -> Any:
     if not path.is_file():
         raise InvalidInput(f"there is no file {path}.", code="file_missing")
     content = bytes_of(path, LARGEST_MESH_FILE)
-    import trimesh  # takes as long to import as all the rest of airtact
+    import trimesh  # imported here because it takes as long as all the rest of airtact
 
-    # Otherwise trimesh prints tracebacks.
+    # Silence the tracebacks that trimesh prints.
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     with _describing_damage(path):
         if suffix in (".stl", ".obj"):

@@ -153,7 +153,7 @@ def read_text_table(path: Path) -> TextTable:
 
 
 def _check_separators(file: str, line: int, text: str) -> None:
-    """Raise for semicolons as separators."""
+    """Raise if semicolons separate the cells."""
     if ";" in text and "," not in text:
         raise InvalidInput(
             f"line {line} of {file} has semicolons instead of commas; separate cells by commas.",

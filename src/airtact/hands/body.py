@@ -1,8 +1,8 @@
 """The body of a hand: blended convex hulls of two or three balls each.
 
 Source: A. Tkach, M. Pauly, A. Tagliasacchi, "Sphere-meshes for real-time hand modeling and
-tracking", ACM Trans. Graph. 35, 222 (2016): the hull of balls is all points nearer to some point
-of their simplex than the radius interpolated there.
+tracking", ACM Trans. Graph. 35, 222 (2016): the hull of balls contains all points that are nearer
+to some point of their simplex than the radius interpolated there.
 """
 
 from dataclasses import dataclass
@@ -36,9 +36,9 @@ class Look(NamedTuple):
     Attributes
     ----------
     distance : (P,) to the skin [m], negative inside.
-    gradient : (P, 3) of the distance, with the blend radius held fixed.
-    bend : (P,) radius of curvature of the skin there [m].
-    facing : (P,) distance to the nearest hull that is separate from the nearest one [m].
+    gradient : (P, 3) gradient of the distance at constant blend radius.
+    bend : (P,) radius of curvature of the skin [m].
+    facing : (P,) distance to the nearest hull among those separate from ``nearest`` [m].
     nearest : (P,) index of the nearest hull.
     """
 
@@ -54,14 +54,14 @@ class Hulls:
     """Convex hulls of balls, and how they are blended.
 
     Two hulls with outward normals n, m are blended by the smooth minimum of their distances with a
-    blend radius of ``blend`` (1 - n·m)/2. Skins that face each other merge if they are nearer than
-    half of ``blend``. A right angle has half that radius, and hulls that share a ball join without
-    a bulge.
+    blend radius of ``blend`` (1 - n·m)/2. Skins that face each other merge if their distance is
+    less than half of ``blend``. A right angle has half that radius, and hulls that share a ball
+    join without a bulge.
 
     Attributes
     ----------
     balls : (B, 4) centres and radii [m].
-    parts : (H, 3) the two or three balls of each hull; the third is -1 for two.
+    parts : (H, 3) indices of the two or three balls of each hull; the third is -1 for two balls.
     blend : (H, H) blend radius of skins that face each other [m]; 0 for none.
     apart : (H, H) 1 for pairs of separate hulls, else 0.
     """
@@ -86,8 +86,8 @@ class Hulls:
     ) -> Look:
         """Evaluate distance, gradient and surroundings of points (P, 3) [m].
 
-        Separate hulls are cut back to a distance ``carve`` [m] from each other. Hulls farther than
-        the nearest by more than ``reach`` [m] and the largest blend radius are ignored.
+        Separate hulls are cut back until they are ``carve`` [m] apart. Hulls are ignored if they
+        are farther than the nearest one by more than ``reach`` [m] plus the largest blend radius.
         """
         reach = max(reach, carve, float(self.blend.max()))
         return Look(
@@ -97,7 +97,7 @@ class Hulls:
         )
 
     def each(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points hulls"]:
-        """Distance of points (P, 3) [m] to each hull by itself (P, H) [m]."""
+        """Distance (P, H) [m] of points (P, 3) [m] from each hull without blending."""
         return _kernels.hull_distances(points, self.balls, self.parts)
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Points:
@@ -110,9 +110,9 @@ class Hulls:
             self.blend,
             self.apart,
             float(self.blend.max()),
-            12,  # Newton iterations at most
+            12,  # maximum number of Newton iterations
             2e-3,  # longest step of an iteration [m]
-            1e-9,  # a point is on the skin within this distance [m]
+            1e-9,  # tolerance of the distance from the skin [m]
             0.5e-3,  # range of a bisection if the iteration does not converge [m]
             24,  # steps of that bisection
         )
@@ -150,8 +150,8 @@ class Touch:
     Attributes
     ----------
     first, second : names of the parts.
-    gap : between their skins, negative where they overlap [m].
-    place : (3,) between them [m].
+    gap : gap between their skins, negative if they overlap [m].
+    place : (3,) position between them [m].
     """
 
     first: str
@@ -172,7 +172,7 @@ class Touch:
 
 
 def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
-    """Build the body of a hand, and find where parts merge that are separate in an open hand."""
+    """Build the body of a hand, and find merged parts that are separate in an open hand."""
     scale = hand_length(joints) / GENERIC_LENGTH
     # Blend radii were tuned on the generic hand. The ball of the web is thinner than the thumb.
     thumb = np.append(0.5 * (joints[1] + joints[2]), 0.4 * (radii[1] + radii[2]))
@@ -193,7 +193,7 @@ def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
 
 
 def part_name(part: int) -> str:
-    """Name of the part of the hand that contains a hull."""
+    """Return the name of the part of the hand that contains a hull."""
     if part >= FREE:
         return "palm"
     finger = FINGERS[OWNER[part]]
@@ -204,7 +204,7 @@ def part_name(part: int) -> str:
 
 @cache
 def _open_hand_blend() -> HullPairs:
-    """Blend radii of parts that are connected in every pose, for a generic hand [m]."""
+    """Return the blend radii of parts connected in every pose, for a generic hand [m]."""
     count = len(PARTS)
     blend = np.zeros((count, count))
     balls = [set(part.tolist()) - {-1} for part in PARTS]
@@ -228,8 +228,8 @@ def _joined_skins(
 ) -> list[tuple[int, int, float, Point]]:
     """Find phalanges whose skin merges with a separate hull, nearest pairs first.
 
-    Skins nearer than 0.3 mm merge. Beside such a pair, neighbouring hulls merge if nearer than
-    2 mm, because tiny tunnels would remain between them.
+    Skins less than 0.3 mm apart merge. Beside such a pair, neighbouring hulls merge if they are
+    less than 2 mm apart, because tiny tunnels would remain between them.
     """
     samples = 25
     starts = hulls.balls[PARTS[:FREE, 0]]
@@ -242,7 +242,7 @@ def _joined_skins(
     phalanx, hull = np.nonzero((gaps.min(axis=1) < 1.2 * 2e-3) & apart[:FREE])
     if len(phalanx) == 0:
         return []
-    # Refine the nearest sphere along each phalanx, on ever finer grids about the best one.
+    # Refine the nearest sphere along each phalanx, on finer and finer grids around the best one.
     middle = shares[gaps.argmin(axis=1)[phalanx, hull]]
     width = 1.0 / (samples - 1)
     rows = np.arange(len(phalanx))
@@ -262,12 +262,12 @@ def _joined_skins(
     near = gap < 0.3e-3
     touching = np.zeros(hulls.blend.shape, dtype=bool)
     touching[tuple(pairs[near].T)] = True
-    # Pairs beside a touching pair: each hull is one of its hulls, or connected to one.
+    # Pairs beside a touching pair: each hull belongs to that pair or is connected to it.
     joined = (hulls.blend > 0.0).astype(np.int64) + np.eye(len(PARTS), dtype=np.int64)
     beside = joined @ (touching | touching.T).astype(np.int64) @ joined > 0
     order = np.argsort(gap, kind="stable")
     order = order[(near | (beside[tuple(pairs.T)] & (gap < 2e-3)))[order]]
-    # Pairs of phalanges occur twice, once from each side; the nearer one remains.
+    # Pairs of phalanges occur twice, once from each side: keep the nearer one.
     order = order[np.sort(np.unique(pairs[order], axis=0, return_index=True)[1])]
     joints = []
     for index in order:

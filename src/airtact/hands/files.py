@@ -17,7 +17,7 @@ from airtact.hands.joints import NAMES, Points, Side
 # Largest distance of a focus from a place of a hand [m].
 ROOM = 0.2
 
-# Endings of the names of files that clouds are read from.
+# File name extensions of point clouds.
 CLOUD_ENDINGS = (".ply", ".xyz", ".npy")
 
 
@@ -38,8 +38,8 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
     path : a file with ``positions_m``, 25 points in the order of WebXR or 21 in the order of
         MediaPipe [m]. Optional are ``radii_m``, one for each point [m], ``side``, and ``joints``,
         the 25 names of WebXR in its order.
-    gap : distance of the last phalanges of thumb and index finger, to which both are turned [m],
-        above 0 and at most 0.15; None leaves the pose unchanged.
+    gap : wanted gap between the last phalanges of thumb and index finger [m], above 0 and at most
+        0.15; both fingers are turned to reach it. None leaves the pose unchanged.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | 
 def _read_pose(path: Path) -> Pose:
     try:
         pose = msgspec.json.decode(text_of(path, 1_000_000), type=Pose)
-    # Deep nesting must not end in a traceback.
+    # Deep nesting must not cause a traceback.
     except (msgspec.MsgspecError, RecursionError) as error:
         raise InvalidInput(
             f"it is not a pose of a hand: {error or 'its brackets are nested too deeply'}.",
@@ -109,7 +109,7 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
     ----------
     path : a GLB file whose nodes have the 25 names of WebXR, in the rest pose of its mesh.
     scale : metres per unit of the file, as for ``load_surface``.
-    side : ``"right"`` or ``"left"``; found from the bends of the fingers unless given.
+    side : ``"right"`` or ``"left"``; by default it follows from the bends of the fingers.
 
     Raises
     ------

@@ -82,7 +82,7 @@ class Hand:
 
     @property
     def touches(self) -> tuple[Touch, ...]:
-        """Merged skins: those of separate parts that are nearer than 0.3 mm."""
+        """Merged skins: those of separate parts less than 0.3 mm apart."""
         return self._body[1]
 
     @cached_property
@@ -139,7 +139,7 @@ class Hand:
             If the name is unknown, or the position is inside the body because a finger touches it.
         """
         point, normal = self.position(name)
-        # Exact places are on the skin to rounding; a micrometre inside is inside.
+        # Exact places are on the skin up to rounding; a micrometre of depth counts as inside.
         depth = float(self.shape.depth(point[None])[0])
         if depth > 1e-6:
             raise InvalidInput(
@@ -186,7 +186,7 @@ class Hand:
         height = within(height, 0.0, 1.0, "the height of a hand", "m", slip)
         point, normal = self.place(place)
         front = array.normals.mean(axis=0)
-        # Unit normals that mostly cancel: a box has 0, a bowl of half a sphere 0.5.
+        # Small if the unit normals mostly cancel: 0 for a box, 0.5 for a hemispherical bowl.
         if np.linalg.norm(front) < 0.3:
             raise InvalidInput(
                 "the elements radiate in all directions, so the array has no front; use "
@@ -236,7 +236,7 @@ class Hand:
         InvalidInput
             As ``hand_from_joints``.
         """
-        # The radii stay: skin does not swell from one frame to the next.
+        # Keep the radii, because skin does not swell from one frame to the next.
         new = hand_from_joints(joints, self.radii, side=self.side)
         return Hand(new.joints, new.radii, new.side, self.shape.keyframe)
 
@@ -245,8 +245,8 @@ class Hand:
         root, tip = CHAINS[finger][-2:]
         along = self.joints[tip] - self.joints[root]
         bone = unit(along)
-        # The pad faces the side to which the finger bends. The skin of the last bone is a cone,
-        # whose normal leans towards its tip by the taper.
+        # The pad faces the direction in which the finger bends. The skin of the last bone is a
+        # cone, whose normal leans towards its tip by the taper.
         out = unit(cross(bending_axis(self.joints, self.side, finger), bone))
         taper = (self.radii[root] - self.radii[tip]) / float(np.linalg.norm(along))
         normal = math.sqrt(max(1.0 - taper**2, 0.0)) * out + taper * bone
@@ -257,9 +257,9 @@ class Hand:
     def _palm(self) -> Place:
         back = unit(cross(self.joints[11] - self.joints[0], self.joints[6] - self.joints[21]))
         inwards = back if self.side == "right" else -back
-        # Between the metacarpals of the four fingers, then 30 mm outwards, clear of the skin.
+        # Start between the metacarpals of the four fingers, 30 mm outwards, outside the skin.
         point = self.joints[[5, 6, 10, 11, 15, 16, 20, 21]].mean(axis=0) - 0.03 * inwards
-        # Sphere tracing: no step is longer than the distance, so it ends at the first skin.
+        # Sphere tracing: no step is longer than the distance, so it stops at the skin.
         for _ in range(60):
             distance = float(self.shape.hulls.look(point[None]).distance[0])
             if distance < 1e-9:
@@ -289,7 +289,7 @@ def hand_from_joints(
     ------
     InvalidInput
         For missing joints, NaN, millimetres, bones of impossible length, fingers out of order,
-        implausible radii, and a side that the bends of the fingers contradict or do not determine.
+        implausible radii, and a side that the bends of the fingers contradict or leave unclear.
     """
     # The order matters: swapped fingers would be reported as an unclear side.
     joints = joints_of(positions)
@@ -303,8 +303,8 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
 
     Parameters
     ----------
-    surface : of the hand, in the frame of the joints.
-    hand : built from the joints.
+    surface : surface of the hand, in the same coordinates as the joints.
+    hand : hand built from the joints.
 
     Returns
     -------
@@ -315,7 +315,7 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
     ------
     InvalidInput
         If a position is farther than 10 mm from the surface, or its normal deviates by more than
-        60 degrees: the joints have another frame or pose, or fingers touch there.
+        60 degrees: the joints have other coordinates or another pose, or fingers touch there.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as load_surface(path)")
     of_kind(hand, Hand, "the hand", "one Hand, such as load_rigged_hand(path)")

@@ -63,15 +63,15 @@ BONES = (
     *(bone for chain in CHAINS for bone in pairwise(chain)),
 )
 
-# Shortest bones, of a child, and longest ones [mm]: wrist to metacarpal, metacarpal, proximal,
-# intermediate and last phalanx; the thumb has no intermediate phalanx.
+# Shortest (child) and longest bones [mm]: wrist to metacarpal, metacarpal, proximal, intermediate
+# and last phalanx; the thumb has no intermediate phalanx.
 _BONE_LIMITS = 1e-3 * np.array([[10, 25, 18, 10, 8], [80, 110, 80, 60, 50]])
 _BONE_LIMITS = _BONE_LIMITS[:, [0] * 5 + [1, 2, 4] + 4 * [1, 2, 3, 4]]
 
-# Index among the 25 joints of each of the 21 of MediaPipe and Leap.
+# Index of each of the 21 joints of MediaPipe and Leap among the 25 of WebXR.
 TRACKED = np.array([0, 1, 2, 3, 4, *(joint for chain in CHAINS[1:] for joint in chain[1:])])
 
-# Radius of the skin round each joint of the generic hand [m].
+# Radius of the skin around each joint of the generic hand [m].
 GENERIC_RADII = fixed(
     1e-3
     * np.array(
@@ -189,7 +189,7 @@ def radii_of(
 
 
 def hand_length(joints: Joints) -> float:
-    """Length of a hand along its bones, wrist to the tip of the middle finger [m]."""
+    """Return the length of a hand along its bones, wrist to tip of the middle finger [m]."""
     return float(np.linalg.norm(np.diff(joints[[0, 11, 12, 13, 14]], axis=0), axis=1).sum())
 
 
@@ -224,9 +224,9 @@ def checked_side(
 
 
 def side_evidence(joints: Joints) -> float:
-    """Sum of the sines of all bends and of the thumb's lean; positive for a right hand."""
-    # Fingers only bend towards the palm. Across the palm from the little finger, all bends of a
-    # right hand turn the same way, and those of a left one the other way.
+    """Return the sum of the sines of all bends and the thumb's lean; positive for a right hand."""
+    # Fingers only bend towards the palm. Viewed across the palm from the little finger, all bends
+    # of a right hand turn one way, and those of a left hand the other way.
     across = unit(joints[6] - joints[21])
     back = unit(cross(joints[11] - joints[0], across))
     bones = np.diff(joints[np.array(CHAINS[1:])], axis=1)
@@ -272,7 +272,7 @@ def unit(vector: Point) -> Point:
 
 
 def cross(a: Point, b: Point) -> Point:
-    """Cross product of two vectors (3,), ten times as fast as ``numpy.cross`` for one pair."""
+    """Return the cross product of two vectors (3,), ten times as fast as ``numpy.cross``."""
     x, y, z = a.tolist()
     u, v, w = b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

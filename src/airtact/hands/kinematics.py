@@ -13,12 +13,12 @@ from airtact.errors import InvalidInput
 from airtact.hands.body import OWNER, PARTS, Hulls
 from airtact.hands.joints import BONES, CHAINS, FINGERS, Joints, Point, Radii, cross, unit
 
-# Usual bend of a finger's last joint over that of its middle one; they share a tendon.
+# Usual ratio of the bends of a finger's last and middle joint, which share a tendon.
 LAST_BEND_SHARE = 2.0 / 3.0
 
 
 def bending_axis(joints: Joints, side: str, finger: int) -> Point:
-    """Find the unit axis (3,) about which a positive angle bends a finger, 0 (thumb) to 4."""
+    """Return the unit axis (3,) about which a positive angle bends a finger, 0 (thumb) to 4."""
     sign = 1.0 if side == "right" else -1.0
     across = unit(joints[6] - joints[21])
     bones = np.diff(joints[list(CHAINS[finger][-4:])], axis=0)
@@ -28,7 +28,7 @@ def bending_axis(joints: Joints, side: str, finger: int) -> Point:
         back = sign * unit(cross(joints[11] - joints[0], across))
         towards = unit(0.5 * (joints[6] + joints[7]) - joints[4]) - 0.5 * back
         return unit(cross(bones[-1], towards))
-    # The palm's own axis, at a weight of 0.3, keeps that of a straight finger steady.
+    # The axis of the palm, with a weight of 0.3, stabilises the axis of a straight finger.
     palm = sign * across
     bends = sum(cross(first, second) for first, second in pairwise(bones))
     axis = unit(0.3 * palm + (bends if bends @ palm > 0.0 else 0.0))
@@ -65,7 +65,7 @@ def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: 
         best = int(np.abs(np.hypot(ahead, aside) - np.linalg.norm(reach)).argmin())
         axis = across if finger else bending_axis(landmarks, side, 0)
         if np.linalg.norm(np.cross(axis, reach)) < 1e-3:
-            continue  # the tip is too near to its knuckle or the axis to determine the plane
+            continue  # the tip is too close to the knuckle or the axis to determine the plane
         up = unit(np.cross(axis, reach))
         directions = bends[best] - np.arctan2(aside[best], ahead[best])
         ways = np.outer(np.cos(directions), unit(reach)) + np.outer(np.sin(directions), up)
@@ -74,7 +74,7 @@ def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: 
 
 
 def gap_of(joints: Joints, radii: Radii, fingers: tuple[int, int]) -> float:
-    """Gap between the skins of two fingers' last phalanges [m], negative where they overlap."""
+    """Return the gap between the last phalanges of two fingers [m], negative if they overlap."""
     first, second = (int(np.flatnonzero(finger == OWNER)[-1]) for finger in fingers)
     balls = np.column_stack([joints, radii])
     start, end = balls[PARTS[first, :2]]

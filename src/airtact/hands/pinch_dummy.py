@@ -1,4 +1,4 @@
-"""The paper's model of a pinching hand: thumb and forefinger as two capsules.
+"""The paper's model of a pinching hand: thumb and index finger as two capsules.
 
 Source: seed paper (Inoue, Makino, Shinoda 2014), section 4, with the idealisation of
 ``docs/architecture.md``.
@@ -31,8 +31,8 @@ class Pinch:
     Attributes
     ----------
     surfaces : the thumb (at -x) and the finger (at +x).
-    pads : (2, 3) point of each skin nearest the other [m].
-    normals : (2, 3) outward unit normals there.
+    pads : (2, 3) point of each skin nearest to the other [m].
+    normals : (2, 3) outward unit normals at the pads.
     gap : distance between the pads [m].
     """
 
@@ -66,13 +66,13 @@ class Pinch:
 
 
 def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
-    """Build thumb and finger of a pinch.
+    """Build the thumb and the finger of a pinch.
 
     Tip centres are at (∓(gap/2 + 8 mm), 0, 0), axes run 44 mm down (-z) and 20° outward.
 
     Parameters
     ----------
-    gap : distance of the two skins [m], above zero and at most 0.2.
+    gap : distance between the two skins [m], above zero and at most 0.2.
     edge : longest edge of the triangles [m].
 
     Raises
@@ -93,7 +93,7 @@ def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
     )
     thumb = capsule(roots[0], tips[0], RADIUS, edge)
     finger = capsule(roots[1], tips[1], RADIUS, edge)
-    # adding zero turns -0.0 into 0.0
+    # Adding zero turns -0.0 into 0.0.
     normals = np.outer(-side, [1.0, 0.0, 0.0]) + 0.0
     pads = np.outer(side, [gap / 2.0, 0.0, 0.0]) + 0.0
     return Pinch((thumb, finger), fixed(pads), fixed(normals), gap)

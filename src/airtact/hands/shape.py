@@ -17,7 +17,7 @@ from airtact.hands.body import Hulls
 from airtact.hands.joints import PerPoint, Point, Points, unit
 from airtact.hands.skin_mesh import HandMesh, Vertices, even_skin, midpoints, settled
 
-# Motion up to which a frame keeps the keyframe that it follows [m].
+# Largest motion for which a frame keeps the keyframe of the previous frame [m].
 NEAR_KEYFRAME = 2.5e-3
 
 # Longest chain of keyframes: deforming a mesh along it takes no longer than a new mesh.
@@ -26,18 +26,18 @@ MAX_KEYFRAMES = 16
 
 @dataclass(frozen=True, eq=False)
 class HandShape(Shape):
-    """The exact body of a hand at a pose.
+    """The exact body of a hand in a pose.
 
     In a sequence, a mesh is deformed from the mesh of an earlier frame, the keyframe, whose mesh is
-    deformed from the keyframe before it. The poses alone determine the keyframes, so a mesh depends
+    deformed from the previous keyframe. The poses alone determine the keyframes, so a mesh depends
     only on the bodies in this chain and not on earlier computations.
 
     Attributes
     ----------
-    hulls : the body where it was built.
-    pose : relative to the frame in which it was built.
-    follows : the keyframe whose meshes are deformed to this shape's, or None.
-    meshes : cached meshes at rest, by their edge [m].
+    hulls : the body as built.
+    pose : pose relative to the frame in which the body was built.
+    follows : the keyframe whose meshes are deformed to fit this shape, or None.
+    meshes : cached meshes of the body as built, by edge length [m].
     """
 
     hulls: Hulls
@@ -49,7 +49,7 @@ class HandShape(Shape):
 
     @cached_property
     def keyframe(self) -> "HandShape":
-        """The keyframe of the next frame: the keyframe of this shape if it is near, else itself."""
+        """Keyframe of the next frame: this shape's keyframe if it is near, else this shape."""
         if self.follows is None or motion(self.follows.hulls, self.hulls) > NEAR_KEYFRAME:
             return self
         return self.follows
@@ -72,7 +72,7 @@ class HandShape(Shape):
 
     @property
     def extent(self) -> float:
-        # Hulls lie within the box around their balls.
+        # The box around the balls contains the hulls.
         centres = self.hulls.balls[:, :3]
         radii = self.hulls.balls[:, 3:]
         return float(((centres + radii).max(axis=0) - (centres - radii).min(axis=0)).max())
@@ -105,7 +105,7 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Diameter (P,) [m] of an inner ball at each point: ``largest`` if such a ball fits."""
+        """Diameter (P,) [m] of an inner ball at each point: ``largest`` if it fits, or a bound."""
         smallest = self.least_thickness
         if smallest >= largest:
             return np.full(len(points), smallest)
@@ -120,7 +120,7 @@ class HandShape(Shape):
         return self.pose.apply(self.hulls.project(self.pose.inverse().apply(points)))
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover it with curved panels about as large as equilateral triangles of an edge [m]."""
+        """Return curved panels about as large as equilateral triangles with an edge length [m]."""
         return self.pose.apply(curved_panels(self.hulls, self.skin(edge)))
 
     def extreme_points(self) -> Points:
@@ -134,7 +134,7 @@ class HandShape(Shape):
         return [RidgedMesh(self.pose.apply(skin.vertices), skin.triangles, no_ridges)]
 
     def skin(self, edge: float) -> HandMesh:
-        """Mesh it at rest with even triangles of an edge [m], from a keyframe's if possible."""
+        """Return even triangles with an edge length [m], deformed from a keyframe if possible."""
         if edge not in self.meshes:
             mesh = None
             if self.follows is not None:
@@ -148,7 +148,7 @@ class HandShape(Shape):
 
 
 def curved_panels(hulls: Hulls, skin: HandMesh) -> QuadraticTriangles:
-    """Curve triangles by the points of the skin over the middles of their edges."""
+    """Curve triangles through the points of the skin above the midpoints of their edges."""
     return np.concatenate([skin.vertices[skin.triangles], midpoints(hulls, skin)], axis=1)
 
 
@@ -156,16 +156,16 @@ def curved_panels(hulls: Hulls, skin: HandMesh) -> QuadraticTriangles:
 
 
 def motion(before: Hulls, now: Hulls) -> float:
-    """Largest motion of a ball relative to the rigid motion of the hand [m]."""
+    """Return the largest motion of a ball relative to the rigid motion of the hand [m]."""
     turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     off = before.balls[:, :3] @ turn.T + shift - now.balls[:, :3]
     return float(np.linalg.norm(off, axis=1).max())
 
 
 def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh | None:
-    """Deform the mesh of a body with edges of a length [m] to another pose with the same touches.
+    """Deform a mesh with an edge length [m] to another pose in which the same parts touch.
 
-    The triangles stay the same. None if a triangle becomes too thin or too long.
+    The triangles stay the same. Return None if a triangle becomes too thin or too long.
     """
     weights = hull_weights(before, mesh.vertices)
     vertices = moved_with_hulls(before, now, mesh.vertices, weights)
@@ -177,7 +177,7 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
 
 
 def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "vertices hulls"]:
-    """Weigh hulls by how near they are to vertices (V, 3) [m]; weights of a vertex sum to 1."""
+    """Weight hulls by their proximity to vertices (V, 3) [m]; weights of a vertex sum to 1."""
     distance = hulls.each(vertices)
     weight = np.exp(-((distance - distance.min(axis=1, keepdims=True)) / 3e-3))
     return weight / weight.sum(axis=1, keepdims=True)
@@ -206,7 +206,7 @@ def moved_with_hulls(
 def _motion_of_pair(
     old: Float64[np.ndarray, "2 3"], new: Float64[np.ndarray, "2 3"]
 ) -> tuple[Float64[np.ndarray, "3 3"], Point]:
-    """Rotation and translation that map two points onto two others, without a twist."""
+    """Return the rotation and translation that map two points onto two others, without twist."""
     start = unit(old[1] - old[0])
     end = unit(new[1] - new[0])
     x, y, z = np.cross(start, end)

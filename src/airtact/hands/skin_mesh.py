@@ -32,28 +32,28 @@ class Settings:
 
     Attributes
     ----------
-    grids : levels of the distance, over the step of the grid, and shares of the usual step. They
+    grids : level of the distance divided by the grid step, and share of the usual step. The pairs
         are tried in order until a mesh is good: a tiny tunnel that one grid meshes badly vanishes
         or is resolved in another.
-    step_to_radius, step_to_edge : largest step of the grid, over the radius of the smallest ball
-        and over the wanted edge.
-    first_edge, edge_growth : edge of the first pass over the step of the grid, and the factor by
-        which it grows from pass to pass.
-    passes : number of passes at the wanted edge.
-    pull : share of the way to the middle of its neighbours that a vertex moves in a pass.
-    grading : how much longer edges may get over a distance, over that distance.
-    bend_to_edge : largest edge over the radius at which the skin bends.
-    smallest_edge, smallest_share : gaps and bends make edges no smaller than this [m], nor than
-        this share of the wanted edge.
-    min_angle, max_bulge, max_off : a mesh is good whose angles are larger [degrees], where no
-        point over the middle of an edge is farther off it, over its length, and no vertex is
-        farther off the skin [m].
-    repairs, shrink_from : largest number of passes that repair a mesh, and the pass from which
-        poor triangles also get smaller.
-    shrink, max_growth : factor of their size, and largest number of triangles over that of the best
-        mesh.
+    step_to_radius, step_to_edge : largest grid step, divided by the radius of the smallest ball and
+        by the wanted edge length.
+    first_edge, edge_growth : edge length of the first pass divided by the grid step, and its growth
+        factor from pass to pass.
+    passes : number of passes at the wanted edge length.
+    pull : share of the way to the centre of its neighbours that a vertex moves in a pass.
+    grading : largest increase of the edge length per distance along the skin.
+    bend_to_edge : largest edge length divided by the radius of curvature of the skin.
+    smallest_edge, smallest_share : lower limits of the edge length at gaps and bends [m], and as a
+        share of the wanted edge length.
+    min_angle, max_bulge, max_off : limits of a good mesh: smallest angle [degrees], largest
+        distance of the skin from an edge's midpoint divided by the edge length, and largest
+        distance of a vertex from the skin [m].
+    repairs, shrink_from : largest number of repair passes, and the pass from which poor triangles
+        also get smaller.
+    shrink, max_growth : factor on the size of poor triangles, and largest number of triangles
+        divided by that of the best mesh.
     poor_angle, repair_pull : triangles with a smaller angle are poor [degrees]; ``pull`` of the
-        passes that repair.
+        repair passes.
     """
 
     grids: tuple[tuple[float, float], ...] = (
@@ -100,7 +100,7 @@ class HandMesh:
     sizes: Sizes
 
     def fixed(self) -> "HandMesh":
-        """Copy it into read-only arrays."""
+        """Return a copy with read-only arrays."""
         triangles = self.triangles.copy()
         triangles.flags.writeable = False
         return HandMesh(fixed(self.vertices), triangles, fixed(self.sizes))
@@ -142,7 +142,7 @@ def graded(hulls: Hulls, mesh: HandMesh, edge: float, fine: float, points: Point
     tree = KDTree(points)
     for _ in range(4):
         away = tree.query(mesh.vertices)[0]
-        # edges stay fine within four of them
+        # Edges stay fine within a distance of four edge lengths.
         sizes = np.clip(fine + SETTINGS.grading * (away - 4.0 * fine), fine, edge)
         mesh = _evened(hulls, replace(mesh, sizes=sizes), edge, hold=True)
     return _repaired(hulls, mesh, edge)[1]
@@ -157,7 +157,7 @@ def settled(hulls: Hulls, mesh: HandMesh, edge: float) -> HandMesh:
 
 
 def midpoints(hulls: Hulls, mesh: HandMesh) -> Float64[np.ndarray, "triangles 3 3"]:
-    """Points of the skin over the middles of edges 01, 12, 20 of each triangle (T, 3, 3) [m]."""
+    """Return the skin points above the midpoints of edges 01, 12, 20 (T, 3, 3) [m]."""
     ends, edges = _edges(mesh.triangles)
     return _middles(hulls, mesh, ends)[0][edges]
 
@@ -166,7 +166,7 @@ def midpoints(hulls: Hulls, mesh: HandMesh) -> Float64[np.ndarray, "triangles 3 
 
 
 def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMesh]:
-    """Make poor triangles more even, and smaller where skins meet; return best fault and mesh."""
+    """Make poor triangles more even, and smaller where skins meet; return fault and mesh."""
     best = mesh
     best_fault = _fault(hulls, mesh)
     for attempt in range(SETTINGS.repairs):
@@ -195,9 +195,9 @@ def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMes
 
 
 def _fault(hulls: Hulls, mesh: HandMesh) -> float:
-    """Largest relative excess over the limits of a good mesh; 0 or less if it is good."""
+    """Return the largest relative excess over the limits of a good mesh; 0 or less if good."""
     ends = np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    ends = ends[ends[:, 0] < ends[:, 1]]  # each edge of a closed mesh runs both ways
+    ends = ends[ends[:, 0] < ends[:, 1]]  # a closed mesh has each edge in both directions
     bulge = float(_middles(hulls, mesh, ends)[1].max())
     off = float(np.abs(hulls.look(mesh.vertices).distance).max())
     return max(
@@ -226,7 +226,7 @@ def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
     first, second, third = triangles.T
     piece = components(np.r_[first, second], np.r_[second, third], len(vertices))
     if piece.max() > 0:
-        # Sound does not reach cavities, whose volume is negative.
+        # Drop cavities, whose volume is negative: sound does not reach them.
         volume = np.bincount(piece[first], cone_volumes(vertices[triangles]))
         used = volume[piece] > (2.0 * step) ** 3
         new_index = np.cumsum(used) - 1
@@ -253,7 +253,7 @@ def _distance_grid(
     corners = side * _grid_indices(shape // side)
     while True:
         middles = low + step * (corners + (side - 1) / 2)
-        # separate fingers are cut back by a little more than a step
+        # Cut separate fingers back by a little more than a step.
         distance = hulls.look(middles, carve=1.15 * step).distance
         blocks = values.reshape(np.stack([shape // side, [side] * 3], axis=1).ravel())
         x, y, z = (corners // side).T
@@ -328,13 +328,13 @@ def _projected(
     return HandMesh(vertices, mesh.triangles, sizes)
 
 
-# --- points over the middles of edges ---------------------------------------------------------
+# --- skin points above midpoints of edges -----------------------------------------------------
 
 
 def _middles(
     hulls: Hulls, mesh: HandMesh, ends: Ends
 ) -> tuple[Float64[np.ndarray, "edges 3"], Float64[np.ndarray, "edges"]]:
-    """Points of the skin over the middles of edges (E, 3) [m]; distances over edge lengths (E,)."""
+    """Return skin points above midpoints of edges (E, 3) [m]; distances / edge lengths (E,)."""
     starts = mesh.vertices[ends[:, 0]]
     edges = mesh.vertices[ends[:, 1]] - starts
     straight = starts + 0.5 * edges
@@ -354,6 +354,6 @@ def _middles(
 
 
 def _edges(triangles: Triangles) -> tuple[Ends, Triangles]:
-    """Both ends of every edge once, and the indices of edges 01, 12, 20 of each triangle."""
+    """Return both ends of every edge once, and the edge indices 01, 12, 20 of each triangle."""
     keys, edges = np.unique(edge_keys(triangles), return_inverse=True)
     return np.stack(np.divmod(keys, triangles.max() + 1), axis=1), edges.reshape(triangles.shape)

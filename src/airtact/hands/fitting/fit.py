@@ -86,8 +86,8 @@ class FittedHand:
     part_errors : standard deviation of the skin of each part along its normal [m].
     points : (N, 3) means of the cloud in cells around the hand [m].
     distances : (N,) distances of these points from the skin, positive outside [m].
-    outliers : (N,) whether each point had no weight in the fit.
-    misfit : root mean square of the distances of the other points [m].
+    outliers : (N,) mask of the points without weight in the fit.
+    misfit : root mean square distance of all other points [m].
     """
 
     hand: Hand
@@ -113,9 +113,9 @@ class FittedHand:
         return self.skin(3.5e-3, 2.5e-3)
 
     def skin(self, *edges: float) -> Surface:
-        """Make that skin with triangles of an edge [m]; try the next edge if they would cross.
+        """Make this skin with triangles of an edge [m]; try the next edge if they would cross.
 
-        If they cross for all edges, return ``hand.surface``, which is not moved.
+        If they cross for all edges, return ``hand.surface``, without the offset to the points.
         """
         moved = with_offset(self.hand.shape.hulls, self.points[~self.outliers], edges)
         return self.hand.surface if moved is None else moved
@@ -136,7 +136,7 @@ def fit_hand(
     *,
     progress: Progress | None = None,
 ) -> FittedHand:
-    """Fit a hand to a point cloud of its skin, seen from one or more sides.
+    """Fit a hand to a point cloud of its skin, measured from one or more directions.
 
     The fit minimises the distances of the points from the skin of a sphere mesh (Tkach, Pauly,
     Tagliasacchi, ACM Trans. Graph. 35, 222 (2016)) under priors: constant bone lengths, limits of
@@ -192,7 +192,7 @@ def fit_hand(
 
 
 def _start_from(before: FittedHand, joints: Joints) -> Joints | None:
-    """Move the hand of the previous frame to new landmarks; None if their pose differs."""
+    """Move the hand of the previous frame to new landmarks; None if its pose differs."""
     turn, shift = nearest_motion(before.hand.joints, joints)
     moved = before.hand.joints @ turn.T + shift
     return moved if np.linalg.norm(moved - joints, axis=1).max() < 25e-3 else None
@@ -209,7 +209,7 @@ def _best_estimate(
     report_step("fitting a hand to the landmarks")
     no_points = replace(seen, points=np.zeros((0, 3)), camera=None, silhouette=None)
     bent = evenly_bent(seen.landmarks, np.exp(prior.mean[: len(BONES)]), seen.side)
-    # First to the landmarks alone, because the finger of each point is unknown.
+    # Fit to the landmarks alone first, because it is unknown to which finger each point belongs.
     by_landmarks = best_hand(no_points, (bent,), prior.mean, hold=prior.settled).joints
     report_step(f"fitting it to {cloud}")
     return best_hand(seen, (by_landmarks, seen.landmarks), sizes, hold=prior.settled)
@@ -248,7 +248,7 @@ def _fitted(
 
 def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> None:
     """Raise if the hand does not match many points, or is far from a landmark."""
-    # 2000 points are enough for a share of 80 %.
+    # 2000 points are enough to test for a share of 80 %.
     sampled = cloud[:: max(len(cloud) // 2000, 1)]
     residuals = skin_residuals(sampled, fitted.hand.shape.hulls, seen.camera)
     explained = float((np.abs(residuals.distance) < 6e-3).mean())
@@ -319,7 +319,7 @@ def _checked_cloud(
     near = (distance < HAND_RADIUS) & ~forearm
     if near.sum() < MIN_POINTS:
         usual = float(np.median(distance))
-        # If the cloud matches after scaling by 0.001, it is in millimetres.
+        # If the cloud matches the landmarks after scaling by 0.001, it is in millimetres.
         if (_distance_to_bones(1e-3 * cloud, joints) < HAND_RADIUS).mean() > 0.5:
             raise InvalidInput(
                 f"the cloud is {usual:.4g} m from the landmarks: is it in millimetres? Give "
@@ -350,18 +350,18 @@ def _distance_to_bones(points: Points, joints: Joints) -> PerPoint:
 
 
 def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer 3"]:
-    """Mean of the points (N, 3) in each cube [m], without sparse cubes, which contain outliers.
+    """Return the mean of the points (N, 3) in each cube [m], except in sparse cubes (outliers).
 
     To reduce the influence of outliers, the mean includes only points near the central one.
     """
     cubes = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
-    # One integer for each cube, so that ``unique`` sorts numbers instead of rows.
+    # Encode each cube as one integer, so that ``unique`` sorts numbers instead of rows.
     wide = cubes.max(axis=0) + 1
     keys = (cubes[:, 0] * wide[1] + cubes[:, 1]) * wide[2] + cubes[:, 2]
     _, cube, count = np.unique(keys, return_inverse=True, return_counts=True)
     mean = np.column_stack([np.bincount(cube, column) / count for column in points.T])
     off = np.linalg.norm(points - mean[cube], axis=1)
-    # Sorted by cube, and within it by the distance from the mean: the first of each is the nearest.
+    # Sort by cube, then by distance from its mean: the first point of each cube is the nearest.
     first = np.lexsort((off, cube))[np.r_[0, np.cumsum(count)[:-1]]]
     close = np.linalg.norm(points - points[first][cube], axis=1) < 3e-3
     sums = [np.bincount(cube[close], column, len(first)) for column in points[close].T]
@@ -375,7 +375,7 @@ def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer
 def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface | None:
     """Move the skin of a body to points (N, 3) of the true skin [m]; None if triangles cross.
 
-    The model and a real hand differ by 0.5 to 2 mm, which is significant at a wavelength of 8.6 mm.
+    Model and real hand differ by 0.5 to 2 mm, which is significant at a wavelength of 8.6 mm.
     """
     for edge in edges:
         skin = even_skin(hulls, edge)
@@ -389,7 +389,7 @@ def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface
             surface = Surface(skin.vertices + move[:, None] * normals, skin.triangles)
             if len(surface.crossings) == 0:
                 return surface
-            # Around crossings the skin stays where it is.
+            # Do not move the skin around crossings.
             crossed = skin.vertices[skin.triangles[surface.crossings.ravel()].ravel()]
             move[KDTree(crossed).query(skin.vertices)[0] < 8e-3] = 0.0
     return None
@@ -401,7 +401,7 @@ def _mean_offset(
     vertices: Float64[np.ndarray, "vertices 3"],
     normals: Float64[np.ndarray, "vertices 3"],
 ) -> Float64[np.ndarray, "vertices"]:
-    """Mean distance of the points from the body around each vertex of its skin [m].
+    """Return the mean distance of the points from the body around each vertex of its skin [m].
 
     The kernel average (E. A. Nadaraya, Theory Probab. Appl. 9, 141 (1964)) includes points with a
     similar normal, and an offset of 0 with the weight of one point.

@@ -5,10 +5,10 @@ Sources
 - A. E. Beaton, J. W. Tukey, Technometrics 16, 147 (1974): weights of outliers.
 - F. R. Hampel, J. Am. Stat. Assoc. 69, 383 (1974): scale of the misfit from its median.
 - A. Tkach, M. Pauly, A. Tagliasacchi, ACM Trans. Graph. 35, 222 (2016): the distance of a point x
-  to a hull of balls is the least of |x - c(w)| - r(w) over the weights w of its balls; its
-  derivatives there are -w n by the centres and -w by the radii, n pointing from c(w) to x. Section
-  4.2: a point that a camera has seen belongs to skin that faces it, so that where the nearest skin
-  of a hull faces away, the distance is taken from the front or the rim.
+  from a hull of balls is the minimum of |x - c(w)| - r(w) for all weights w of its balls. Its
+  derivatives are -w n with respect to the centres and -w with respect to the radii, where n points
+  from c(w) to x. Section 4.2: a point seen by a camera belongs to skin that faces the camera. If
+  the nearest skin of a hull faces away, the distance is taken from the front or the rim.
 """
 
 from collections.abc import Sequence
@@ -48,23 +48,23 @@ from airtact.hands.joints import Joints, PerPoint, Point, Points, Side
 
 HullIndices = Int64[np.ndarray, "points"]
 
-# A number for the fingers and one for the palm.
+# One number for the fingers and one for the palm.
 FingersAndPalm = Float64[np.ndarray, "2"]
 
 # 0 for the hulls of fingers, 1 for those of the palm.
 KIND = (np.arange(len(PARTS)) >= FREE).astype(np.int64)
 
-# Misfit over its scale above which a point has no weight.
+# Ratio of the misfit to its scale above which a point has no weight.
 TUKEY = 4.685
 
 # Largest scale of the misfit [m].
 MAX_SCALE = 4e-3
 
-# Smallest number of points of the fingers, or of the palm, for a separate scale of their misfit.
+# Smallest number of points of fingers or palm for a separate scale of their misfit.
 MIN_POINTS = 20
 
-# Number of correlated points that count as one, at fingers and at the palm. The palm deviates more
-# from hulls of balls.
+# Number of correlated points that count as one, for fingers and palm. The palm deviates more from
+# hulls of balls.
 POINTS_AS_ONE = np.array([4.0, 12.0])
 
 
@@ -77,9 +77,9 @@ class Observation:
 
     Attributes
     ----------
-    points : (N, 3) of its skin, averaged in cells [m].
+    points : (N, 3) points of its skin, averaged in cells [m].
     landmarks : (25, 3) inaccurate joints [m].
-    spread : (25,) standard deviation of each of their coordinates [m].
+    spread : (25,) standard deviation of each coordinate of the landmarks [m].
     side : "right" or "left".
     anatomy : prior of the sizes.
     camera : (3,) position of the camera [m], or None.
@@ -107,8 +107,8 @@ class SkinResiduals(NamedTuple):
 
     Attributes
     ----------
-    distance : (N,) [m].
-    by_balls : (N, 104) derivatives by centre and radius of each ball.
+    distance : (N,) signed distances [m].
+    by_balls : (N, 104) derivatives with respect to centre and radius of each ball.
     hull : (N,) index of the nearest hull.
     """
 
@@ -118,11 +118,11 @@ class SkinResiduals(NamedTuple):
 
 
 def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) -> SkinResiduals:
-    """Distances of points from the skin, by the three nearest hulls, and their derivatives.
+    """Return distances of points from the skin (three nearest hulls) and their derivatives.
 
     With a ``camera`` (3,) [m], only skin that faces it counts.
     """
-    facing = -0.05  # cosine to the line of sight below which skin faces away from the camera
+    facing = -0.05  # limit of the cosine to the line of sight; skin below it faces away
     return SkinResiduals(
         *_kernels.hull_gaps(points, hulls.balls, hulls.parts, hulls.blend, camera, facing)
     )
@@ -130,11 +130,11 @@ def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) ->
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations of a step, and the terms of the cost.
+    """Normal equations of one step, and the terms of the cost.
 
     Attributes
     ----------
-    unknowns : (137,) point of linearisation.
+    unknowns : (137,) unknowns at which the problem is linearised.
     matrix, gradient : (137, 137) and (137,).
     squares : sum of squares of the priors.
     residuals : residuals of the points.
@@ -153,7 +153,7 @@ class NormalEquations:
     each: int
 
     def cost(self, scale: FingersAndPalm, rules_weight: float = 1.0) -> float:
-        """Half the weighted sum of squares of the priors, plus Tukey's function of the points."""
+        """Return half the weighted sum of squares of the priors plus Tukey's cost of the points."""
         kind = KIND[self.residuals.hull]
         share = np.minimum((self.residuals.distance / (TUKEY * scale[kind])) ** 2, 1.0)
         points = float(((1.0 - (1.0 - share) ** 3) / POINTS_AS_ONE[kind]).sum())
@@ -163,7 +163,7 @@ class NormalEquations:
 def normal_equations(
     seen: Observation, joined_as: Hulls, unknowns: Unknowns, min_scale: float
 ) -> NormalEquations:
-    """Set up the normal equations; ``min_scale`` is the least scale of the misfit [m]."""
+    """Set up the normal equations; ``min_scale`` is the smallest scale of the misfit [m]."""
     matrix, gradient, squares = equations_of_rules(seen, unknowns)
     hulls = replace(joined_as, balls=balls_at(unknowns))
     residuals = skin_residuals(seen.points, hulls, seen.camera)
@@ -221,7 +221,7 @@ def equations_of_rules(
 def _equations_of_points(
     residuals: SkinResiduals, weights: PerPoint, sizes: Sizes
 ) -> tuple[Float64[np.ndarray, "100 100"], Float64[np.ndarray, "100"]]:
-    """Set up the normal equations of points with weights [1/m²] by the unknowns of the body."""
+    """Set up the normal equations of weighted points [1/m²] in the unknowns of the body."""
     used = np.flatnonzero(weights)
     root = np.sqrt(weights[used])
     rows = residuals.by_balls[used] * root[:, None]
@@ -256,15 +256,15 @@ class HandEstimate:
     common: FingersAndPalm
 
 
-# Lower limit of the scale of the misfit in the first step [m]; it decreases from step to step. A
-# large scale attracts fingers that are far from their points.
+# Lower limit of the scale of the misfit in the first step [m]; it decreases from step to step. With
+# a large scale, points attract fingers that are far away.
 FIRST_SCALE = 3e-3
 
 
 def best_hand(
     seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: bool
 ) -> HandEstimate:
-    """Find the best hand from several initial joints [m], and again from the best result.
+    """Find the best hand from several initial joints [m], then continue from the best result.
 
     ``sizes`` are the initial logarithms of the sizes; ``hold`` fixes them.
     """
@@ -286,7 +286,7 @@ def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> Ha
     unknowns = np.concatenate([joints.ravel(), sizes])
     hulls, _ = hand_hulls(joints, np.exp(sizes[SIZE_RADII]))
     min_scale = FIRST_SCALE
-    # First every sixth point for up to 8 steps, then all for up to 4.
+    # Use every sixth point for up to 8 steps, then all points for up to 4.
     for each, max_steps in ((6, 8), (1, 4)):
         few = replace(seen, points=np.ascontiguousarray(seen.points[::each]), each=each)
         end, min_scale = _descended(few, unknowns, min_scale, max_steps, hold, hulls)
@@ -295,10 +295,10 @@ def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> Ha
 
 
 def _better(first: NormalEquations, second: NormalEquations) -> NormalEquations:
-    """Choose the search result that matches the points better, at the smaller of both scales.
+    """Return the search result that matches the points better, at the smaller of both scales.
 
-    Priors have less weight than in the search: an unusual pose is more likely than unexplained
-    points.
+    Priors have less weight than in the search, because an unusual pose is more likely than
+    unexplained points.
     """
     scale = np.minimum(first.scale, second.scale)
     return second if second.cost(scale, 0.3) < first.cost(scale, 0.3) else first
@@ -312,9 +312,9 @@ def _descended(
     hold: bool,
     hulls: Hulls | None = None,
 ) -> tuple[NormalEquations, float]:
-    """Take damped steps until the expected gain is small; return the result and lower scale [m].
+    """Take damped steps until the expected gain is small; return result and scale limit [m].
 
-    The hulls have the blends of the initial hand, or of ``hulls``.
+    The hulls have the blend radii of the initial hand, or of ``hulls``.
     """
     free = JOINTS.stop if hold else SIZES.stop
     damping = 1e-3
@@ -337,8 +337,8 @@ def _descended(
         if better:
             here = next_equations
         damping = damping / 5.0 if better else damping * 10.0
-        # A step may fail because points change from one part of the hand to another. The search
-        # then ends at a larger expected gain.
+        # A step may fail because points change from one part of the hand to another. Then accept a
+        # larger expected gain.
         enough = (1e-3 if better else 1e-2) * (1.0 + here.cost(here.scale))
         if promised < enough and min_scale < here.scale.min():
             break
@@ -351,7 +351,7 @@ def _descended(
 def skin_spread(estimate: HandEstimate) -> Float64[np.ndarray, "hulls"]:
     """Return the standard deviation of the skin of each hull (H,) along its normal [m].
 
-    It is averaged over all directions. It includes the error of the model's shape, which is at
+    It is averaged over all directions and includes the error of the model's shape, which is at
     least the correlated misfit of neighbouring points.
     """
     normals = np.vstack([np.eye(3), -np.eye(3)])
@@ -365,16 +365,17 @@ def skin_spread(estimate: HandEstimate) -> Float64[np.ndarray, "hulls"]:
         by_balls[:, :, balls] = shares[:, None, :, None] * by_numbers[None, :, None]
         rows = by_body(by_balls.reshape(-1, 104), estimate.sizes)
         variance[hull] = ((rows @ covariance) * rows).sum(axis=1).mean()
-    # Distance of skin from hulls of balls at best, by the example's GLB hand: 1 mm at fingers and
-    # 2.5 mm at the palm. Fingers with fewer than 5 points are as far off as the palm: 11 such hulls
-    # of that hand in 20 views are 4.1 mm off (rms), 2.6 mm beyond what the covariance explains.
+    # Smallest distance of real skin from hulls of balls, measured with the example GLB hand: 1 mm
+    # at fingers and 2.5 mm at the palm. Fingers with fewer than 5 points are as inaccurate as the
+    # palm: 11 such hulls in 20 views had an rms error of 4.1 mm; the covariance leaves 2.6 mm of
+    # it unexplained.
     points = np.bincount(estimate.residuals.hull[estimate.weights > 0.0], minlength=len(PARTS))
     shape = np.where((KIND == 1) | (points < 5), 2.5e-3, 1.0e-3)
     return np.sqrt(variance + np.maximum(shape, estimate.common[KIND]) ** 2)
 
 
 def _estimate(seen: Observation, here: NormalEquations, hold: bool) -> HandEstimate:
-    """Find the covariance, with correlated neighbouring points counted as one."""
+    """Estimate the covariance, with correlated neighbouring points counted as one."""
     sizes = here.unknowns[SIZES]
     kinds = KIND[here.residuals.hull]
     alike = np.ones(2)
@@ -401,7 +402,7 @@ def _estimate(seen: Observation, here: NormalEquations, hold: bool) -> HandEstim
 def _shared_misfit(points: Points, off: PerPoint, hull: HullIndices) -> tuple[float, float]:
     """Return the number of correlated points that count as one, and their common misfit [m].
 
-    The misfit of points of a hull within a cube of 25 mm is correlated by errors of the shape.
+    Errors of the shape correlate the misfit of points of a hull within a cube of 25 mm.
     """
     if len(points) < MIN_POINTS:
         return 1.0, MAX_SCALE

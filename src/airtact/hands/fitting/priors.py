@@ -1,9 +1,9 @@
 """Unknowns and priors of the fit: sizes, limits of joints, inaccurate landmarks.
 
 The 137 unknowns are the 75 coordinates of the joints [m], then the logarithms of 62 sizes: 37
-lengths [m], as ``SPANS`` orders them, and the radii at 25 joints [m]. The 100 unknowns of the body
-are joints and radii. Each prior is a residual over its standard deviation, with its exact
-derivatives by the unknowns.
+lengths [m], in the order of ``SPANS``, and the radii at 25 joints [m]. The 100 unknowns of the body
+are joints and radii. Each prior is a residual divided by its standard deviation, with its exact
+derivatives with respect to the unknowns.
 
 Sources
 -------
@@ -14,7 +14,7 @@ Sources
 - E. Y. S. Chao, K.-N. An, W. P. Cooney, R. L. Linscheid, *Biomechanics of the Hand*, World
   Scientific (1989): ranges of motion of the joints.
 - H. Rijpkema, M. Girard, SIGGRAPH Comput. Graph. 25, 339 (1991): the last joint of a finger bends
-  by two thirds of what its middle one does.
+  by two thirds of the angle of the middle joint.
 """
 
 from dataclasses import dataclass
@@ -47,25 +47,22 @@ SPANS = (
     *((5, 11), (10, 6), (10, 16), (15, 11), (15, 21), (20, 16)),
 )
 
+# Slices of the unknowns: joint coordinates, logarithms of sizes, and logarithms of radii.
 JOINTS = slice(0, 75)
 SIZES = slice(75, 137)
-
-# Coordinates of joints, logarithms of sizes and those of radii among the unknowns.
 RADII = slice(112, 137)
 
+# Slices of the sizes: lengths and radii.
 SIZE_LENGTHS = slice(0, 37)
-
-# Lengths and radii among the sizes.
 SIZE_RADII = slice(37, 62)
 
-BODY = np.r_[JOINTS, RADII]
-
 # Unknowns of the body, and their block in a matrix of all unknowns.
+BODY = np.r_[JOINTS, RADII]
 BODY_BLOCK = np.ix_(BODY, BODY)
 
 
 def _balls_by_body() -> Float64[np.ndarray, "104 100"]:
-    """Return the derivatives of centres and radii of the 26 balls by joints and radii."""
+    """Return the derivatives of the 26 balls (centres, radii) with respect to joints and radii."""
     rows = np.zeros((26, 4, 100))
     for ball in range(25):
         rows[ball, range(3), range(3 * ball, 3 * ball + 3)] = 1.0
@@ -84,7 +81,7 @@ def joints_in(unknowns: Unknowns) -> Joints:
 
 
 def balls_at(unknowns: Unknowns) -> Balls:
-    """Centres and radii of the balls of a hand [m]."""
+    """Return centres and radii of the balls of a hand [m]."""
     body = np.concatenate([unknowns[JOINTS], np.exp(unknowns[RADII])])
     return (_BALLS_BY_BODY @ body).reshape(26, 4)
 
@@ -92,7 +89,7 @@ def balls_at(unknowns: Unknowns) -> Balls:
 def by_body(
     by_balls: Float64[np.ndarray, "rows 104"], sizes: Sizes
 ) -> Float64[np.ndarray, "rows 100"]:
-    """Convert derivatives by centres and radii of balls to derivatives by unknowns of the body."""
+    """Convert derivatives with respect to balls to derivatives with respect to the body."""
     derivatives = by_balls @ _BALLS_BY_BODY
     derivatives[:, 75:] *= np.exp(sizes[SIZE_RADII])
     return derivatives
@@ -107,10 +104,10 @@ class HandAnatomy:
 
     Attributes
     ----------
-    mean : (62,) logarithms of 37 lengths [m], as ``SPANS`` orders them, and of the radii at 25
+    mean : (62,) logarithms of 37 lengths [m], in the order of ``SPANS``, and of the radii at 25
         joints [m].
     covariance : (62, 62) covariance of the logarithms.
-    frames : number of frames from which they were learned.
+    frames : number of frames from which the sizes were learned.
     """
 
     mean: Sizes
@@ -125,10 +122,10 @@ class HandAnatomy:
         return self.frames >= 8
 
     def learned(self, sizes: Sizes, covariance: SizesMatrix) -> "HandAnatomy":
-        """Add the sizes (62,) of a frame and their ``covariance`` to the mean over frames.
+        """Include the sizes (62,) of a frame and their ``covariance`` in the mean over frames.
 
-        The covariance is not divided by the number of frames, because the shape of the model has
-        the same error in every frame.
+        The covariance is not divided by the number of frames, because the model's shape has the
+        same error in every frame.
         """
         share = 1.0 / (self.frames + 1)
         mean = (1.0 - share) * self.mean + share * sizes
@@ -145,7 +142,7 @@ _GENERIC_LENGTHS = 1e-3 * np.array(
 
 
 def population_prior(joints: Joints) -> HandAnatomy:
-    """Distribution of hand sizes, scaled to the distances from wrist to knuckles of landmarks."""
+    """Return the distribution of hand sizes, scaled to the landmarks from wrist to knuckles."""
     knuckles = [chain[1] for chain in CHAINS[1:]]
     metacarpals = [SPANS.index((chain[0], chain[1])) for chain in CHAINS[1:]]
     generic = _GENERIC_LENGTHS[1:5] + _GENERIC_LENGTHS[metacarpals]
@@ -176,12 +173,12 @@ def population_prior(joints: Joints) -> HandAnatomy:
 
 
 class Rules(NamedTuple):
-    """Residuals over their standard deviations, and their derivatives.
+    """Residuals divided by their standard deviations, and their derivatives.
 
     Attributes
     ----------
-    residuals : (R,).
-    gradients : (R, 137) derivatives by joints [1/m] and logarithms of sizes.
+    residuals : (R,) residuals.
+    gradients : (R, 137) derivatives with respect to joints [1/m] and logarithms of sizes.
     """
 
     residuals: Float64[np.ndarray, "rules"]
@@ -194,29 +191,29 @@ _SPAN_ENDS = np.array(SPANS)
 # bones, and distances across the palm.
 _SPAN_SPREAD = np.repeat([1.0e-3, 0.5e-3, 2.0e-3], [5, len(BONES) - 5, len(SPANS) - len(BONES)])
 
-# Joints at both ends of the 19 bones of the fingers, the thumb's three first; first phalanges
-# among them, without the thumb's; bones on both sides of the 14 joints that bend.
+# Joints at both ends of the 19 bones of the fingers, the thumb's three first; indices of the first
+# phalanges, except the thumb's; bones on both sides of the 14 joints that bend.
 _FINGER_BONES = np.array([pair for chain in CHAINS for pair in pairwise(chain)])
 _FIRST = np.array([4, 8, 12, 16])
 _BENDS = np.array(
     [(0, 1), (1, 2), *((bone + k - 1, bone + k) for bone in _FIRST for k in range(3))]
 )
 
-# Smallest sines and cosines of those bends: two of the thumb, then knuckle, middle and last joint
-# of each finger. A negative sine is a bend backwards.
+# Smallest sines and cosines of these bends: two of the thumb, then knuckle, middle and last joint
+# of each finger. A negative sine is a backward bend.
 _MIN_SINES = np.array([-0.5, -0.3, *(4 * [-0.5, -0.15, -0.25])])
 _MIN_COSINES = np.array([0.2, 0.0, *(4 * [-0.35, -0.35, 0.0])])
 
 
 def crossed(a: Rows, b: Rows) -> Rows:
-    """Cross products of short tables, several times as fast as ``np.cross``."""
+    """Return cross products of short tables, several times as fast as ``np.cross``."""
     ahead = [1, 2, 0]
     back = [2, 0, 1]
     return a[:, ahead] * b[:, back] - a[:, back] * b[:, ahead]
 
 
 def length_rules(joints: Joints, sizes: Sizes) -> Rules:
-    """Constrain the lengths of bones and across the palm by the logarithms of sizes (62,)."""
+    """Constrain bone lengths and distances across the palm by the logarithms of sizes (62,)."""
     starts, ends = _SPAN_ENDS.T
     along = joints[ends] - joints[starts]
     length = np.sqrt((along**2).sum(axis=1))
@@ -232,7 +229,7 @@ def length_rules(joints: Joints, sizes: Sizes) -> Rules:
 
 
 def bending_axes(joints: Joints, side: str) -> Axes:
-    """Find the unit axes (5, 3) about which the fingers of a right or left hand bend."""
+    """Return the unit axes (5, 3) about which the fingers of a right or left hand bend."""
     across = unit(joints[6] - joints[21]) * (1.0 if side == "right" else -1.0)
     palm = joints[[chain[1] for chain in CHAINS[1:]]] - joints[0]
     aside = across - (palm @ across / (palm**2).sum(axis=1))[:, None] * palm
@@ -241,7 +238,7 @@ def bending_axes(joints: Joints, side: str) -> Axes:
 
 
 def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
-    """Find the usual unit directions (4, 3) of last bones of fingers with bending axes (5, 3)."""
+    """Return the usual unit directions (4, 3) of last bones of fingers with bending axes (5, 3)."""
     along = joints[_FINGER_BONES[:, 1]] - joints[_FINGER_BONES[:, 0]]
     ways = along / np.sqrt((along**2).sum(axis=1))[:, None]
     first = ways[_FIRST]
@@ -257,7 +254,7 @@ def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
 def bend_rules(joints: Joints, axes: Axes, usual: Float64[np.ndarray, "4 3"]) -> Rules:
     """Constrain planes of fingers, bends, and directions of last bones.
 
-    The 52 residuals are 14 bends backwards, 14 bends too far, 8 middle and last phalanges out of
+    The 52 residuals are 14 backward bends, 14 excessive bends, 8 middle and last phalanges out of
     the plane of the first, 4 sideways turns, and 4 last bones (3 each). The axes (5, 3) and the
     usual directions (4, 3) are constant in the derivatives.
     """
@@ -306,9 +303,9 @@ def _by_joints(
     length: Float64[np.ndarray, "19"],
     *parts: tuple[Int64[np.ndarray, "rules"], Float64[np.ndarray, "rules 3"]],
 ) -> Float64[np.ndarray, "rules 137"]:
-    """Convert derivatives by the unit directions of bones to derivatives by joints.
+    """Convert derivatives with respect to unit directions of bones to ones with respect to joints.
 
-    Each of the ``parts`` has a bone for each rule and the derivatives by its direction.
+    Each of the ``parts`` has a bone for each rule, and the derivatives for its direction.
     """
     rows = np.arange(len(parts[0][0]))
     gradients = np.zeros((len(rows), 137))

@@ -15,7 +15,7 @@ from airtact.hands.joints import Point, Points
 
 
 def _sample_weights() -> Float64[np.ndarray, "samples 26"]:
-    """Weights of the 26 balls for each ball and for the middle of each pair of a hull."""
+    """Return weights of the 26 balls for each ball and for the middle of each pair in a hull."""
     rods = sorted(
         {pair for part in PARTS.tolist() for pair in combinations(sorted(set(part) - {-1}), 2)}
     )
@@ -25,7 +25,7 @@ def _sample_weights() -> Float64[np.ndarray, "samples 26"]:
     return np.vstack([np.eye(26), middles])
 
 
-# Weights of the balls of a hand for the balls that are compared with the silhouette.
+# Weights of the hand's balls in each ball that is compared with the silhouette.
 _SAMPLES = _sample_weights()
 
 
@@ -35,12 +35,12 @@ class Silhouette:
 
     Attributes
     ----------
-    camera : (3,) [m].
-    frame : (3, 3) rows: right and up in the picture, and the line of sight.
-    focal : distance of the picture from the camera [m].
-    corner : (2,) of its first pixel [m].
-    pixel : side of its pixels [m].
-    outside : (W, H) distance of each from the silhouette, 0 in it [m].
+    camera : (3,) position of the camera [m].
+    frame : (3, 3) rows: right and up in the image, and the line of sight.
+    focal : distance of the image plane from the camera [m].
+    corner : (2,) corner of the first pixel [m].
+    pixel : side of a pixel [m].
+    outside : (W, H) distance of each pixel from the silhouette, 0 inside [m].
     """
 
     camera: Point
@@ -59,8 +59,8 @@ class Silhouette:
         derivatives (R, 104) by the balls with constant weights, and twice the cost.
         """
         tolerated = 0.2e-3
-        deviation = 1.0e-3  # of what is more [m]
-        # Parts that protrude farther are hidden for other reasons, and have no weight.
+        deviation = 1.0e-3  # standard deviation of the protrusion [m]
+        # Parts that protrude farther are hidden for other reasons and have no weight.
         farthest = 12e-3
         rim_count = 8  # positions on the rim of each ball
         angles = 2.0 * np.pi * np.arange(rim_count) / rim_count
@@ -130,7 +130,7 @@ def silhouette_of(points: Points, camera: Point) -> Silhouette:
 def _closed(
     hit: Bool[np.ndarray, "width height"], pixel: float
 ) -> Bool[np.ndarray, "width height"]:
-    """Fill the small holes of a picture and remove its specks."""
+    """Fill the small holes of an image and remove its specks."""
     around = ndimage.uniform_filter(hit.astype(np.float64), 3)
     hit = ndimage.binary_closing(hit & (around > 0.4), np.ones((3, 3)))
     parts, count = cast("tuple[Int32[np.ndarray, 'width height'], int]", ndimage.label(hit))

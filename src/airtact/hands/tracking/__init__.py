@@ -1,1 +1,1 @@
-"""Where the hand is now: frames of trackers, streams of them, recordings, and prediction."""
+"""Hand tracking: frames, streams, recordings and prediction."""

@@ -39,7 +39,7 @@ class FaultyFrame(InvalidInput):
 
     Attributes
     ----------
-    fault : the kind of fault, one of ``Fault``; also the code.
+    fault : the exception's error code, one of ``Fault``.
     """
 
     def __init__(

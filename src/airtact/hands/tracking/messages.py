@@ -73,7 +73,7 @@ def from_json(text: bytes | str) -> HandFrame:
 
 
 def side_of(text: bytes | str) -> Side | None:
-    """Side of a frame in JSON, without reading the rest; None if unreadable."""
+    """Return the side of a frame in JSON without reading the rest; None if unreadable."""
     try:
         return _head_decoder.decode(text).side
     except (msgspec.MsgspecError, ValueError, RecursionError):
@@ -82,7 +82,7 @@ def side_of(text: bytes | str) -> Side | None:
 
 def to_osc(frame: HandFrame) -> bytes:
     """Write a frame as an OSC message, with coordinates in single precision."""
-    with extra("tracking", "hands by OSC need python-osc"):
+    with extra("tracking", "OSC messages need python-osc"):
         from pythonosc.osc_message_builder import OscMessageBuilder
 
     builder = OscMessageBuilder(ADDRESS)
@@ -106,7 +106,7 @@ def from_osc(packet: bytes) -> list[HandFrame]:
         A ``FaultyFrame``, if the packet is not OSC, the arguments are not those of a frame, or the
         frame is faulty.
     """
-    with extra("tracking", "hands by OSC need python-osc"):
+    with extra("tracking", "OSC messages need python-osc"):
         from pythonosc.osc_packet import OscPacket
 
     try:

@@ -29,9 +29,9 @@ from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 # (``benchmarks/hand_tracking.py``).
 AGILITY = 0.3
 
-# The error by 1 mm of noise between the foci is 0.6 of the error with one filter (motions of
-# ``benchmarks/live.py``), and 0.02 mm larger without noise.
-# Agility of landmarks about their middle over that of the middle.
+# Ratio of the agility of landmarks about their centroid to that of the centroid. Compared with one
+# filter, 1 mm of noise causes 0.6 of the error between the foci (motions of
+# ``benchmarks/live.py``); without noise the error is 0.02 mm larger.
 BENDING = 0.05
 
 # Share of the variance of the noise that is common to all landmarks.
@@ -192,7 +192,7 @@ class Predictor:
         self._estimate = NoiseEstimate()
         self._agility = positive(agility, "agility", "m²/s³")
         self._patience = positive(patience, "patience", "s")
-        # newest frame, motion of the centroid of its landmarks and of the landmarks about it
+        # Newest frame, motion of the landmarks' centroid, and motion of the landmarks about it.
         self._newest: tuple[HandFrame, Motion, Motion] | None = None
 
     def take(self, frame: HandFrame) -> None:
@@ -260,8 +260,8 @@ class Predictor:
         Returns
         -------
         The frame at that time, with the number of the newest frame; a lost frame if the hand has
-        not been seen for longer than the patience. If the predicted landmarks are no possible hand,
-        the newest landmarks are moved with their middle.
+        not been seen for longer than the patience. If the predicted landmarks are not a plausible
+        hand, the newest landmarks are moved with their centroid.
 
         Raises
         ------

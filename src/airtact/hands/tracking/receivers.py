@@ -66,7 +66,7 @@ class WebSocketReceiver:
     def __init__(
         self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1"
     ) -> None:
-        with extra("tracking", "hands by websocket need the package websockets"):
+        with extra("tracking", "the websocket receiver needs the package websockets"):
             from websockets.sync.server import serve
 
         self.stream = HandStream() if stream is None else stream
@@ -139,7 +139,7 @@ def _waiting_messages(connection: "ServerConnection") -> list[bytes | str]:
 
 
 class OscReceiver:
-    """OSC receiver over UDP; parameters, errors and use are those of ``WebSocketReceiver``."""
+    """OSC receiver over UDP; parameters, exceptions and use are as for ``WebSocketReceiver``."""
 
     def __init__(
         self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1"
@@ -168,6 +168,6 @@ class OscReceiver:
         while not self._closed:
             try:
                 packet = self._socket.recv(2**16)
-            except OSError:  # a timeout, after which the thread looks whether it was closed; on
-                continue  # Windows also that an answer could not be delivered
+            except OSError:  # a timeout, after which the thread checks whether it was closed; on
+                continue  # Windows also if an answer could not be delivered
             self.stream.feed_osc(packet)

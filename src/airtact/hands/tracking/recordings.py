@@ -62,7 +62,7 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
     frames = []
     with about(path.name):
         for number, line in _lines(path):
-            # The stream counts faults as in a live run.
+            # The stream counts faults like in a live run.
             try:
                 frame = from_json(line)
             except FaultyFrame as unreadable:
@@ -143,7 +143,7 @@ def replay(
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     try:
         with path.open("rb") as file:
-            # The length of lines is limited, or a file without line ends would fill the memory.
+            # Limit the line length: a file without line ends would fill the memory.
             lines = iter(lambda: file.readline(2**26), b"")
             yield from ((number, line) for number, line in enumerate(lines, 1) if line.strip())
     except OSError as error:

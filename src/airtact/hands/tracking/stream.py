@@ -199,7 +199,7 @@ class HandStream:
             self._counts["interrupted"] += 1
 
     def latest(self, side: Side) -> HandFrame | None:
-        """Newest frame of a hand: a lost one after a silence, or None if there was none."""
+        """Return the newest frame of a hand: a lost one after silence, None if there was none."""
         with self._changed:
             self._notice_silence()
             return self._hands[side].newest
@@ -227,7 +227,7 @@ class HandStream:
                 left = end - time.monotonic()
                 if left <= 0.0:
                     return None
-                # Silence does not wake this thread, so it must look for itself.
+                # Silence does not wake this thread, so check for it.
                 self._changed.wait(min(left, self._silence / 4))
 
     def _fault_in_order(self, frame: HandFrame, hand: _TrackedHand) -> FaultyFrame | None:
@@ -250,14 +250,14 @@ class HandStream:
         follows = last is not None and frame.sequence > last.sequence and frame.time > last.time
         hand.stale = hand.stale + 1 if follows else 1
         hand.last_stale = frame
-        # A restarted tracker counts and times its frames from the start. Few stray old frames are
-        # in order.
+        # A restarted tracker starts its numbers and times again. Stray old frames are rarely in
+        # order.
         if hand.silent or hand.stale >= MAX_STALE_FRAMES:
             self._counts["restarted"] += 1
             hand.recent.clear()
             return None
         if step <= 0:
-            # It was counted as skipped before.
+            # It was already counted as skipped.
             self._counts["skipped"] = max(self._counts["skipped"] - 1, 0)
             return FaultyFrame(
                 "out_of_order", f"{name} arrived after frame {newest.sequence}; send them in order."

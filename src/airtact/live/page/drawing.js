@@ -1,9 +1,8 @@
-// Makes drawing cheap on computers without a graphics card. The page of viser runs this once, after connecting.
+// Speeds up drawing on computers without a graphics card. The page of viser runs this once, after connecting.
 //
-// Without it viser draws at full speed for 250 ms after each update, and computes light for each pixel. Here an update is
-// about one picture, and the corners of array and hand have the colours of points that are sent beside them and never seen.
-// Foci are visible through the hand.
-// Parts that are not found stay unchanged.
+// By default viser draws at full speed for 250 ms after each update, and computes lighting for each pixel. With this
+// script an update draws about one picture, and array and hand take their vertex colours from invisible points that are
+// sent with them. Foci are visible through the hand. Objects that are missing are skipped.
 (() => {
   const viewer = window.__viserMutable;
   const drawing = () => viewer.scene?.__r3f?.root?.getState();

@@ -156,7 +156,7 @@ class Panel:
 
     def _add_stops(self) -> None:
         gui = self._server.gui
-        hint = "silences at once and for good; also the key Escape"
+        hint = "silences at once and permanently; the Escape key does the same"
         emergency = gui.add_button("EMERGENCY STOP", color="red", hint=hint)
         self._style.content = STYLE.format(emergency=emergency._impl.uuid)
         start = gui.add_button("Start", color="green", icon=viser.Icon.PLAYER_PLAY)
@@ -195,7 +195,7 @@ class Panel:
         elif scene.modulation is not None:
             modulation = f"the amplitude varies at {scene.modulation.frequency:g} Hz"
         else:
-            modulation = "the scene has none"
+            modulation = "the scene has no modulation"
         constant = scene.modulation is None and scene.moving is None
         hint = "focus by distances only, to feel the difference"
         _on_change(
@@ -316,7 +316,7 @@ def legend_html(look: Look, sound: Sound | None, largest: float) -> str:
     words = "silent, or not solved yet"
     if sound is not None:
         age = time.monotonic() - sound.time
-        words = f"pressure with the hand as it was {age:.1f} s ago"
+        words = f"pressure for the hand {age:.1f} s ago"
     return f'<div class="live">{array}{pressure}<small>Skin and slice: {words}.</small></div>'
 
 

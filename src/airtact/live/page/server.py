@@ -63,7 +63,7 @@ def start_server(port: int, host: str) -> tuple[viser.ViserServer, str]:
         server.stop()
         bound.close()
         raise InvalidInput(
-            f"viser {viser.__version__} does not let requests be checked: install viser 1.1.",
+            f"viser {viser.__version__} does not support checking requests: install viser 1.1.",
             code="extra_missing",
         )
     # Disable the tunnel to the internet.
