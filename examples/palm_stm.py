@@ -2,7 +2,7 @@
 
     python examples/palm_stm.py [FOLDER]
 
-Skin feels a focus that moves (spatiotemporal modulation) better than one that stands still. Prints
+Skin feels a focus that moves (spatiotemporal modulation) better than a static one. Prints
 the pressure along the circle. Writes palm_stm.png and the drives, sequence.h5, into FOLDER, or into
 the current folder; `airtact emit` plays them. Needs the extra mesh: pip install 'airtact[mesh]'.
 """

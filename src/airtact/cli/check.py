@@ -193,11 +193,11 @@ def _write(picture: Path, figure: "Figure", report_step: Progress) -> None:
 
 def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
     target = setup.target
-    asked = [None] * len(setup.foci) if target.pressures is None else target.pressures.tolist()
+    requested = [None] * len(setup.foci) if target.pressures is None else target.pressures.tolist()
     rows = zip(
         setup.foci,
         target.points.tolist(),
-        asked,
+        requested,
         (-setup.scene.depth(target.points)).tolist(),
         strict=True,
     )
@@ -248,14 +248,14 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
         if obstacle.surface.repairs:
             yield repairs_table(obstacle.surface, name)
     foci = plain_table("foci", "x", "y", "z", "off the surface", "pressure")
-    asked = setup.target.pressures
+    requested = setup.target.pressures
     distances = -scene.depth(setup.target.points)
     for index, (name, point) in enumerate(zip(setup.foci, setup.target.points, strict=True)):
         foci.add_row(
             escape(name),
             *(f"{1e3 * number:.2f} mm" for number in point),
             f"{1e3 * distances[index]:.3g} mm" if setup.bodies else "–",
-            "strongest" if asked is None else f"{asked[index]:g} Pa",
+            "strongest" if requested is None else f"{requested[index]:g} Pa",
         )
     yield foci
     array = setup.array

@@ -85,8 +85,8 @@ def render(
 
 def _record(result: "Rendering") -> dict[str, Any]:
     setup = result.setup
-    asked = setup.target.pressures
-    goals = [None] * len(setup.foci) if asked is None else asked.tolist()
+    requested = setup.target.pressures
+    goals = [None] * len(setup.foci) if requested is None else requested.tolist()
     foci = [
         {"name": name, "position": point.tolist(), "pressure": float(pressure), "asked": goal}
         for name, point, pressure, goal in zip(
@@ -105,10 +105,10 @@ def _record(result: "Rendering") -> dict[str, Any]:
 
 
 def _table(result: "Rendering") -> "Table":
-    asked = result.setup.target.pressures
+    requested = result.setup.target.pressures
     columns = {"pressure": result.pressures}
-    if asked is not None:
-        columns["requested"] = asked
+    if requested is not None:
+        columns["requested"] = requested
     if result.control_pressures is not None:
         columns[result.verification.names[1]] = result.control_pressures
     table = plain_table("focus", *columns)

@@ -148,8 +148,8 @@ class MethodComparison:
     def worst(self, contender: Contender) -> float:
         """Return the smallest pressure divided by weight of the foci with a weight above 0 [Pa]."""
         weights = self.setup.target.weights
-        asked = weights > 0.0
-        return float((contender.pressures[asked] / weights[asked]).min())
+        requested = weights > 0.0
+        return float((contender.pressures[requested] / weights[requested]).min())
 
     def of_the_bound(self, contender: Contender) -> float:
         """Return the pressure at the worst focus at full scale, divided by the bound."""

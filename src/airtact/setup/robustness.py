@@ -63,10 +63,10 @@ def weakest_nine_of_ten(
     setup: Setup, beacons: RadiatedField, drives: Mapping[str, Drive]
 ) -> dict[str, float]:
     """Return the pressure that the weakest focus exceeds in 9 of 10 other samples [Pa]."""
-    asked = np.flatnonzero(setup.target.weights > 0.0)
+    requested = np.flatnonzero(setup.target.weights > 0.0)
     samples = other_samples(setup, beacons)
     weakest = {
-        name: np.abs(samples.pressures(drive)[:, asked]).min(axis=1)
+        name: np.abs(samples.pressures(drive)[:, requested]).min(axis=1)
         for name, drive in drives.items()
     }
     return {name: float(np.quantile(values, 0.1)) for name, values in weakest.items()}

@@ -159,7 +159,7 @@ def sense(
     # that both share.
     true = None
     true_gap = None
-    really = setup
+    actual_setup = setup
     if isinstance(echoes, Simulation):
         simulation = echoes
         random = np.random.default_rng([simulation.seed, 1])
@@ -169,11 +169,11 @@ def sense(
         true = Pose(turn, centre - turn @ centre + simulation.position * along)
         if gap is not None:
             true_gap = max(gap + simulation.opened, 0.25 * gap)
-            really = _with_gap(setup, true_gap)
+            actual_setup = _with_gap(setup, true_gap)
         with clock.step("echoes", "simulating echoes of 16 codes by smaller panels"):
             echoes = simulate_echoes(
                 BoundaryElement(accuracy=0.01, estimate=False),
-                really.scene,
+                actual_setup.scene,
                 setup.array.seen_from(true),
                 random_codes(len(setup.array), 16),
                 noise=simulation.noise,
@@ -211,7 +211,7 @@ def sense(
             return transfer_matrix(waves(setup), setup.array.seen_from(pose))
 
         # Without a simulated true pose, the pose found takes its place.
-        actual = transfer(fitted, located.pose) if true is None else transfer(really, true)
+        actual = transfer(fitted, located.pose) if true is None else transfer(actual_setup, true)
 
         def pressures(setup: Setup, pose: Pose) -> Float64[np.ndarray, "foci"]:
             drive, _ = synthesise(setup.synthesise, transfer(setup, pose), setup.target)

@@ -86,8 +86,8 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     gain = (2.0 if scene.obstacles else 1.0) * (2.0 if scene.planes else 1.0)
     gain = np.inf if scene.boards else gain
     pressures = setup.target.pressures
-    asked = np.zeros(len(bounds)) if pressures is None else np.abs(pressures)
-    for name, bound, pressure in zip(setup.foci, bounds, asked, strict=True):
+    requested = np.zeros(len(bounds)) if pressures is None else np.abs(pressures)
+    for name, bound, pressure in zip(setup.foci, bounds, requested, strict=True):
         if bound < 0.1 * strongest:  # a tenth of the pressure is a hundredth of the force
             cautions.append(
                 f"{name} is out of the array's reach: all elements give {bound / strongest:.1%} of "

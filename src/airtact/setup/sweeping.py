@@ -355,16 +355,16 @@ class ScenePoints:
         drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
         weights = setup.target.weights
         # Foci of weight 0 ask for no pressure, so none is the weakest.
-        asked = np.flatnonzero(weights > 0.0)
+        requested = np.flatnonzero(weights > 0.0)
         pressures = np.abs(transfer.pressure(drive))[: len(weights)]
-        weakest = asked[np.argmin(pressures[asked] / weights[asked])]
+        weakest = requested[np.argmin(pressures[requested] / weights[requested])]
 
         gain = None
         control = control_drive(setup, setup.synthesise)
         if control is not None:
             # As in a rendering: compared at full scale if the drive is, else at equal energy.
             held_equal = "peak" if drive.is_full_scale else "energy"
-            at_control = np.abs(transfer.pressure(control))[asked] / weights[asked]
+            at_control = np.abs(transfer.pressure(control))[requested] / weights[requested]
             factor = control.factor_to_match(drive, held_equal)
             gain = float(pressures[weakest] / weights[weakest] / (factor * at_control.min()))
         # Foci may share a name, and columns may not.

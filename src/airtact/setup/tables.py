@@ -502,7 +502,7 @@ class UncertaintyTable(Table, frozen=True):
     Attributes
     ----------
     position, rotation : the hand as a whole, along each axis and about a random axis [m, °].
-    own_position, own_rotation : each body by itself [m, °].
+    own_position, own_rotation : each body separately [m, °].
     along_skin : each focus along the surface [m].
     age : delay of the pose [s].
     velocity : velocity of the hand [m/s].
