@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from typing import Any
 
 JOINTS = ("carpPosition", "mcpPosition", "pipPosition", "dipPosition", "btipPosition")
-"""Ends of the bones of a finger, from the wrist to the tip; the thumb has no first one."""
+"""Ends of the bones of a finger, from the wrist to the tip; the thumb lacks the first."""
 
 
 def main() -> None:
@@ -50,7 +50,7 @@ def main() -> None:
 def hands_in(messages: Iterator[str]) -> Iterator[dict[str, Any]]:
     """Yield the hands in messages of the service; messages that are not frames are ignored.
 
-    There is a frame for each hand, and a lost one when a hand is no longer tracked. Missing joints
+    There is a frame for each hand, and one without landmarks when a hand is lost. Missing joints
     are null.
     """
     seen: set[str] = set()

@@ -110,8 +110,8 @@ def _placed(
 ) -> list[list[float]]:
     """Place the shape of a hand in the camera's frame as seen in an image [m].
 
-    ``looks`` are landmarks of MediaPipe, in shares of the picture's sides and in metres round the
-    hand's middle.
+    ``looks`` are landmarks of MediaPipe, as fractions of the picture's sides, and in
+    metres about the hand's centre.
     """
     import cv2
     import numpy as np

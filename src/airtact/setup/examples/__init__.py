@@ -14,12 +14,12 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
     Parameters
     ----------
     name : a scene, such as "pinch", or any other file with its ending, such as "relaxed.json".
-    endings : of files that will do.
+    endings : accepted file name endings.
 
     Raises
     ------
     InvalidInput
-        If there is none of that name; the sentence has all names.
+        No example has this name; the message lists all names.
 
     Examples
     --------
@@ -36,7 +36,7 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
         close = difflib.get_close_matches(name, files, 1)
         meant = f"; did you mean {close[0]}?" if close else "."
         raise InvalidInput(
-            f"{name!r} is none of the examples: {', '.join(sorted(files))}{meant}",
+            f"{name!r} is not one of the examples: {', '.join(sorted(files))}{meant}",
             code="unknown_name",
         )
     return path
