@@ -148,3 +148,10 @@ def test_an_array_without_a_front_faces_nothing() -> None:
         at.autd3_board().facing((0, 0, 0), (0, 0, 0), 0.2)
     with raises_code("out_of_range"):
         at.autd3_board().facing((0, 0, 0), (0, 0, 1), -0.2)
+
+
+def test_the_spacing_is_that_of_the_nearest_two_elements_wherever_the_array_is():
+    board = at.autd3_board()
+    assert board.spacing == pytest.approx(10.16e-3)
+    assert board.moved(at.Pose.turn((1, 1, 0), 0.7)).spacing == board.spacing
+    assert at.PhasedArray(np.zeros((1, 3))).spacing == np.inf

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
+from scipy.spatial import KDTree
 
 from airtact.errors import (
     InvalidInput,
@@ -142,6 +143,13 @@ class PhasedArray:
         offsets = np.einsum("qi,eij->eqj", self.element.points, np.stack(axes, axis=1))
         return fixed(self.positions[:, None, :] + offsets)
 
+    @cached_property
+    def spacing(self) -> float:
+        """Smallest distance between two elements [m]; infinite for a single one."""
+        if len(self) < 2:
+            return np.inf
+        return float(np.asarray(KDTree(self.positions).query(self.positions, k=2)[0])[:, 1].min())
+
     def moved(self, pose: Pose) -> "PhasedArray":
         """Move the array rigidly: positions x become pose.apply(x), and the faces rotate too."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
@@ -156,6 +164,7 @@ class PhasedArray:
             element=self.element,
             tangents=tangents,
             gains=self.gains,
+            spacing=self.spacing,
         )
         return moved
 

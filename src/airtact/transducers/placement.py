@@ -64,16 +64,15 @@ def check_placement(
 
 def check_apart(array: PhasedArray) -> None:
     """Raise if two elements overlap, because a board placed twice would double the pressure."""
-    if len(array) < 2:
+    # Points have no radius, but real transducers are more than a tenth of a millimetre apart.
+    smallest = max(array.element.radius, 1e-4)
+    if array.spacing >= smallest:
         return
     distances, neighbours = map(np.asarray, KDTree(array.positions).query(array.positions, k=2))
     first = int(distances[:, 1].argmin())
     distance = distances[first, 1]
-    # Points have no radius, but real transducers are more than a tenth of a millimetre apart.
-    if distance >= max(array.element.radius, 1e-4):
-        return
     second = int(next(index for index in neighbours[first] if index != first))
-    overlapping = int(np.sum(distances[:, 1] < max(array.element.radius, 1e-4)))
+    overlapping = int(np.sum(distances[:, 1] < smallest))
     raise InvalidInput(
         f"elements {first} and {second} are {1e3 * distance:.3g} mm apart at "
         f"{in_mm(array.positions[first])}, and {overlapping} of {len(array)} overlap another one: "
