@@ -119,7 +119,7 @@ class AUTD3Link(Link):
             return self._elsewhere("played", index)
         if self.name != "audit":
             raise InvalidInput(
-                f"the {self.boards} boards behind {self.name} cannot be read; only audit can.",
+                f"frames cannot be read back from {self.name}; only audit supports that.",
                 code="not_supported",
             )
         model = self._controller.link()
@@ -284,7 +284,7 @@ def _library() -> Any:
     with extra("autd3", "AUTD3 boards need pyautd3"):
         import pyautd3
     version = importlib.metadata.version("pyautd3")
-    # Only this version is tested.
+    # The tests run with this version only.
     if version != "36.0.2":
         raise InvalidInput(
             f"pyautd3 {version} is not the tested version 36.0.2: pip install 'airtact[autd3]'.",

@@ -96,7 +96,7 @@ class FileLink(Link):
         if self._frames and rate != self._rate:
             raise InvalidInput(
                 f"{self.path.name} already has {len(self._frames)} frames at another rate than "
-                f"{rate:g} frames/s: write each sequence to a file of its own.",
+                f"{rate:g} frames/s: write each sequence to a separate file.",
                 code="sizes_differ",
             )
         self._frames.extend(frames)

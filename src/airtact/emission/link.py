@@ -191,7 +191,7 @@ class Link(ABC):
         if count != self.elements:
             raise InvalidInput(
                 f"a drive for {counted(count, 'element', 'elements')} does not fit "
-                f"{self.devices} of {len(self.codec.board)}: make it for {self.elements}.",
+                f"{self.devices} of {len(self.codec.board)} elements: make it for {self.elements}.",
                 code="sizes_differ",
             )
 

@@ -253,7 +253,7 @@ class Player:
             self._dropped += missed
             self._next_frame += (1 + missed) / paced.rate
             self._transmit(self._now())
-        # Check ten times a second that boards that play by themselves are still connected.
+        # Check ten times a second that boards that play on their own are still connected.
         if self._emitting and now - self._looked > 0.1:
             self._looked = now
             self.link.probe()

@@ -69,7 +69,7 @@ class Controls:
 
     Attributes
     ----------
-    ignore_hand : whether drives are focused by distances, without the hand.
+    ignore_hand : whether phases are set from path lengths alone, as if there were no hand.
     method : name of the method that makes the drives; None for the scene's.
     cap : largest amplitude of an element, as a share of full scale.
     offset : distance of all foci from the skin [m]; None for the scene's.

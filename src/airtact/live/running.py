@@ -63,7 +63,7 @@ def run(
         own clock [s].
     cap : largest amplitude of an element, as a share of full scale; a safe one by default, see
         ``follow``.
-    ignore_hand : whether drives are focused by distances, without the hand.
+    ignore_hand : whether phases are set from path lengths alone, as if there were no hand.
     page : port and host of the page; no page by default.
     report_step, report : called with each step of the start, and twice a second with the status.
 
@@ -126,7 +126,7 @@ def record(
     duration = checked_seconds(seconds)
     if file.suffix != ENDING:
         raise InvalidInput(
-            f"the ending {file.suffix!r} is not that of a recording: {ENDING}.",
+            f"a recording ends in {ENDING}, not in {file.suffix!r}: change the file name.",
             code="unknown_format",
         )
     hands = _received(source, None, every=True)
@@ -185,7 +185,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     if path.suffix == Path(FILE).suffix:
         if path.resolve() == (folder / FILE).resolve():
             raise InvalidInput(
-                f"--from {source} is the session that this run would replace: change --out.",
+                f"this run would overwrite the session --from {source}: change --out.",
                 code="options_clash",
             )
         return RecordedHands(recording_of(path))  # its frames are in the scene's frame

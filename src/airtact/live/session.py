@@ -324,7 +324,7 @@ def _opened(path: str | Path) -> Iterator[Any]:
                 version = int(cast(int, file.attrs["format_version"]))
                 if version > 2:
                     raise InvalidInput(
-                        f"its version is {version}, but this airtact reads versions up to 2.",
+                        f"its version is {version}, newer than 2: update airtact to read it.",
                         code="unsupported_version",
                     )
                 yield file
@@ -334,7 +334,7 @@ def _opened(path: str | Path) -> Iterator[Any]:
             raise InvalidInput(f"this is no HDF5 file: {error}.", code="wrong_kind") from None
         except KeyError as error:
             raise InvalidInput(
-                f"this is no session: an entry is missing: {error}.", code="wrong_kind"
+                f"this is no session, because an entry is missing: {error}.", code="wrong_kind"
             ) from None
 
 

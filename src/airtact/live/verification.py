@@ -130,8 +130,8 @@ def verify_session(
         kept.append(share / float(attainable))
     if not indices:
         raise InvalidInput(
-            f"none of the {len(playing)} drives with sound has a hand at its time: record a longer "
-            "session.",
+            f"there was no hand at the times of the {len(playing)} drives with sound: record a "
+            "longer session.",
             code="empty",
         )
     return VerifiedSession(

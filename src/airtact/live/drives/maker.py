@@ -51,8 +51,8 @@ class HandAware(DriveMaker):
     noise : standard deviation of each coordinate of the tracker's landmarks [m]; estimated from the
         frames by default.
     agility : spectral density of the acceleration of joints, see ``Predictor`` [m²/s³].
-    solvers : solvers of hands; by default the processes of ``solved_for``. Without solvers, drives
-        are focused by distances.
+    solvers : solvers of hands; by default the processes of ``solved_for``. Without solvers, phases
+        are set from path lengths alone.
 
     Attributes
     ----------

@@ -42,7 +42,7 @@ CURVES = (
 )
 
 RULES: dict[Rule, str] = {
-    "distances": "focused by distances, without the hand",
+    "distances": "phases from path lengths, without the hand",
     "phalanges": "solved: the last phalanges",
     "hand": "solved: the whole hand",
     "carried": "solved: the whole hand, moved with its bones",
@@ -197,7 +197,7 @@ class Panel:
         else:
             modulation = "the scene has no modulation"
         constant = scene.modulation is None and scene.moving is None
-        hint = "focus by distances only, to feel the difference"
+        hint = "set the phases from path lengths alone, to feel the difference"
         _on_change(
             gui.add_checkbox("ignore the hand", first.ignore_hand, hint=hint),
             lambda value: self._set(ignore_hand=value),
