@@ -179,8 +179,8 @@ class HeadLevel:
                 if np.isfinite(peak) and peak <= MAX_HEAD_LEVEL:
                     return cap
         raise InvalidInput(
-            f"these boards cannot be turned down to {MAX_HEAD_LEVEL:g} dB at a head 0.5 m off the "
-            f"array, where full scale gives up to {self.full:.0f} dB: give a cap such as 0.3, or 1 "
+            f"these boards cannot be turned down to {MAX_HEAD_LEVEL:g} dB at a head 0.5 m from the "
+            f"array, where full scale gives up to {self.full:.0f} dB. Give a cap such as 0.3, or 1 "
             "for full scale (--cap, --full-scale).",
             code="out_of_range",
         )

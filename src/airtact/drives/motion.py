@@ -190,7 +190,7 @@ class Motion:
         return onto_surface(flat, surface, distance), flat
 
     def turns(self, paths: Paths) -> float:
-        """Return the rounds per second [Hz]: the given frequency, or that of the drawing speed."""
+        """Return the rounds per second [Hz], as given or from the drawing speed."""
         if self.frequency is not None:
             return self.frequency
         if self.kind == "lm":

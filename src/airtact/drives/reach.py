@@ -121,7 +121,7 @@ def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float
     """Return the indices of the nearest two of at least two foci, and their distance [m]."""
     distances, neighbours = map(np.asarray, KDTree(points).query(points, k=2))
     first = int(distances[:, 1].argmin())
-    # Of two foci at one place the query may list the second before the first.
+    # For two foci at the same place the query may list the second before the first.
     second = int(next(index for index in neighbours[first] if index != first))
     return min(first, second), max(first, second), float(distances[first, 1])
 

@@ -176,7 +176,7 @@ def field_map(
         or an argument is of the wrong kind.
     """
     points = points_of(points, "points", least=0)
-    # Checked before the solve, which may take a minute.
+    # Check before the solve, because that may take a minute.
     check_off_sources(points, drive_sources(array, [drive], scene))
     field = radiate_drives(scene, array, [drive], solver, progress=progress)
     (progress or no_progress)(f"evaluating the field at {counted(len(points), 'point', 'points')}")

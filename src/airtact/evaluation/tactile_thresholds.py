@@ -41,6 +41,6 @@ def sensation(pressure: float, modulation: Modulation | None, depth: float = 1.0
     return (
         f"The weakest focus is {abs(level):.0f} dB {'above' if level >= 0 else 'below'} the "
         f"threshold of detection with {modulation} modulation, {THRESHOLDS[modulation]:g} Pa "
-        "(T. Howard et al. 2019 on an Ultraleap STRATOS, quoted at second hand: peak or rms is not "
-        "stated; people and places of the skin differ by several decibel)."
+        "(T. Howard et al. 2019 on an Ultraleap STRATOS, cited from a secondary source that does "
+        "not state peak or rms; people and places on the skin differ by several decibels)."
     )

@@ -125,12 +125,12 @@ class Verification:
         if len(self.suppression_points):
             count = len(self.suppression_points)
             level = f"{self.suppression_level:+.1f} dB"
-            lines.append(f"mean p² of {count} suppression points over that of the foci {level}")
+            lines.append(f"mean p² at {count} suppression points relative to the foci {level}")
         forces = self.forces[np.isfinite(self.forces)]
         if len(forces):
             foci = counted(len(self.forces), "focus", "foci")
             newtons = span(1e3 * forces, "mN", ".3g")
-            lines.append(f"sound presses with {newtons} on the skin at {len(forces)} of {foci}")
+            lines.append(f"force of the sound on the skin {newtons} at {len(forces)} of {foci}")
         lines.append(sensation(float(self.evaluation.magnitudes.min()), "amplitude"))
         if len(self.head):
             level = f"{self.head.max():.1f} dB SPL"

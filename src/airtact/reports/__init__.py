@@ -1,4 +1,4 @@
-"""What people look at: figures, HTML pages, and ``plot``."""
+"""Figures and HTML pages of results, and the functions of ``plot``."""
 
 import lazy_loader
 

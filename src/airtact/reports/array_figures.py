@@ -1,4 +1,4 @@
-"""Pictures of the transducers: faces side by side (Fig. 5 of the paper), and in space."""
+"""Pictures of the transducers, with faces side by side (Fig. 5 of the paper) or in 3-D."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -43,8 +43,8 @@ PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/
 class Face:
     """The elements of an array that lie in one plane and radiate along one ``normal``.
 
-    ``seen`` are their positions [m] along the unit vectors in the rows of ``axes``, right and up,
-    as seen from the side to which the face radiates.
+    ``seen`` holds their positions [m] as seen from the side to which the face radiates, along the
+    unit vectors in the rows of ``axes``, right and up.
     """
 
     elements: Int[np.ndarray, "elements"]
@@ -56,12 +56,12 @@ class Face:
 def unfold(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> list[Face]:
-    """Split an array into its flat faces and lay each of them flat; over eight count as one face.
+    """Split an array into its flat faces and unfold them; more than eight count as one face.
 
-    Faces around an upright axis come in the order in which a viewer inside who turns right sees
-    them.
+    Faces around an upright axis come in the order in which a viewer inside sees them when turning
+    right.
     """
-    # Elements of one face share their normal and its distance from the origin, to 0.1 mm.
+    # Elements of one face share their normal and the plane's distance from the origin to 0.1 mm.
     keys = np.round(np.column_stack([normals, (positions * normals).sum(axis=1) / 1e-4]), 3)
     keys[:, 3] = np.round(keys[:, 3])
     # + 0.0 makes −0 and 0 the same key.
@@ -70,7 +70,7 @@ def unfold(
     # A curved array has as many faces as elements.
     if len(groups) > 8:
         groups = [np.arange(len(positions))]
-    # The axis of the frame that lies most in all the faces; on a tie z before y before x.
+    # The axis of the frame most parallel to all faces; on a tie z before y before x.
     upright = min(
         (AXES[name] for name in "zyx"),
         key=lambda axis: round(float(np.abs(normals @ axis).max()), 6),
@@ -86,7 +86,7 @@ def unfold(
         faces.append(Face(group, positions[group] @ axes.T, axes, normal))
     east = np.roll(upright, 1)
     north = np.cross(upright, east)
-    # By the direction in which the viewer looks, clockwise from above.
+    # Sorted by the viewer's direction, clockwise as seen from above.
     return sorted(
         faces,
         key=lambda face: round(float(-np.arctan2(-face.normal @ north, -face.normal @ east)), 6),
@@ -98,9 +98,9 @@ def draw_phases(
     normals: Real[np.ndarray, "elements 3"],
     amplitudes: Complex[np.ndarray, "elements"],
 ) -> Figure:
-    """Draw the phase of every transducer as a disc at its position [m], and its amplitude.
+    """Draw the phase and amplitude of every transducer as discs at its position [m].
 
-    A uniform amplitude is not drawn: see ``is_uniform``.
+    A uniform amplitude (``is_uniform``) is not drawn.
     """
     shown = ("phase",) if is_uniform(amplitudes) else ("phase", "amplitude")
     rows, columns, width, height = _panels(positions, normals, len(shown))
@@ -113,7 +113,7 @@ def draw_phases(
 
 
 def is_uniform(amplitudes: Complex[np.ndarray, "elements"]) -> bool:
-    """Whether all elements have the same amplitude, to half a per cent."""
+    """Whether all elements have the same amplitude to within half a per cent."""
     magnitudes = np.abs(amplitudes)
     return bool(np.ptp(magnitudes) <= 5e-3 * magnitudes.max())
 
@@ -133,11 +133,11 @@ def _panels(
 
 
 def _label(axis: Axis, direction: Float64[np.ndarray, "3"], fallback: str) -> None:
-    """Label an axis by the axis of the frame that it follows, or by ``fallback``."""
+    """Label an axis with the axis of the frame that it follows, or with ``fallback``."""
     for name, unit in AXES.items():
         if abs(direction @ unit) > 1 - 1e-6:
             axis.set_label_text(f"{name} [mm]")
-            # An axis against the frame's has falling numbers.
+            # The numbers fall along an axis opposite to the frame's.
             if direction @ unit < 0:
                 axis.set_major_formatter(lambda value, _: f"{-value:g}".replace("-", "−"))
             return
@@ -150,7 +150,7 @@ def draw_receivers(
     values: Mapping[str, Float64[np.ndarray, "elements"]],
     label: str,
 ) -> Figure:
-    """Draw positive values of every transducer, by name, on one logarithmic scale."""
+    """Draw positive values of every transducer, one panel per name, on one logarithmic scale."""
     rows, columns, width, height = _panels(positions, normals, len(values))
     size = columns * (width + 0.9) + 0.9, rows * (height + 1.0)
     figure = Figure(figsize=size, layout="constrained")
@@ -189,7 +189,7 @@ def draw_faces(
         scale = ScalarMappable(Normalize(0, values.max()), "viridis")
         label = "amplitude [of full scale]"
     faces = _lay_out(axes, positions, normals, scale.to_rgba(values))
-    # Below the axes: beside them the label would read as that of the next axes.
+    # Beside the axes, the label would seem to belong to the next axes.
     place: dict[str, Any] = {"location": "bottom", "pad": 0.02, "aspect": 60 if faces > 1 else 30}
     bar = axes.figure.colorbar(scale, ax=axes, label=label, **place)
     if show == "phase":
@@ -244,7 +244,7 @@ def _tick_phases(bar: Colorbar) -> None:
 
 
 def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
-    """Distance of the two closest elements [m]; 10 mm for a single element."""
+    """Distance between the two closest elements [m]; 10 mm for a single element."""
     from scipy.spatial import KDTree
 
     if len(positions) < 2:
@@ -271,7 +271,7 @@ def draw_scene(
 ) -> Figure:
     """Draw transducers as discs coloured by phase, bodies in grey, foci as dots, planes as sheets.
 
-    Discs that face away from the viewer are faint rings, so that near walls hide nothing.
+    Transducers that face away from the viewer are faint rings, so that they hide nothing.
     """
     figure = Figure(figsize=(10.4, 8.0), layout="constrained")
     axes = space_axes(figure, view_of(normals))
@@ -296,7 +296,7 @@ def draw_in_space(
     discs = np.empty((0, 14, 3))
     if len(positions):
         discs = _add_discs(axes, positions, normals, phases, viewer)
-    # From back to front: matplotlib does not sort collections against each other.
+    # From back to front, because matplotlib does not sort collections.
     for body in sorted(bodies, key=lambda body: float(body.vertices.mean(axis=0) @ viewer)):
         add_solid(axes, 1e3 * body.corners, np.tile(GREY, (len(body.triangles), 1)))
     axes.scatter(*(1e3 * foci.T), s=34, **FOCI)
@@ -319,7 +319,7 @@ def _add_discs(
 ) -> Float64[np.ndarray, "elements corners 3"]:
     """Add a disc for each transducer, and return them [mm]."""
     radius = 0.47 * min(spacing(positions[face.elements]) for face in unfold(positions, normals))
-    # Polygons of 14 corners instead of circles, around an axis that is not along the normal.
+    # Polygons of 14 corners instead of circles. The helper must not be parallel to the normal.
     helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     across = np.cross(normals, helper)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -338,7 +338,7 @@ def _add_discs(
     }
     axes.add_collection3d(Poly3DCollection(discs[~away], **style))
     if away.any():
-        # Rings have the phase colour, which shows the wall faintly.
+        # Faint rings in the colour of the phase still show the wall.
         faint = colours[away] * [1, 1, 1, 0.18]
         style = {"facecolors": "none", "edgecolors": faint, "linewidths": 0.5, "zorder": 2}
         axes.add_collection3d(Poly3DCollection(discs[away], **style))

@@ -1,4 +1,4 @@
-"""Pictures of bodies, panels, point clouds and faults of meshes, from two sides."""
+"""Pictures of bodies, panels, point clouds and mesh faults, from two sides."""
 
 import textwrap
 from collections.abc import Sequence
@@ -35,12 +35,12 @@ from airtact.reports.solids import (
 )
 
 MAX_TRIANGLES_WITH_EDGES = 8000
-"""Number of triangles up to which edges are drawn; a finer mesh would be black."""
+"""Largest number of triangles with edges drawn; a finer mesh would be black."""
 
 SHARP = (0.75, 0.11, 0.11, 1.0)
 
 OUTSIDE = (0.74, 0.80, 0.86, 1.0)
-"""Colour of the outside of triangles that are at fault."""
+"""Colour of the outside of an invalid surface."""
 
 OPEN = (0.80, 0.07, 0.07, 1.0)
 MARK = "#7b1fa2"
@@ -57,8 +57,8 @@ RING: dict[str, Any] = {
 
 
 def _two_views(height: float, views: tuple[View, View]) -> tuple[Figure, list[Axes3D]]:
-    """Figure of a height [inches] with two views side by side, without perspective."""
-    # Room at the sides for labels in space.
+    """Make a figure of a height [inches] with two orthographic views side by side."""
+    # The padding leaves room for 3-D labels.
     figure = Figure(figsize=(13.0, height), layout=ConstrainedLayoutEngine(w_pad=0.35, h_pad=0.12))
     panels = [space_axes(figure, view, (1, 2, 1 + side)) for side, view in enumerate(views)]
     for axes in panels:
@@ -106,7 +106,7 @@ def draw_bodies(
 
 
 def sharp_edges(body: Surface) -> Bool[np.ndarray, "triangles 3"]:
-    """Edges 01, 12, 20 of triangles that stay sharp when a surface is curved."""
+    """Whether edges 01, 12, 20 of each triangle stay sharp when the surface is curved."""
     if not isinstance(body.shape, MeshShape):
         return np.zeros((len(body.triangles), 3), dtype=bool)
     return body.shape.mesh.sharp
@@ -120,13 +120,13 @@ def draw_fault(
 ) -> Figure:
     """Draw the triangles of an invalid surface, and a close-up of the fault's position [m].
 
-    Backs of triangles and edges without a neighbour have special colours. Triangles with missing or
+    Backs of triangles and edges without a neighbour are highlighted. Triangles with missing or
     infinite vertices are left out. ``sentence`` states the fault.
     """
     drawable = ((triangles >= 0) & (triangles < len(vertices))).all(axis=1)
     corners = 1e3 * np.asarray(vertices[triangles[drawable]], dtype=np.float64)
     corners = corners[np.isfinite(corners).all(axis=(1, 2))]
-    # Neighbours have common positions, but not always common vertices.
+    # Neighbours share positions, but not always vertices.
     numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
     lone = edge_twins(numbers) < 0
     shown = [np.arange(len(corners))] * 2
@@ -184,7 +184,7 @@ def _view_of_fault(
         outward = normal * np.sign(normal @ outward)
     azimuth = np.degrees(np.arctan2(outward[1], outward[0]))
     elevation = np.degrees(np.arctan2(outward[2], np.hypot(outward[0], outward[1])))
-    # 18° aside, so that heights show.
+    # A view 18° off the normal shows heights.
     return float(azimuth) + 18.0, float(np.clip(elevation + 18.0, -80.0, 80.0))
 
 
@@ -206,7 +206,7 @@ def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:
 def _hexagons(
     quadratic_triangles: QuadraticTriangles,
 ) -> Float64[np.ndarray, "panels 6 3"]:
-    """Corners and middles of the edges of panels, in order around them [mm]."""
+    """Corners and edge midpoints of panels, in order around each panel [mm]."""
     return 1e3 * quadratic_triangles[:, [0, 3, 1, 4, 2, 5]]
 
 
@@ -215,7 +215,7 @@ def draw_cloud(
     fitted: FittedHand,
     distances: Float64[np.ndarray, "points"],
 ) -> Figure:
-    """Draw points over the skin fitted to them: blue outside, red inside, outliers as crosses.
+    """Draw points on the skin fitted to them: blue outside, red inside, outliers as crosses.
 
     ``distances`` of the points from the skin are positive outside [m].
     """

@@ -1,4 +1,4 @@
-"""Pressure of drives in a plane on one colour scale, and their difference (Fig. 6 and 7)."""
+"""Pressure of drives in a plane on one colour scale, and their difference (Figs. 6 and 7)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,20 +22,20 @@ COLOURS = "magma"
 """Colours of pressure magnitudes: perceptually uniform, black for silence."""
 
 DIFFERENCES = ScalarMappable(Normalize(-6.0, 6.0), "RdBu_r")
-"""Colours of the level of one drive over that of another [dB]."""
+"""Colours of the level of one drive relative to another [dB]."""
 
 FAINT = 0.1
 """Fraction of the largest pressure below which a level difference is grey."""
 
 MAX_NAMES = 8
-"""Number of foci up to which they have names and large rings."""
+"""Largest number of foci with names and large rings."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
     """Pressure of several drives, by name, at the points of one window [Pa], NaN inside bodies.
 
-    ``depth`` is that of ``solid_depth`` at the points.
+    ``depth`` is the ``solid_depth`` of the points.
     """
 
     window: Window
@@ -66,7 +66,7 @@ def draw_field(
 ) -> Figure:
     """Draw the pressure magnitude of one drive, on a scale that ends at ``peak`` [Pa].
 
-    It goes into axes, or into a new figure. Foci [m] off the plane are dashed.
+    It is drawn into ``axes``, or into a new figure. Foci [m] off the plane are dashed.
     """
     scale = _pressure_scale(peak)
     values = np.abs(cut.pressures[drive])
@@ -81,7 +81,7 @@ def draw_difference(
     names: Sequence[str] | None = None,
     axes: Axes | None = None,
 ) -> Figure:
-    """Draw the level of one drive over another [dB], grey where both are faint against ``peak``."""
+    """Draw the level of one drive relative to another [dB], grey where both are faint."""
     change, strength = _difference(cut, drives, peak)
     label = f"{drives[0]} over {drives[1]} [dB]"
     return _draw_plane(axes, cut, change, DIFFERENCES, foci, names, label, strength)
@@ -97,7 +97,7 @@ def _draw_plane(
     label: str,
     strength: Float64[np.ndarray, "points"] | None = None,
 ) -> Figure:
-    # Beside given axes, which may have others below them.
+    # Given axes may have other axes below them, so the bar goes beside them.
     location = "right"
     if axes is None:
         location = "bottom"
@@ -121,7 +121,7 @@ def _pressure_scale(peak: float) -> ScalarMappable:
 def _difference(
     cut: Cut, drives: tuple[str, str], peak: float
 ) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
-    """Level of one drive over another [dB], and its opacity: none where both are faint."""
+    """Level of one drive relative to another [dB], and its opacity, 0 where both are faint."""
     first, second = (np.abs(cut.pressures[name]) for name in drives)
     # 60 dB below the peak, to avoid the logarithm of zero.
     smallest = 1e-3 * peak
@@ -131,7 +131,7 @@ def _difference(
 
 
 def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], peak: float) -> Figure:
-    """Draw cuts across foci: one column per focus, one row per drive and for the difference.
+    """Draw cuts through foci: one column per focus, one row per drive and one for the difference.
 
     The surface lies below the focus. The scale of all pressures ends at ``peak`` [Pa].
     """
@@ -165,9 +165,9 @@ def _draw_cut(
     strength: Float64[np.ndarray, "points"] | None = None,
     centred: bool = False,
 ) -> None:
-    """Draw values as opaque as ``strength``, and the bodies.
+    """Draw values with the opacity ``strength``, and the bodies.
 
-    ``centred`` counts from the window's middle.
+    With ``centred``, the zero is the window's middle.
     """
     # 3 points leave no gap between the interpolated values and the outline.
     carried = past_the_surface(cut.window, values, 3)
@@ -200,7 +200,7 @@ def draw_values(
         norm=scale.norm,  # pyright: ignore
         interpolation="bilinear",
     )
-    # The grey of blank values.
+    # Blank values are grey.
     axes.set_facecolor("0.86")
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
 
@@ -247,7 +247,7 @@ def _mark_foci(
     if not names or len(names) > MAX_NAMES:
         names = [""] * len(foci)
     positions = window.seen(foci)
-    # Foci within half a millimetre count as in the plane.
+    # Foci within half a millimetre of the plane count as in it.
     off = np.abs(window.height_of(foci)) > 0.5e-3
     outwards = positions - positions.mean(axis=0)
     size = 90 if len(foci) <= MAX_NAMES else 12

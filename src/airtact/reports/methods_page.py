@@ -1,4 +1,4 @@
-"""The page that compares all methods: table, bars against the bound, and fields on one scale."""
+"""The page that compares all methods: a table, bars with the bound, and fields on one scale."""
 
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from airtact.timing import Clock, Progress
 def write_methods_page(
     contest: MethodComparison, folder: Path, progress: Progress
 ) -> tuple[Path, ...]:
-    """Write methods.html, the comparison of all methods, into a folder."""
+    """Write methods.html, the comparison of all methods, to a folder."""
     clock = Clock(progress)
     setup = contest.setup
     emitted = {contender.name: contender.emitted for contender in contest.contenders}
@@ -34,7 +34,7 @@ def write_methods_page(
         view = scene_view(setup, contest.field, emitted, [1.0] * len(emitted), window, as_emitted)
     progress("drawing the page")
     best = contest.best
-    unit = "Pa" if setup.target.shares is None else "Pa over the requested share"
+    unit = "Pa" if setup.target.shares is None else "Pa / requested share"
     if setup.target.pressures is not None:
         unit = "times the requested pressure"
     write_page(

@@ -33,7 +33,7 @@ TEMPLATES.filters["sentence"] = as_sentence
 
 
 def write_page(path: Path, template: str, **values: object) -> None:
-    """Fill a template with values and write the file, which appears once it is complete.
+    """Fill a template with values and write the file, which appears only when it is complete.
 
     Texts are escaped.
     """
@@ -42,7 +42,7 @@ def write_page(path: Path, template: str, **values: object) -> None:
 
 
 def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) -> Markup:
-    """Embed a figure as WebP. A narrow screen scrolls a wide figure instead of shrinking it."""
+    """Embed a figure as WebP; a wide figure scrolls on narrow screens instead of shrinking."""
     buffer = io.BytesIO()
     pixels = pixels_of(figure)
     # A quality of 90 % keeps letters clean.
@@ -69,6 +69,6 @@ def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Draw a figure into a PNG file, which appears once it is complete."""
+    """Draw a figure into a PNG file, which appears only when it is complete."""
     with whole_file(path) as partial:
         imsave(partial, pixels_of(figure), format="png")

@@ -1,7 +1,7 @@
-"""Plots with matplotlib: field in a plane, drive, scene in space, pressures at the foci.
+"""Plots with matplotlib: field in a plane, drive, scene in 3-D, pressures at the foci.
 
 Each function draws into ``ax``, or into a new figure by default, and returns the axes. The page of
-a run has the same drawings. Lengths are in millimetres. Matplotlib is imported on first use.
+a run has the same plots. Lengths are in millimetres. Matplotlib is imported on first use.
 """
 
 from dataclasses import replace
@@ -48,15 +48,15 @@ def field(
 
     Parameters
     ----------
-    result : from ``render``, ``focus``, ``evaluate`` or ``compare``, or a solver's field. A
+    result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a solver's field. A
         rendering is drawn at the amplitudes of its drive.
-    target : the foci; needed for a solver's field unless it is that of beacons.
+    target : the foci; needed for a solver's field unless it is the field of beacons.
     drive : name of a drive of a comparison, or index of an excitation of a solver's field.
-    over : name of a second drive of a comparison; plots the level of ``drive`` over it [dB].
+    over : name of a second drive of a comparison; plots the level of ``drive`` relative to it [dB].
     plane : "xy", "xz" or "yz" through the middle of the foci; by default the plane that fits foci
         and bodies best.
-    size : width and height of the picture [m]; by default some wavelengths around the foci.
-    most : pressure at which the colours end [Pa]; by default the largest in the plane.
+    size : width and height of the picture [m]; by default a few wavelengths around the foci.
+    most : pressure at the end of the colour scale [Pa]; by default the largest in the plane.
     ax : axes to draw into; by default those of a new figure.
 
     Returns
@@ -151,7 +151,7 @@ def scene(
     *,
     ax: Axes3D | None = None,
 ) -> Axes3D:
-    """Plot bodies, transducers and foci in space, the transducers coloured by the phase of a drive.
+    """Plot bodies, transducers and foci in 3-D, with transducers coloured by the phase of a drive.
 
     Transducers that face away from the viewer are faint rings.
 
@@ -166,7 +166,7 @@ def scene(
     Raises
     ------
     InvalidInput
-        If there is nothing to plot, a drive does not fit the array, or the axes are flat.
+        If there is nothing to plot, a drive does not fit the array, or the axes are not 3-D.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
     if drive is not None:
@@ -205,14 +205,14 @@ def pads(
 
     Parameters
     ----------
-    result : from ``render``, ``focus``, ``evaluate`` or ``compare``.
+    result : result of ``render``, ``focus``, ``evaluate`` or ``compare``.
     held_equal : normalisation of a comparison, one of ``evaluation.HELD_EQUAL``.
     ax : axes to draw into; by default those of a new figure.
 
     Raises
     ------
     InvalidInput
-        If the normalisation is not known.
+        If the normalisation is unknown.
     """
     plotted: Evaluation | Comparison = _checked_result(result, Evaluation | Comparison)
     axes = _axes(ax)
@@ -226,7 +226,7 @@ def pads(
 
 
 def _checked_result(result: Any, kinds: Any) -> Any:
-    """Return the result to plot, which is the evaluation of a rendering."""
+    """Return the result to plot; for a rendering, its evaluation."""
     if isinstance(result, Rendering):
         result = result.evaluation
     return of_kind(result, kinds, "the plotted result", "what render() or evaluate() returned")

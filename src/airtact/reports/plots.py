@@ -1,4 +1,4 @@
-"""Plots of numbers: methods against a bound, pads over time, a scan beside its prediction."""
+"""Plots of numbers: methods with their bound, pads over time, a scan and its prediction."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -22,7 +22,7 @@ from airtact.reports.field_figure import COLOURS, draw_values
 BAR = "#5a2a83"
 BOUND = "#c2410c"
 
-# For colour-blind readers (Okabe and Ito, 2008), after the colour of a single bar.
+# The colour of a single bar, then colours for colour-blind readers (Okabe and Ito, 2008).
 COLOURS_OF_DRIVES = (BAR, "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#0072b2", "#f0e442")
 
 
@@ -31,7 +31,7 @@ def draw_bars(
 ) -> Figure:
     """Draw one bar for each name, the first on top, and a line at the bound.
 
-    The label names the quantity and its unit.
+    ``label`` is the quantity with its unit.
     """
     # barh draws from the bottom.
     order = np.arange(len(names))[::-1]
@@ -50,7 +50,7 @@ def draw_bars(
 def draw_shares(
     pressures: Mapping[str, Float64[np.ndarray, "samples"]], expected: Mapping[str, float]
 ) -> Figure:
-    """Draw the share of samples below a pressure [Pa] by drive, and expected pressures."""
+    """Draw the share of samples below a pressure [Pa] for each drive, and expected pressures."""
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()
     for colour, (name, samples) in zip(COLOURS_OF_DRIVES, pressures.items(), strict=False):
@@ -66,9 +66,10 @@ def draw_shares(
 
 
 def draw_shifts(maps: Sequence[ShiftMap], names: Sequence[str], deviation: float) -> Figure:
-    """Draw the weakest focus over shifts of the hand: columns are drives, rows planes.
+    """Map the pressure of the weakest focus over shifts of the hand: a column per drive.
 
-    All have one scale. A ring shows the standard deviation [m] of the shift if it is above zero.
+    Rows are planes. All maps have one scale. A ring shows the standard deviation [m] of the shift
+    if it is above zero.
     """
     figure = Figure(figsize=(2.6 * len(names) + 1.4, 2.5 * len(maps) + 0.5), layout="constrained")
     axes = figure.subplots(len(maps), len(names), squeeze=False)
@@ -94,7 +95,7 @@ def draw_foci(
     pressures: Mapping[str, Float64[np.ndarray, "foci"]],
     asked: Float64[np.ndarray, "foci"] | None,
 ) -> None:
-    """Draw bars of the pressure at each focus [Pa] by drive, and lines at the requests."""
+    """Draw bars of the pressure at each focus [Pa] for each drive, and lines at the requests."""
     foci = np.arange(len(next(iter(pressures.values()))))
     width = 0.8 / len(pressures)
     for index, (name, heights) in enumerate(pressures.items()):
@@ -104,7 +105,7 @@ def draw_foci(
     if asked is not None:
         axes.hlines(asked, foci - 0.45, foci + 0.45, colors=BOUND, linewidth=2, label="request")
     axes.set(xlabel="focus", ylabel="peak pressure [Pa]", ylim=(0.0, None))
-    # Foci are counted.
+    # Foci have integer numbers.
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.spines[["top", "right"]].set_visible(False)
     if asked is not None or len(pressures) > 1:
@@ -112,7 +113,7 @@ def draw_foci(
 
 
 def draw_tracks(tracks: Sequence[PadTrack], title: str = "") -> Figure:
-    """Draw the pads of hands and the gap of a pinch over time; grey where a hand was lost."""
+    """Draw finger pads and the gap of a pinch over time; grey while a hand was lost."""
     figure = Figure(figsize=(5.0 + 3.5 * len(tracks), 7.0), layout="constrained")
     rows = figure.subplots(4, len(tracks), sharex="col", squeeze=False)
     start = min(float(track.times[0]) for track in tracks)
@@ -159,7 +160,7 @@ def draw_overlay(overlay: Overlay) -> Figure:
         "predicted": np.abs(model) / peak,
         f"difference, {overlay.error:.1%} rms": np.abs(measured - model) / peak,
     }
-    label = "pressure over the largest measured"
+    label = "pressure / largest measured pressure"
     if len(labels) == 1:
         figure = Figure(figsize=(8.0, 4.0), layout="constrained")
         axes = figure.subplots()
@@ -174,7 +175,7 @@ def draw_overlay(overlay: Overlay) -> Figure:
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
     largest = max(float(values.max()) for values in list(shown.values())[:2])
     for panel, (name, values) in zip(panels, shown.items(), strict=True):
-        # The difference has a scale of its own.
+        # The difference has its own scale.
         end = values.max() if name.startswith("difference") else largest
         dots = panel.scatter(
             *projected.T, c=values, s=24, marker="s", cmap=COLOURS, vmin=0, vmax=end
@@ -188,8 +189,8 @@ def draw_overlay(overlay: Overlay) -> Figure:
 def _seen(
     points: Float64[np.ndarray, "points 3"],
 ) -> tuple[Float64[np.ndarray, "points axes"], tuple[str, ...]]:
-    """Project points into their line or plane [mm], along the frame's axes if possible."""
-    # Points that spread less than 2 % of their largest spread in a direction are flat there.
+    """Project points onto their line or plane [mm], along the frame's axes if possible."""
+    # A spread below 2 % of the largest spread counts as none.
     spans = np.ptp(points, axis=0)
     wide = np.flatnonzero(spans > 0.02 * spans.max())
     if len(wide) <= 2:
@@ -205,7 +206,7 @@ def draw_varied(
     values: Float64[np.ndarray, "points"],
     label: str,
 ) -> Figure:
-    """Draw values over each varied column, with the median of points that share a value."""
+    """Draw values against each varied column, with the median of points that share a value."""
     figure = Figure(figsize=(min(4.6 * len(axes), 16.0), 3.6), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(axes), sharey=True))
     for panel, (name, varied) in zip(panels, axes.items(), strict=True):

@@ -15,18 +15,18 @@ def write_report(
     *,
     progress: Progress = no_progress,
 ) -> tuple[Path, ...]:
-    """Write the page of a result into a folder.
+    """Write the page of a result to a folder.
 
     Parameters
     ----------
-    result : a rendering, for which field.vtkhdf and report.html are written; or the comparison of
-        all methods for a setup, for which methods.html is written.
-    folder : is made if it does not exist.
-    progress : is called with each step in words as it begins.
+    result : a rendering, which gives field.vtkhdf and report.html; or the comparison of all methods
+        for a setup, which gives methods.html.
+    folder : folder of the files; it is created if it does not exist.
+    progress : called with a description of each step as it begins.
 
     Returns
     -------
-    The files.
+    The paths of the files.
     """
     # Matplotlib takes a second to import, and only pages need it.
     from airtact.reports.methods_page import write_methods_page

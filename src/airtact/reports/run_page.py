@@ -45,7 +45,7 @@ CITATION = (
 
 
 def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Path, ...]:
-    """Write field.vtkhdf and report.html of a rendering into a folder."""
+    """Write field.vtkhdf and report.html of a rendering to a folder."""
     clock = Clock(progress)
     setup = run.setup
     scene = setup.scene
@@ -74,7 +74,7 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
 
 
 def fields_of(run: Rendering, clock: Clock) -> tuple[list[Cut], SceneView]:
-    """Evaluate the fields in the pictures of a rendering, all drives at the energy of the first."""
+    """Evaluate the fields in the pictures of a rendering, with all drives at equal energy."""
     setup = run.setup
     scales = [drive.factor_to_match(run.drive) for drive in run.drives.values()]
     plane = plane_of_scene(setup.scene, setup.target.points)
@@ -87,7 +87,7 @@ def fields_of(run: Rendering, clock: Clock) -> tuple[list[Cut], SceneView]:
 
 
 def _windows(setup: Setup, plane: Window) -> list[Window]:
-    """Return the plane through the foci, or one across each focus if no plane contains them."""
+    """Return the plane through the foci, or one through each focus if no plane contains them."""
     if not off_one_plane(setup):
         return [plane]
     foci = setup.target.points
@@ -108,7 +108,7 @@ def _error(run: Rendering, cuts: Sequence[Cut]) -> float:
     """Largest estimated relative error of the pressures in the pictures."""
     points = np.concatenate([cut.window.points for cut in cuts])
     outside = points[run.setup.scene.depth(points) < 0.0]
-    # 300 points for each picture bound the time of the estimate.
+    # At most about 300 points for each picture, to bound the time of the estimate.
     sample = outside[:: max(1, len(outside) // (300 * len(cuts)))]
     return float(np.max(run.verification.field.error_at(sample), initial=0.0))
 
@@ -147,8 +147,8 @@ def _pictures(run: Rendering, view: SceneView) -> dict[str, Any]:
     phases = picture(
         figure,
         f"{shown} of each transducer by {run.method}, in Re[u e^(−iωt)].{amplitude} Each face is "
-        "drawn as seen from the side to which it radiates, from left to right as a viewer inside "
-        "who turns right sees them (compare Fig. 5 of the paper). Rounding to "
+        "drawn as seen from the side to which it radiates, in the order in which a viewer inside "
+        "sees them when turning right (compare Fig. 5 of the paper). Rounding to "
         f"{len(levels.amplitudes)} levels of amplitude and {levels.phases} of phase (drive.csv) "
         f"changes the pressure at the foci by {rounding:.2%} at most.",
         f"{shown} of {_transducers(run)}, face by face",
@@ -208,7 +208,7 @@ def _doubt(run: Rendering) -> list[Markup]:
 
 
 def _fields(run: Rendering, cuts: Sequence[Cut], view: SceneView) -> list[Markup]:
-    """Draw both drives and their difference, in the plane of the foci or across each focus."""
+    """Draw both drives and their difference, in the plane of the foci or through each focus."""
     names = run.verification.names
     peak = view.peak
     points = run.setup.target.points
@@ -232,8 +232,8 @@ def _fields(run: Rendering, cuts: Sequence[Cut], view: SceneView) -> list[Markup
     plane = "Plane through the foci."
     if off >= 0.5:
         plane = (
-            f"Plane nearest to the foci, which are up to {off:.1f} mm off it; those off it are "
-            "dashed."
+            f"Plane closest to the foci, which are up to {off:.1f} mm from it; foci off the plane "
+            "are dashed."
         )
     panels = [
         picture(
@@ -281,7 +281,7 @@ def _foci(run: Rendering) -> dict[str, Any]:
 
 
 def _comparisons(run: Rendering) -> list[tuple[str, list[tuple[str, ...]]]]:
-    """List a caption and rows of the pressures under both drives, once where they are equal."""
+    """List captions and rows of the pressures under both drives; equal tables appear once."""
     tables: dict[tuple[tuple[str, ...], ...], list[str]] = {}
     for held_equal, pressures in run.verification.pressures.items():
         rows = []
@@ -393,5 +393,5 @@ def _percent(share: float) -> str:
 
 
 def _rounded(pressure: float) -> str:
-    # The error of the computation leaves three digits.
+    # More than three digits would exceed the accuracy of the computation.
     return f"{float(f'{pressure:.3g}'):,g}"

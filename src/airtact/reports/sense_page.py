@@ -1,4 +1,4 @@
-"""The page of a hand located by echoes: its pose, the gain of correcting it, and the residuals."""
+"""The page of a hand located from echoes: its pose, the gain from correcting it, the residuals."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,10 +25,10 @@ AFTER = "#e8590c"
 
 
 def write_sense_page(path: Path, sensed: Sensed) -> None:
-    """Write a self-contained HTML page, which appears only once it is complete."""
+    """Write a self-contained HTML page, which appears only when it is complete."""
     elements, transmissions = sensed.echoes.codes.shape
     left_out = sensed.located.left_out
-    # NaN where an element did not receive.
+    # NaN for elements that did not receive.
     values = np.full((2, len(sensed.setup.array)), np.nan)
     values[:, sensed.echoes.receiving] = sensed.unexplained
     values[:, left_out] = np.nan
@@ -73,11 +73,11 @@ def _facts(sensed: Sensed) -> list[tuple[str, str]]:
         ),
         (
             f"{sensed.after.min() / sensed.before.min():.2f} times",
-            "the pressure at the weakest focus, by the correction",
+            "the pressure at the weakest focus, due to the correction",
         ),
         (
             f"{sensed.located.misfit:.1%}".replace("%", " %"),
-            "of the echoes not explained beyond noise",
+            "of the echoes explained neither by the model nor by noise",
         ),
     ]
 
@@ -109,7 +109,7 @@ def _pose(sensed: Sensed) -> dict[str, Any]:
 
 
 def _moved(sensed: Sensed) -> Markup:
-    """Picture the hand before and after, beside the foci."""
+    """Draw the hand and the foci before and after the correction."""
     setup = sensed.setup
     fitted = sensed.fitted
     pose = sensed.located.pose
@@ -119,14 +119,14 @@ def _moved(sensed: Sensed) -> Markup:
     ]
     scenes = (setup.scene, replace(fitted.scene, obstacles=moved_bodies))
     foci = np.stack([setup.target.points, pose.apply(fitted.target.points)])
-    # The window of a field, less 3 wavelengths, shows motions of a millimetre.
+    # A window smaller than a field's, so that motions of a millimetre are visible.
     window = plane_of_scene(setup.scene, setup.target.points)
     less = 3.0 * setup.scene.wavelength
     window = replace(window, width=window.width - less, height=window.height - less)
     return picture(
         draw_moved(window, scenes, foci),
-        "Bodies of the scene file (dashed) and as located by the echoes (grey), cut by two planes "
-        "through the middle of the scene's foci. Foci off a plane are projected onto it.",
+        "Bodies of the scene file (dashed) and as located from the echoes (grey), cut by two "
+        "planes through the middle of the scene's foci. Foci off a plane are projected onto it.",
         f"Cuts of the bodies before and after a motion by {1e3 * off:.2f} mm and "
         f"{np.degrees(turn):.2f} degrees",
         wide=True,
@@ -140,7 +140,7 @@ def _residuals(sensed: Sensed, values: Real[np.ndarray, "2 elements"]) -> Markup
         array.positions,
         array.normals,
         {"scene's pose": start, "estimated pose": end},
-        "residual over the rms of the echoes",
+        "residual / rms of the echoes",
     )
     caption = (
         "Residual of the echoes at each receiver, including noise: root mean square over the "
@@ -163,8 +163,8 @@ def draw_moved(
 ) -> Figure:
     """Draw cuts of the bodies of two scenes, before and after a correction, in two planes.
 
-    The second plane is upright on the window, through its middle. Foci [m] are projected onto the
-    planes.
+    The second plane is perpendicular to the window, through its middle. Foci [m] are projected onto
+    the planes.
     """
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")
     up = window.normal * np.sign(window.normal[np.argmax(np.abs(window.normal))])

@@ -41,25 +41,25 @@ FOCI: Any = {
 
 
 def towards_viewer(azimuth: float, elevation: float) -> Float64[np.ndarray, "3"]:
-    """Return the unit vector to a viewer in a direction [degrees]."""
+    """Return the unit vector towards a viewer at an azimuth and elevation [degrees]."""
     around = np.radians(azimuth)
     above = np.radians(elevation)
     return np.array([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above)])
 
 
 def broad_view(points: Real[np.ndarray, "points 3"]) -> View:
-    """View of the broad side of points, at a small angle."""
+    """Return a view of the broad side of points, slightly oblique."""
     thinnest = int(np.ptp(points, axis=0).argmin())
     return ((-32.0, 24.0), (-58.0, 24.0), (-58.0, 48.0))[thinnest]
 
 
 def space_axes(figure: Figure, view: View, position: tuple[int, int, int] = (1, 1, 1)) -> Axes3D:
-    """Add axes in space to a figure."""
+    """Add 3-D axes to a figure."""
     with rc_context(PLAIN):
         axes = figure.add_subplot(*position, projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
     axes.view_init(azim=view[0], elev=view[1])
-    # The patch would cover the labels of the axes beside it.
+    # The patch would cover the labels of neighbouring axes.
     axes.patch.set_visible(False)
     return axes
 
@@ -68,7 +68,7 @@ def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
     """Fit the axes around points [mm], with equal scales."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     lengths = np.ptp(points, axis=0)
-    # Flat points get a thin box, which matplotlib needs.
+    # matplotlib needs a box with a thickness, also for flat points.
     lengths = np.maximum(lengths, 2e-3 * lengths.max())
     lowest = middle - lengths / 2.0
     highest = middle + lengths / 2.0
@@ -79,7 +79,7 @@ def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
     axes.set_box_aspect(tuple(lengths), zoom=0.9)  # pyright: ignore
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     for index, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
-        # 7 ticks along the longest side, fewer along the others, which keeps labels apart.
+        # Up to 7 ticks along the longest side and fewer along the others keep labels apart.
         count = round(7 * float(lengths[index] / lengths.max()))
         single = FixedLocator([round(float(middle[index]), 1) + 0.0])
         axis.set_major_locator(MaxNLocator(count) if count > 1 else single)
@@ -96,19 +96,19 @@ def add_solid(
     marked: Bool[np.ndarray, "polygons corners"] | None = None,
     mark: tuple[float, ...] = INSIDE,
 ) -> None:
-    """Draw the shaded polygons of a surface [mm]: triangles, or hexagons of curved ones.
+    """Draw the shaded polygons of a surface [mm]: triangles, or hexagons for curved triangles.
 
     Parameters
     ----------
     outlined : whether edges are dark.
-    closed : whether backs are hidden; else they have the colour ``INSIDE``.
-    marked : edges that are drawn in the colour ``mark``, from each corner to the next.
+    closed : whether backs are hidden; otherwise they have the colour ``INSIDE``.
+    marked : edges, from each corner to the next, that are drawn in the colour ``mark``.
     """
     viewer = towards_viewer(axes.azim, axes.elev)
     normals = unit(area_vectors(polygons[:, :: polygons.shape[1] // 3]))
     near = normals @ viewer > 0.0
     shown = near | (not closed)
-    # A lamp to the left of the viewer and above shows the shape of a smooth surface.
+    # Light from above, to the left of the viewer, shows the shape of a smooth surface.
     lamp = unit(viewer - 0.35 * unit(np.cross([0.0, 0.0, 1.0], viewer)) + [0.0, 0.0, 0.5])
     light = 0.65 + 0.35 * np.clip(np.where(near, 1.0, -1.0) * (normals @ lamp), 0.0, 1.0)
     faces = np.where(near[:, None], colours, INSIDE)
@@ -118,8 +118,8 @@ def add_solid(
     edges = np.tile((0.2, 0.2, 0.2, 0.7), (len(faces), 1)) if outlined else faces
     parts = [*polygons[shown]]
     if marked is not None:
-        # Lines are polygons of two corners, so that matplotlib sorts them with the faces. They lie
-        # ahead of their faces, which would cover them.
+        # Lines are polygons of two corners, so that matplotlib sorts them with the faces. They are
+        # moved towards the viewer, because the faces would cover them.
         chosen = marked & shown[:, None]
         starts = polygons[chosen]
         ends = np.roll(polygons, -1, axis=1)[chosen]
@@ -142,7 +142,7 @@ def sheet_of(plane: Plane, points: Real[np.ndarray, "points 3"]) -> Float64[np.n
     first = unit(first - (first @ plane.normal) * plane.normal)
     axes = np.stack([first, np.cross(plane.normal, first)])
     along = points @ axes.T
-    # Beyond the points by 15 % of their extent.
+    # The part extends beyond the points by 15 % of their extent.
     margin = 0.15 * float(np.ptp(along))
     left, down = along.min(axis=0) - margin
     right, up = along.max(axis=0) + margin

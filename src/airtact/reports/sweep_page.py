@@ -22,7 +22,7 @@ LENGTHS = (
     *("spacing", "height", "width", "scale", "largest_hole", "piston_radius", "size"),
     *("position", "own_position", "board_position", "along_skin"),
 )
-"""Keys of a scene file that hold a length, which the page states in millimetres."""
+"""Keys of a scene file that hold a length; the page shows them in millimetres."""
 
 UNITS = {
     **dict.fromkeys(("degrees", "sharp_degrees", "within", "phase"), "°"),
@@ -37,10 +37,10 @@ UNITS = {
     "age": "s",
     "sensitivity": "Pa·m",
 }
-"""Units of other keys. Keys without one hold a share or a number."""
+"""Units of other keys. Keys without a unit hold a share or a number."""
 
 
-GAIN = "pressure at the weakest focus over that of a drive that ignores the bodies"
+GAIN = "pressure at the weakest focus, relative to a drive that ignores the bodies"
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class Swept:
 
 
 def write_sweep_page(path: Path, swept: Swept) -> None:
-    """Write the page; the file appears only once it is complete."""
+    """Write the page; the file appears only when it is complete."""
     weakest = swept.numbers("weakest_Pa")
     gain = swept.numbers("gain")
     facts = [(f"{len(swept.rows):,}", "points"), (f"{len(swept.failed):,}", "of them failed")]
@@ -100,7 +100,7 @@ def write_sweep_page(path: Path, swept: Swept) -> None:
     if np.isfinite(gain).any():
         facts.append((f"{np.nanmedian(gain):.2f}", f"{GAIN}, median"))
     counts = Counter(str(row["error"]) for row in swept.failed)
-    # Reversed, so that the first sentence of each code stays.
+    # Reversed, so that the first sentence of each code is kept.
     first = {str(row["error"]): str(row["sentence"]) for row in reversed(swept.failed)}
     hidden = {"sentence", "warnings", *(() if swept.failed else ("error",))}
     columns = dict.fromkeys(name for row in swept.rows for name in row if name not in hidden)
@@ -126,7 +126,7 @@ def write_sweep_page(path: Path, swept: Swept) -> None:
 
 
 def _pictures(swept: Swept, values: Float64[np.ndarray, "points"], quantity: str) -> list[Markup]:
-    """Draw a quantity over the columns that differ between points."""
+    """Draw a quantity against the columns that differ between points."""
     columns = {swept.label(name): swept.factor(name) * swept.numbers(name) for name in swept.varied}
     axes = {
         name: numbers

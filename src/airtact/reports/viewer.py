@@ -1,6 +1,6 @@
 """The 3-D scene of a page: embedded data that ``viewer.js`` draws with three.js.
 
-three.js is taken from the installed trimesh, so nothing is fetched.
+three.js comes with the installed trimesh, so nothing is downloaded.
 """
 
 import base64
@@ -43,7 +43,7 @@ class SceneView:
     Attributes
     ----------
     setup : the transducers, the foci and the planes.
-    drives : amplitudes (E,) of each drive by name; the first is shown first.
+    drives : amplitudes (E,) of each drive by name; the first drive is shown first.
     reached : (F, D) peak pressure at the foci under each drive [Pa].
     surfaces : bodies with their pressures; None in open air.
     slices : pressure of each drive in parallel planes.
@@ -64,7 +64,7 @@ class SceneView:
 
     @property
     def peak(self) -> float:
-        """Largest pressure in the scene [Pa], the end of the scale of all drives."""
+        """Largest pressure in the scene [Pa], the end of the colour scale of all drives."""
         air = self.slices.pressures[self.slices.depth < 0.0]
         walls = 0.0 if self.surfaces is None else self.surfaces.pressures.max()
         return float(max(air.max(initial=1e-9), self.reached.max(), walls))
@@ -77,13 +77,13 @@ class SceneView:
 
     @property
     def sheets(self) -> list[Float64[np.ndarray, "4 3"]]:
-        """Corners of the drawn part of each plane [m], counter-clockwise as seen from its front."""
+        """Corners of the drawn part of each plane [m], anticlockwise as seen from its front."""
         everything = np.concatenate([self.solid, self.points])
         return [sheet_of(plane, everything) for plane in self.setup.scene.planes]
 
 
 def off_one_plane(setup: Setup) -> bool:
-    """Whether the foci are on bodies and too many for one plane: a plane contains two exactly."""
+    """Whether the foci are on bodies and more than two, so that one plane rarely contains them."""
     return len(setup.foci) > 2 and bool(setup.scene.obstacles)
 
 
@@ -99,9 +99,9 @@ def scene_view(
 
     Parameters
     ----------
-    field : its first excitations are those of the drives.
-    drives : by name, as they were solved.
-    scales : (D,) factor on each drive for the picture.
+    field : solved field; its first excitations are the drives.
+    drives : drives by name, as they were solved.
+    scales : (D,) factor that each drive is multiplied by for the picture.
     window : the plane of the foci.
     held_equal : the quantity that the scales make equal, in words.
     """
@@ -124,7 +124,7 @@ def scene_view(
 
 
 def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str, Any]:
-    """Return the values of a template; the ``chosen`` drives are compared first."""
+    """Return the values for the template; the ``chosen`` drives are compared first."""
     facts, numbers = _facts(view)
     return {
         "drives": list(view.drives),
@@ -138,7 +138,7 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
         "alternative": viewer_alternative(view),
         "caption": _caption(view),
         "axes": [2, 1, 0] if view.slices.any_axis else [2],
-        # A slice far from some of the foci would hide parts of the bodies.
+        # A slice far from some foci would hide parts of the bodies.
         "sliced": not off_one_plane(view.setup),
     }
 
@@ -147,7 +147,7 @@ def viewer_alternative(view: SceneView) -> str:
     """Describe the scene and the pressures at the foci as text."""
     got = view.reached[:, 0]
     words = f"{got.min():,.0f} to {got.max():,.0f} Pa"
-    # A screen reader would take too long over more than 8 foci.
+    # More than 8 foci would take a screen reader too long.
     if len(got) <= 8:
         words = ", ".join(
             f"{pressure:,.0f} Pa at {name}"
@@ -162,29 +162,31 @@ def viewer_alternative(view: SceneView) -> str:
 
 def _caption(view: SceneView) -> str:
     sentences = [
-        f"One colour scale for the slice and the surfaces of all drives, to {view.peak:,.0f} Pa."
+        f"The slice and the surfaces have one colour scale for all drives, up to {view.peak:,.0f} "
+        "Pa."
     ]
     if len(view.drives) > 1:
         sentences.append(f"Drives are shown at {view.held_equal}.")
     if view.setup.scene.planes:
         sentences.append("The rigid plane is a sheet; from behind, only its edge is drawn.")
     if len(paths_of(view.setup)):
-        sentences.append("Foci move along the dashed lines; the field is that of the foci at rest.")
+        sentences.append("Foci move along the dashed lines; the field is shown for foci at rest.")
     if view.surfaces:
         sentences.append(
-            "Within a quarter of a wavelength of a surface values are interpolated, to a few %."
+            "Values within a quarter of a wavelength of a surface are interpolated, with an error "
+            "of a few %."
         )
     return " ".join(sentences)
 
 
 @cache
 def three_js() -> str:
-    """Return the build of three.js in trimesh's viewer: one script that defines ``THREE``."""
+    """Return three.js from trimesh's viewer, as one script that defines ``THREE``."""
     import trimesh.resources
 
     archive = zipfile.ZipFile(io.BytesIO(trimesh.resources.get_bytes("templates/viewer.zip")))
     text = archive.read(archive.namelist()[0]).decode()
-    # The archive holds a page with three.js between its licence and the end of its module.
+    # The archive holds a page; three.js goes from its licence to the end of its module.
     start = text.index("/**\n * @license", text.index("<script>"))
     return text[start : text.index("})", text.index('"__esModule"', start)) + len("})}));")]
 
@@ -258,7 +260,7 @@ def _arrays(view: SceneView) -> dict[str, np.ndarray]:
 
 
 def _bytes(pressure: Float64[np.ndarray, "*points"], peak: float) -> np.ndarray:
-    # The square root keeps faint fields: 1 % of the peak is 25 of 255.
+    # The square root keeps faint fields visible: 1 % of the peak is 25 of 255.
     return np.round(255.0 * np.sqrt(np.clip(pressure / peak, 0.0, 1.0))).astype(np.uint8)
 
 
@@ -266,7 +268,7 @@ def _planes(view: SceneView) -> dict[str, Any]:
     slices = view.slices
     counts = slices.depth.shape[::-1]
     focus = (view.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
-    # The slice goes through the focus farthest from the viewer, or it would hide other foci.
+    # The slice goes through the focus farthest from the viewer, because it would hide other foci.
     seen = _first_direction(view)
     heights = ((view.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
     # The axis may point towards the viewer or away.
@@ -293,7 +295,7 @@ def _views(view: SceneView) -> dict[str, Any]:
     close = max([0.54 * float(np.linalg.norm(spans[:2])), *path_reaches])
     towards = towards_viewer(*_side(slices.axes[2], view.setup.array.normals))
     first = _first_direction(view)
-    # A rigid plane that would be seen from behind mirrors the view.
+    # If a rigid plane would be seen from behind, the view is mirrored at it.
     front = first
     for plane in view.setup.scene.planes:
         front = front - 2.0 * min(0.0, float(front @ plane.normal)) * plane.normal
@@ -320,7 +322,7 @@ def _framed(
     projected = points @ axes.T
     middle = (projected.min(axis=0) + projected.max(axis=0)) / 2.0
     right, up, near = (projected - middle).T
-    # The camera sees 15 degrees to either side of the centre; nearer points need a larger distance.
+    # The camera sees 15 degrees to either side of the centre; near points need a larger distance.
     half = np.radians(15.0)
     distance = np.max(near + np.maximum(np.abs(right), np.abs(up)) / np.tan(half))
     return middle @ axes, 1.06 * float(distance * np.sin(half)), seen
@@ -332,7 +334,7 @@ def _surrounds(view: SceneView) -> bool:
 
 
 def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
-    """Direction from which the skin at the foci, the array and the slice are seen."""
+    """Direction of the viewer, from which the skin at the foci, array and slice are visible."""
     scene = view.setup.scene
     radiated = view.setup.array.normals.mean(axis=0)
     if _surrounds(view):
@@ -341,7 +343,7 @@ def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
     if np.linalg.norm(facing) < 0.3:
         facing = -radiated
     facing = unit(facing)
-    # From aside, since the array is in front of the skin and would be behind the viewer.
+    # From one side, because the array is in front of the skin and would be behind the viewer.
     normal = view.slices.axes[2] * np.sign(view.slices.axes[2] @ [0.3, -1.0, 0.2])
     candidates = (normal, np.cross([0.0, 0.0, 1.0], facing), np.array([0.0, -1.0, 0.0]))
     across = (axis - axis @ facing * facing for axis in candidates)
@@ -352,7 +354,7 @@ def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
 def _side(
     normal: Float64[np.ndarray, "3"], radiated: Real[np.ndarray, "elements 3"]
 ) -> tuple[float, float]:
-    """First azimuth and elevation of the view of the slice [degrees], from where sound comes."""
+    """First azimuth and elevation of the view of the slice [degrees], from the array's side."""
     towards = -radiated.mean(axis=0)
     # Sound from above is shown from below, so that the array does not hide the field.
     below = towards[2] < -0.3

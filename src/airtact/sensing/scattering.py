@@ -259,7 +259,7 @@ class ScatteringFamily:
 
     Each entry of the matrix is interpolated by the polynomial through Chebyshev points, which is
     nearly optimal for smooth functions (L. N. Trefethen, Approximation Theory and Approximation
-    Practice (2013), chapters 3 and 4). The derivative by the parameter is that of the polynomial.
+    Practice (2013), chapters 3 and 4). The derivative is taken from the polynomial.
 
     Attributes
     ----------

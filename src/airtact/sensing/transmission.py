@@ -93,7 +93,7 @@ def facing(
 
 
 def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]:
-    """Split an array into a number of equal boards, or into those of a known kind.
+    """Split an array into a given number of equal boards, or into boards of a known kind.
 
     Raises
     ------

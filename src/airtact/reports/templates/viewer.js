@@ -1,12 +1,12 @@
-// The scene of a page in space, by three.js: the array, the bodies with the pressure on them, the foci, and a slice
-// through the field that moves. Lengths are in mm. Pressures come as bytes, 255 √(p / most).
+// The 3-D scene of a page, drawn with three.js: the array, the bodies with the pressure on them, the foci, and a movable
+// slice through the field. Lengths are in mm. Pressures are stored as bytes, 255 √(p / most).
 "use strict";
 
 const FAINT = 0.1; // share of the largest pressure below which a difference fades to grey
 const SHEET = 0x735c40; // colour of a rigid plane
 const SLOW = 60; // ms between frames above which a drag is drawn more coarsely
 
-// Colour of a pressure, or of the ratio of two, from the square roots of their shares of the largest.
+// Colour of a pressure, or of the ratio of two pressures, from the square roots of pressure / largest.
 const COLOUR = `
   uniform sampler2D pressures, differences;
   uniform int shown;
@@ -40,7 +40,7 @@ const SLICE = {
     }`,
 };
 
-// Discs that fade into the paper. Transparent ones would be slow.
+// Discs that fade into the background. Transparent discs would be slow.
 const DISCS = {
   vertexShader: `
     varying vec3 colour;
@@ -154,7 +154,7 @@ class Viewer {
     this.scene.add(this.slice, this.edge, this.surface, this.elements, ...this.sheets);
   }
 
-  // A rigid plane: from the front a translucent sheet, from behind its edge alone, so that it tints no pressure.
+  // A rigid plane: a translucent sheet from the front, and only its edge from behind, so that it tints no pressure.
   sheet(corners) {
     const points = corners.map((corner) => new THREE.Vector3(...corner));
     const geometry = new THREE.BufferGeometry().setFromPoints(points).setIndex([0, 1, 2, 0, 2, 3]);
@@ -322,7 +322,7 @@ class Viewer {
     this.draw();
   }
 
-  // The plane that removes what stands between the viewer and the slice.
+  // The clipping plane that removes everything between the viewer and the slice.
   cutting() {
     if (!this.control("cut").checked || !this.slice.visible) return [];
     const plane = new THREE.Plane(this.axes[this.axis].clone(), -this.along(this.axis, this.layer));

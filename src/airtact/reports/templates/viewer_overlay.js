@@ -1,4 +1,4 @@
-// Words, rings round the foci, scales of colours and the axes: drawn as SVG over the scene, so that they stay sharp.
+// Labels, rings around the foci, colour scales and axes, drawn as SVG over the scene so that they stay sharp.
 "use strict";
 
 const DIFFERENCE = 6; // dB at the ends of the colours of a difference
@@ -19,7 +19,7 @@ class Overlay {
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
   }
 
-  // Pixels at which the camera sees a point.
+  // Pixel position of a point in the camera's view.
   seen(point) {
     const { x, y } = point.clone().project(this.camera);
     return [((1 + x) * this.width) / 2, ((1 - y) * this.height) / 2];
@@ -107,7 +107,7 @@ class Overlay {
     }
   }
 
-  // Shares of the scale and their words.
+  // Positions on the scale (0 to 1) and their labels.
   ticks(shown, count) {
     const most = this.facts.most;
     const signed = (share) => `${share > 0 ? "+" : ""}${grouped(share * DIFFERENCE)}`;
@@ -138,7 +138,7 @@ class Overlay {
     }
   }
 
-  // The scene and what is drawn over it as one SVG.
+  // The scene and its overlay as one SVG.
   saved(canvas) {
     const { width, height } = this;
     const copy = this.svg.cloneNode(true);

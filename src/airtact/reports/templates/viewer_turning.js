@@ -1,4 +1,4 @@
-// Turning, moving and zooming a camera round a point with mouse, touch and keys; z stays upright.
+// Turning, moving and zooming a camera around a point with mouse, touch and keys; z stays upright.
 "use strict";
 
 class Turning {
@@ -32,7 +32,7 @@ class Turning {
     return this.pointers.size > 0;
   }
 
-  // Look at a ball of this radius round a point, from where azimuth and elevation say.
+  // Look at a ball of this radius around a point, from a direction given by azimuth and elevation.
   look(target, radius, [azimuth, elevation]) {
     const half = Math.sin((this.camera.fov * Math.PI) / 360);
     Object.assign(this, { azimuth, elevation, distance: radius / half / Math.min(1, this.camera.aspect) });
@@ -40,7 +40,7 @@ class Turning {
     this.changed();
   }
 
-  // Length in the scene that one pixel shows at the target.
+  // Length of one pixel at the target, in units of the scene.
   get pixel() {
     return (2 * this.distance * Math.tan((this.camera.fov * Math.PI) / 360)) / this.canvas.clientHeight;
   }

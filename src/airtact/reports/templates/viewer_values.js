@@ -1,4 +1,4 @@
-// The values of what lies under the pointer.
+// The values at the pointer.
 "use strict";
 
 class Values {
@@ -24,7 +24,7 @@ class Values {
     readout.style.top = `${Math.max(4, y - readout.offsetHeight - 12)}px`;
   }
 
-  // Lines of words for what is seen at a pixel; null for nothing.
+  // Lines of text for the object at a pixel; null if there is none.
   under(x, y, box) {
     const { viewer } = this;
     const { facts, overlay, camera, surface, slice, elements, sheets } = viewer;
@@ -45,7 +45,7 @@ class Values {
     return hit.object === surface ? this.onSurface(hit) : this.inAir(hit.point);
   }
 
-  // Whether what was hit is drawn: not cut away, and no hidden back of a disc.
+  // Whether the hit object is visible: not cut away, and not the hidden back of a disc.
   stands({ object, point, instanceId }) {
     const { surface, elements } = this.viewer;
     const planes = surface.material.clippingPlanes;
@@ -59,7 +59,7 @@ class Values {
     return `${[..."xyz"].map((name, axis) => `${name} ${grouped(point.getComponent(axis), 1)}`).join(", ")} mm`;
   }
 
-  // A line for each drive, or for the two chosen where there are many.
+  // A line for each drive, or for the two chosen drives if there are many.
   each(pressures) {
     const { facts, drive, other, shown } = this.viewer;
     const two = shown === "difference" ? [drive, other] : [drive];
@@ -105,7 +105,7 @@ class Values {
     return [`air at ${this.place(point)}`, ...this.each(pressures)];
   }
 
-  // Linear between the eight bytes round a point given in steps.
+  // Linear interpolation between the eight bytes around a point given in steps.
   sampled(name, cell) {
     const { counts } = this.viewer.facts.slices;
     const bytes = this.viewer.array(name);
