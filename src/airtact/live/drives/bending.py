@@ -4,7 +4,7 @@ A whole hand takes about 0.2 s to solve. Its factors (see ``factors``) are outda
 because the phase of the sound that a neighbouring finger scatters changes with every millimetre.
 The strengths of the sources on the skin, relative to the direct sound of the beacon, hardly change:
 they are smooth functions of the position on each bone. The sources are therefore moved with their
-bones, their phases are updated for the new paths from the focus, and their field is evaluated anew.
+bones, their phases are updated for the new paths from the focus, and their field is recomputed.
 This takes 20 ms and makes a solution of 0.1 s ago about right. Until the next such step, the
 sources of each bone are combined, and their phase is updated for the path through their centre.
 """
