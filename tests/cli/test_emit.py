@@ -158,7 +158,7 @@ def test_boards_are_listed_with_their_links(capsys) -> None:
     assert errors == ""
     assert "autd3 249 256 x 256 phases 1 to 256" in printed
     assert "sonicsurface 256 on, off x 32 phases 1 to 2" in printed
-    assert "autd3: AUTD3, by audit, ethercrab, twincat, remote, simulator, file" in printed
+    assert "audit, ethercrab, twincat, remote, simulator, file" in printed
     assert "Serial ports:" in printed
 
 
@@ -235,7 +235,7 @@ AUDIT = ("--board", "autd3", "--link", "audit", "--yes")
 
 
 FAULTS = {
-    "no answer": (lambda path: path, AUDIT[:-1], "link_failed", "0 frames"),
+    "no answer": (lambda path: path, AUDIT[:-1], "link_failed", "--yes"),
     "no file": (lambda path: path.with_name("none.h5"), AUDIT, "file_missing", "none.h5"),
     "no HDF5": (lambda path: path.parent / "text.h5", AUDIT, "file_unreadable", "text.h5"),
     "no drive": (

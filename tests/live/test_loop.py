@@ -1,5 +1,7 @@
 """The live loop on a virtual clock: sound follows, fades and rises, and what is not safe is silent."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import pairwise
 
@@ -231,3 +233,15 @@ def test_a_recording_in_a_loop_goes_on_with_later_frames():
     frames = [next(repeated) for _ in range(2 * len(recording.frames))]
     assert (np.diff([frame.time for frame in frames]) > 0.0).all()
     assert (np.diff([frame.sequence for frame in frames]) == 1).all()
+
+
+def test_a_session_that_is_still_being_closed_is_waited_for(example_scene, clock, tmp_path):
+    """The process that writes it locks the file, and may end after the loop."""
+    path = tmp_path / "session.h5"
+    writer = at.live.SessionWriter(path, example_scene[0])
+    followed(example_scene[0], clock, reaching_recording()[:20], session=writer)
+    held = f"import h5py, time; f = h5py.File({str(path)!r}, 'a'); print(flush=True); time.sleep(1)"
+    with subprocess.Popen([sys.executable, "-c", held], stdout=subprocess.PIPE) as holder:
+        assert holder.stdout
+        holder.stdout.readline()
+        assert len(at.live.read_session(path).time_in_air)

@@ -4,6 +4,7 @@ import pickle
 import struct
 import subprocess
 import sys
+import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -320,7 +321,17 @@ def _opened(path: str | Path) -> Iterator[Any]:
     path = path / FILE if path.is_dir() else path
     with about(path.name):
         try:
-            with h5py.File(path, "r") as file:
+            # The process that writes the file may end seconds after the loop on a busy machine, and
+            # it locks the file until then.
+            for _ in range(40):
+                try:
+                    opened = h5py.File(path, "r")
+                    break
+                except BlockingIOError:
+                    time.sleep(0.25)
+            else:
+                opened = h5py.File(path, "r")
+            with opened as file:
                 version = int(cast(int, file.attrs["format_version"]))
                 if version > 2:
                     raise InvalidInput(
