@@ -238,8 +238,8 @@ def test_a_recording_in_a_loop_goes_on_with_later_frames():
 def test_a_session_that_is_still_being_closed_is_waited_for(example_scene, clock, tmp_path):
     """The process that writes it locks the file, and may end after the loop."""
     path = tmp_path / "session.h5"
-    writer = at.live.SessionWriter(path, example_scene[0])
-    followed(example_scene[0], clock, reaching_recording()[:20], session=writer)
+    writer = at.live.SessionWriter(path, example_scene)
+    followed(example_scene, clock, reaching_recording()[:20], session=writer)
     held = f"import h5py, time; f = h5py.File({str(path)!r}, 'a'); print(flush=True); time.sleep(1)"
     with subprocess.Popen([sys.executable, "-c", held], stdout=subprocess.PIPE) as holder:
         assert holder.stdout
