@@ -148,14 +148,17 @@ class LinkProcess:
             self._watcher = threading.Thread(target=self._watch, name="link watcher", daemon=True)
             self._watcher.start()
 
-    def ask(self, name: str, *arguments: object, seconds: float = ANSWER_TIMEOUT) -> Any:
+    def ask(self, name: str, *arguments: object, seconds: float | None = None) -> Any:
         """Call a method of the link's player and return its answer, within a time [s].
+
+        The time is ``ANSWER_TIMEOUT`` unless given.
 
         Raises
         ------
         InvalidInput, LinkFailed
             The errors of the link, or "link_process_lost" if its process has ended.
         """
+        seconds = ANSWER_TIMEOUT if seconds is None else seconds
         with self._lock:
             if self._lost is not None:
                 raise self._lost_error()

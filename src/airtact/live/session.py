@@ -315,23 +315,11 @@ def recording_of(path: str | Path) -> Recording:
 @contextmanager
 def _opened(path: str | Path) -> Iterator[Any]:
     """Open a session file, or the one in a folder, and convert errors to ``InvalidInput``."""
-    import h5py
-
     path = Path(path)
     path = path / FILE if path.is_dir() else path
     with about(path.name):
         try:
-            # The process that writes the file may end seconds after the loop on a busy machine, and
-            # it locks the file until then.
-            for _ in range(40):
-                try:
-                    opened = h5py.File(path, "r")
-                    break
-                except BlockingIOError:
-                    time.sleep(0.25)
-            else:
-                opened = h5py.File(path, "r")
-            with opened as file:
+            with _unlocked(path) as file:
                 version = int(cast(int, file.attrs["format_version"]))
                 if version > 2:
                     raise InvalidInput(
@@ -347,6 +335,21 @@ def _opened(path: str | Path) -> Iterator[Any]:
             raise InvalidInput(
                 f"this is no session, because an entry is missing: {error}.", code="wrong_kind"
             ) from None
+
+
+def _unlocked(path: Path) -> Any:
+    """Open an HDF5 file, and wait up to 10 s while another process has it locked."""
+    import h5py
+
+    # The process that writes a session can end seconds after its loop on a busy machine.
+    end = time.monotonic() + 10.0
+    while True:
+        try:
+            return h5py.File(path, "r")
+        except BlockingIOError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.25)
 
 
 def _scene_in(file: Any) -> LiveScene:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from airtact.acoustics.solvers.bem.factorised.reduced_body import (
-    FEW,
+    MAX_COMPILED_VECTORS,
     RoundedMatrix,
     product,
     rounded,
@@ -18,7 +18,7 @@ def some(*shape: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("transposed", [False, True])
-@pytest.mark.parametrize("count", [1, 2, FEW, FEW + 1])
+@pytest.mark.parametrize("count", [1, 2, MAX_COMPILED_VECTORS, MAX_COMPILED_VECTORS + 1])
 def test_products_are_right_to_the_rounding(count, transposed):
     matrix = (some(60, 80) * np.geomspace(1e-15, 1e15, 60)[:, None]).astype(np.complex64)
     matrix[3] = 0

@@ -33,7 +33,7 @@ Columns = Float64[np.ndarray, "columns 3"]
 
 # A compiled loop multiplies up to this many vectors, because BLAS is slower and leaves threads
 # spinning
-FEW = 8
+MAX_COMPILED_VECTORS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def product(
     matrix: Matrix, vectors: Num[np.ndarray, "vectors inner"], transposed: bool = False
 ) -> Complex[np.ndarray, "vectors outer"]:
     """Multiply a matrix, or its transpose, by row vectors, in the matrix's precision."""
-    if len(vectors) > FEW:
+    if len(vectors) > MAX_COMPILED_VECTORS:
         full = matrix.as_complex() if isinstance(matrix, RoundedMatrix) else matrix
         return vectors.astype(full.dtype, copy=False) @ (full if transposed else full.T)
     vectors = np.ascontiguousarray(vectors, dtype=matrix.dtype)
