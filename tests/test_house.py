@@ -32,7 +32,7 @@ SampledField multipole_expansion transfer_matrix open_air_matrix TransferMatrix 
 time_reversal weighted_gerchberg_saxton max_min upper_bound focus_by_distance quantise evaluate
 compare field_map read_scene load_drive example plot Uncertainty ensemble robust Echoes
 simulate_echoes scattering_matrix locate calibrate sweep AUTD3Link Emission Stored InvalidInput
-NotConverged
+NotConverged VirtualObject contact
 """
 
 

@@ -4,7 +4,7 @@ A ``Scene`` states what is in the air and a ``Target`` what a person feels. One 
 virtual sources at the foci, gives by reciprocity the transfer matrix to a ``PhasedArray``. From it
 follow a ``Drive`` and its evaluation by another solver. These names are here; the rest is in the
 packages ``acoustics``, ``drives``, ``emission``, ``evaluation``, ``geometry``, ``hands``, ``live``,
-``sensing``, ``setup`` and ``transducers``, and in ``plot``.
+``sensing``, ``setup``, ``touch`` and ``transducers``, and in ``plot``.
 
 Names are listed in ``__init__.pyi`` and imported when first used.
 """

@@ -7,6 +7,7 @@ from . import hands as hands
 from . import live as live
 from . import sensing as sensing
 from . import setup as setup
+from . import touch as touch
 from . import transducers as transducers
 from .acoustics.medium import Medium as Medium
 from .acoustics.medium import air as air
@@ -87,6 +88,8 @@ from .setup.rendering import focus as focus
 from .setup.rendering import render as render
 from .setup.setup import Setup as Setup
 from .setup.sweeping import sweep as sweep
+from .touch.contacts import contact as contact
+from .touch.objects import VirtualObject as VirtualObject
 from .transducers.element import monopole as monopole
 from .transducers.element import piston as piston
 from .transducers.layout import (

@@ -1,0 +1,5 @@
+"""Virtual objects in the air, and where the skin of a hand meets them."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,15 @@
+from .contacts import Contacts as Contacts
+from .contacts import contact as contact
+from .foci import TouchFoci as TouchFoci
+from .objects import MAX_OBJECTS as MAX_OBJECTS
+from .objects import VirtualObject as VirtualObject
+from .skin import Skin as Skin
+from .skin import skin_of as skin_of
+from .solids import Box as Box
+from .solids import Button as Button
+from .solids import Cylinder as Cylinder
+from .solids import HalfSpace as HalfSpace
+from .solids import Solid as Solid
+from .state import TouchState as TouchState
+from .textures import Grating as Grating
+from .textures import HeightMap as HeightMap

@@ -1,0 +1,216 @@
+"""Contacts of a hand with virtual objects, and the target that makes them felt."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.acoustics.target import Target
+from airtact.acoustics.target_points import outward
+from airtact.errors import InvalidInput, between, one_line
+from airtact.touch.finding import Found, find, peaks
+from airtact.touch.foci import MAX_FOCI, WAVELENGTH, TouchFoci, chosen_foci
+from airtact.touch.objects import VirtualObject, objects_of
+from airtact.touch.outlines import outline_of, spaced_along
+from airtact.touch.skin import Bodies, Skin, skin_of
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Where skin is inside virtual objects, one contact for each finger or other part.
+
+    Attributes
+    ----------
+    skin : the skin points.
+    virtual_objects : the objects, touched or not.
+    offset : distance of foci from the skin [m].
+    found : the contacts as arrays.
+    """
+
+    skin: Skin
+    virtual_objects: tuple[VirtualObject, ...]
+    offset: float
+    found: Found
+
+    def __len__(self) -> int:
+        """Return the number of contacts."""
+        return len(self.found.depths)
+
+    def __repr__(self) -> str:
+        words = [
+            f"{place} {1e3 * depth:.2g} mm in {name}"
+            for place, depth, name in zip(self.places, self.depths, self.objects, strict=True)
+        ]
+        return one_line(self, *(words or ["none"]))
+
+    @property
+    def points(self) -> Float64[np.ndarray, "contacts 3"]:
+        """(C, 3) deepest point of each contact, on the skin [m]."""
+        return self.found.points
+
+    @property
+    def normals(self) -> Float64[np.ndarray, "contacts 3"]:
+        """(C, 3) outward unit normal of the skin at each point."""
+        return self.found.normals
+
+    @property
+    def depths(self) -> Float64[np.ndarray, "contacts"]:
+        """(C,) depth of each point in its object [m]."""
+        return self.found.depths
+
+    @property
+    def areas(self) -> Float64[np.ndarray, "contacts"]:
+        """(C,) area of the skin inside the object [m²], to about one triangle all around."""
+        return self.found.areas
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Name of the object of each contact."""
+        return tuple(self.virtual_objects[index].name for index in self.found.objects)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Finger or other part of the skin of each contact."""
+        return tuple(self.skin.places[index] for index in self.found.places)
+
+    @cached_property
+    def outlines(self) -> tuple[tuple[Float64[np.ndarray, "_ 3"], ...], ...]:
+        """For each contact the curves (P, 3) on the skin where it meets the object's surface [m].
+
+        A closed curve ends at its first point. A contact that goes on in another part of the skin
+        has open curves.
+        """
+        return tuple(
+            outline_of(self.skin, self.virtual_objects[index], members)
+            for index, members in zip(self.found.objects, self.found.members, strict=True)
+        )
+
+    def foci(self, most: int = MAX_FOCI, wavelength: float = WAVELENGTH) -> TouchFoci:
+        """Choose foci, one at each contact and several on long patches.
+
+        Parameters
+        ----------
+        most : largest number of foci; the weakest contacts are merged, then dropped.
+        wavelength : of the sound [m].
+
+        Raises
+        ------
+        InvalidInput
+            If ``most`` is not from 1 to 64 or the wavelength not from 0.3 mm to 0.35 m.
+        """
+        between(most, 1, 64, "the largest number of foci", "", "each focus is solved.")
+        between(wavelength, 3e-4, 0.35, "wavelength", "m", "is it in millimetres?")
+        objects = self.virtual_objects
+        return chosen_foci(self.skin, objects, self.found, self.offset, most, wavelength)
+
+    def target(self, most: int = MAX_FOCI, wavelength: float = WAVELENGTH) -> Target:
+        """Return the target that makes the contacts felt.
+
+        Foci as ``foci`` chooses them, with shares in proportion to their strengths. For objects of
+        the style "outline", points 2.5 mm apart along all outlines, for a focus that runs through
+        them (``at.drives.Motion("stm")``).
+
+        Raises
+        ------
+        InvalidInput
+            If there is no contact, or some touched objects have the style "outline" and others
+            have not; as ``foci``.
+        """
+        if not self.runs:
+            return self.foci(most, wavelength).target()
+        curves = [curve for curves in self.outlines for curve in curves]
+        if not curves:
+            raise InvalidInput(
+                "the whole skin is inside the object, so no outline is there: move the hand.",
+                code="empty",
+            )
+        points = np.concatenate([spaced_along(curve, 2.5e-3) for curve in curves])
+        return Target(points + self.offset * self._normals_at(points))
+
+    @property
+    def runs(self) -> bool:
+        """Whether the target is a path for one focus, for objects of the style "outline"."""
+        styles = {self.virtual_objects[index].style for index in self.found.objects}
+        if "outline" in styles and len(styles) > 1:
+            raise InvalidInput(
+                'some of the touched objects have style = "outline" and some have not: one focus '
+                "runs along outlines, so give it to all or none.",
+                code="options_clash",
+            )
+        return styles == {"outline"}
+
+    def _normals_at(self, points: Float64[np.ndarray, "some 3"]) -> Float64[np.ndarray, "some 3"]:
+        from scipy.spatial import KDTree
+
+        nearest = KDTree(self.skin.points).query(points)[1]
+        return self.skin.normals[nearest]
+
+
+def contact(
+    hand: Bodies, objects: VirtualObject | Sequence[VirtualObject], offset: float = 0.5e-3
+) -> Contacts:
+    """Find where a hand, or other skin, touches virtual objects.
+
+    Parameters
+    ----------
+    hand : a ``Hand``, a ``Surface``, several in a list, or a mapping from names to them; all in
+        the frame of the objects.
+    objects : up to 64 virtual objects. Those without a name are "object 1" and so on.
+    offset : distance of foci from the skin [m], at most 0.1.
+
+    Returns
+    -------
+    One contact for each connected part of a finger, palm or surface inside an object, without any
+    where nothing touches.
+
+    Raises
+    ------
+    InvalidInput
+        If there are more than 64 objects, two have one name, the offset is out of range, or an
+        argument has the wrong type.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> ball = at.VirtualObject(at.sphere(0.012, edge=0.003), name="ball")
+    >>> contacts = contact(at.pinch(gap=0.012).surfaces, ball)
+    >>> contacts
+    Contacts(body 1 6 mm in ball, body 2 6 mm in ball)
+    >>> ((1e3 * contacts.points).round(3) + 0.0).tolist()
+    [[-6.0, 0.0, 0.0], [6.0, 0.0, 0.0]]
+    """
+    slip = "is it in millimetres? Give metres."
+    offset = between(offset, 0.0, 0.1, "the offset of a focus", "m", slip)
+    things = objects_of(objects)
+    skin = skin_of(hand)
+    return Contacts(skin, things, offset, _refined(skin, things, find(skin, things)))
+
+
+def _refined(skin: Skin, objects: Sequence[VirtualObject], found: Found) -> Found:
+    """Move the points of contacts to the deepest points of the true surfaces."""
+    assert skin.bodies is not None
+    points = found.points.copy()
+    normals = found.normals.copy()
+    depths = found.depths.copy()
+    turns = 2.0 * np.pi * np.arange(8) / 8.0
+    circle = np.stack([np.cos(turns), np.sin(turns), np.zeros(8)], axis=1)
+    for index in range(len(depths)):
+        shape = skin.bodies[found.places[index]].shape
+        thing = objects[found.objects[index]]
+        point = shape.project(points[index : index + 1])
+        for radius in (1e-3, 0.3e-3, 0.1e-3):
+            normal = outward(shape.depth, point)
+            axis = np.eye(3)[np.abs(normal[0]).argmin()]
+            first = np.cross(normal[0], axis)
+            first /= np.linalg.norm(first)
+            frame = np.stack([first, np.cross(normal[0], first), normal[0]])
+            ring = shape.project(point + radius * circle @ frame)
+            around = thing.exact_depth(np.concatenate([point, ring]))
+            point = peaks(point, normal, around[:1], ring[None], around[None, 1:])[0]
+            point = shape.project(point)
+        points[index] = point[0]
+        normals[index] = outward(shape.depth, point)[0]
+        depths[index] = thing.exact_depth(point)[0]
+    return found._replace(points=points, normals=normals, depths=depths)

@@ -1,0 +1,177 @@
+"""Foci from contacts: one for each touching pad, several on a long patch, at most eight."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from airtact.acoustics.target import Target
+from airtact.errors import InvalidInput, counted, one_line
+from airtact.touch.finding import Found
+from airtact.touch.objects import VirtualObject
+from airtact.touch.skin import Skin
+
+MAX_FOCI = 8
+"""Default largest number of foci; a person hardly tells more apart."""
+
+WAVELENGTH = 8.6e-3
+"""Default wavelength [m], of 40 kHz in air at 20 °C."""
+
+
+@dataclass(frozen=True, eq=False)
+class TouchFoci:
+    """Foci off the skin at contacts.
+
+    Attributes
+    ----------
+    points : (F, 3) positions off the skin [m].
+    strengths : (F,) 0 to 1.
+    contacts : (F,) index of the contact of each focus.
+    names : a name for each focus, such as "index at ball".
+    skin_points : (F,) index of the nearest skin point.
+    merged, dropped : number of weak contacts without a focus of their own: merged with a stronger
+        one within a wavelength, or left out.
+    """
+
+    points: Float64[np.ndarray, "foci 3"]
+    strengths: Float64[np.ndarray, "foci"]
+    contacts: Int64[np.ndarray, "foci"]
+    names: tuple[str, ...]
+    skin_points: Int64[np.ndarray, "foci"]
+    merged: int = 0
+    dropped: int = 0
+
+    def __repr__(self) -> str:
+        return one_line(self, ", ".join(self.names) or "no foci", self.note)
+
+    @property
+    def note(self) -> str:
+        """Sentence on merged and dropped contacts; empty if there are none."""
+        if not self.merged + self.dropped:
+            return ""
+        return (
+            f"there are more contacts than the {counted(len(self.points), 'focus', 'foci')} "
+            f"allowed: {self.merged} of the weakest merged with a neighbour, {self.dropped} dropped"
+        )
+
+    def target(self) -> Target:
+        """Return the target of these foci, with their strengths as shares.
+
+        A target's shares are relative: scale the drive by ``strengths.max()`` for the strength of
+        the touch as a whole.
+
+        Raises
+        ------
+        InvalidInput
+            If there are no foci.
+        """
+        if not len(self.points):
+            raise InvalidInput(
+                "the skin is inside no virtual object, so there is nothing to feel: move the hand "
+                "or an object.",
+                code="empty",
+            )
+        return Target(self.points, shares=self.strengths)
+
+
+def chosen_foci(
+    skin: Skin,
+    objects: tuple[VirtualObject, ...],
+    found: Found,
+    offset: float,
+    most: int = MAX_FOCI,
+    wavelength: float = WAVELENGTH,
+) -> TouchFoci:
+    """Choose the foci of contacts.
+
+    Each contact gets a focus at its deepest point, unless a deeper one of the same patch is within
+    0.8 wavelengths. If these are too many, the weakest are merged with a focus of the same object
+    within a wavelength, or dropped. If they are fewer, contacts whose inner part, at least half as
+    deep as the deepest point, is longer than a wavelength get further foci there, at least 0.8
+    wavelengths from each other.
+    """
+    apart = 0.8 * wavelength
+    strengths = _strengths(objects, found.objects, found.points, found.depths)
+    # Contacts from deepest to shallowest; those of one patch must be apart.
+    kept: list[int] = []
+    for contact in np.argsort(-found.depths, kind="stable"):
+        beside = [other for other in kept if found.patches[other] == found.patches[contact]]
+        if _distance(found.points[beside], found.points[contact]) >= apart:
+            kept.append(int(contact))
+    merged = 0
+    dropped = 0
+    while len(kept) > most:
+        weakest = min(kept, key=lambda contact: (strengths[contact], found.depths[contact]))
+        kept.remove(weakest)
+        beside = [other for other in kept if found.objects[other] == found.objects[weakest]]
+        if _distance(found.points[beside], found.points[weakest]) < wavelength:
+            merged += 1
+        else:
+            dropped += 1
+    kept.sort()
+    contacts = list(kept)
+    points = [found.points[contact] for contact in kept]
+    normals = [found.normals[contact] for contact in kept]
+    depths = [found.depths[contact] for contact in kept]
+    nearest = [found.deepest[contact] for contact in kept]
+    # Further foci go to each long patch in turn, where it is deepest.
+    waiting = list(kept)
+    while waiting and len(points) < most:
+        contact = waiting.pop(0)
+        # The rim of a fingertip in a ball is felt as part of its pad, so it gets no foci.
+        inside = found.member_depths[contact] >= 0.5 * max(found.depths[contact], 0.0)
+        members = found.members[contact][inside]
+        if not len(members) or np.ptp(skin.points[members], axis=0).max() <= wavelength:
+            continue
+        patch = found.patches[contact]
+        taken = [
+            point
+            for point, other in zip(points, contacts, strict=True)
+            if found.patches[other] == patch
+        ]
+        away = np.linalg.norm(skin.points[members][:, None] - np.array(taken), axis=2).min(axis=1)
+        free = np.flatnonzero(away >= apart)
+        if len(free):
+            member = members[free[0]]  # members are in the order of their depth
+            contacts.append(contact)
+            points.append(skin.points[member])
+            normals.append(skin.normals[member])
+            depths.append(found.member_depths[contact][inside][free[0]])
+            nearest.append(member)
+            waiting.append(contact)
+    index = np.array(contacts, dtype=np.int64)
+    on_skin = np.array(points).reshape(-1, 3)
+    names = [
+        f"{skin.places[found.places[contact]]} at {objects[found.objects[contact]].name}"
+        for contact in contacts
+    ]
+    return TouchFoci(
+        points=on_skin + offset * np.array(normals).reshape(-1, 3),
+        strengths=_strengths(objects, found.objects[index], on_skin, np.array(depths)),
+        contacts=index,
+        names=tuple(
+            f"{name} {names[: place + 1].count(name)}" if names.count(name) > 1 else name
+            for place, name in enumerate(names)
+        ),
+        skin_points=np.array(nearest, dtype=np.int64),
+        merged=merged,
+        dropped=dropped,
+    )
+
+
+def _strengths(
+    objects: tuple[VirtualObject, ...],
+    which: Int64[np.ndarray, "some"],
+    points: Float64[np.ndarray, "some 3"],
+    depths: Float64[np.ndarray, "some"],
+) -> Float64[np.ndarray, "some"]:
+    strengths = np.zeros(len(which))
+    for index in set(which.tolist()):
+        of_object = which == index
+        strengths[of_object] = objects[index].strengths(points[of_object], depths[of_object])
+    return strengths
+
+
+def _distance(points: Float64[np.ndarray, "some 3"], point: Float64[np.ndarray, "3"]) -> float:
+    """Distance [m] of a point from the nearest of some points; infinite if there are none."""
+    return float(np.linalg.norm(points - point, axis=1).min(initial=np.inf))

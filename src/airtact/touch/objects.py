@@ -1,0 +1,179 @@
+"""Virtual objects: shapes in the air that only the skin feels."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.errors import InvalidInput, check_choice, of_kind, one_line, positive
+from airtact.geometry.mesh.arrays import FlatMesh, PointLengths, Vector3
+from airtact.geometry.pose import Pose
+from airtact.geometry.primitives import Capsule
+from airtact.geometry.surface import Surface
+from airtact.touch.solids import Button, HalfSpace, Solid, grid_of, near_point
+from airtact.touch.textures import Grating, HeightMap
+
+MAX_OBJECTS = 64
+"""Largest number of virtual objects."""
+
+STYLES = ("points", "outline", "texture")
+
+FIRST_STRENGTH = 0.2
+"""Strength at the first touch, as a share of full strength."""
+
+
+@dataclass(frozen=True, eq=False)
+class VirtualObject:
+    """A solid that sound passes through and skin feels.
+
+    Attributes
+    ----------
+    shape : a closed ``Surface`` such as ``at.sphere(...)``, or a ``Box``, ``Cylinder``,
+        ``HalfSpace`` or ``Button`` of ``at.touch``.
+    pose : from the frame of the shape to that of the hand; None for the same frame.
+    name : name in results.
+    style : "points", a focus where each pad is deepest; "outline", a focus that runs along the
+        curve where skin and object meet; "texture", as "points" with the strength of ``texture``.
+    stiffness : increase of the strength per depth [1/m]. It starts at 0.2 and stops at 1, by
+        default in a depth of 2 mm, and of a button at the end of its travel.
+    texture : ``Grating`` or ``HeightMap``, for the style "texture" only.
+
+    Raises
+    ------
+    InvalidInput
+        If the shape is no closed solid, it is over 2 m from the origin, the style is unknown, the
+        stiffness is not above zero, or style and texture do not match.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> ball = VirtualObject(at.sphere(0.012, edge=0.003), at.Pose.shift((0, 0, 0.1)), "ball")
+    >>> ball.depth(np.array([[0.0, 0.0, 0.09]])).round(6).tolist()
+    [0.002]
+    """
+
+    shape: Surface | Solid
+    pose: Pose | None = None
+    name: str = ""
+    _: KW_ONLY
+    style: Literal["points", "outline", "texture"] = "points"
+    stiffness: float = None  # pyright: ignore[reportAssignmentType]
+    texture: Grating | HeightMap | None = None
+
+    def __post_init__(self) -> None:
+        of_kind(
+            self.shape,
+            Surface | Solid,
+            "the shape of a virtual object",
+            "one such as at.sphere(radius, edge) or at.touch.Box(sides)",
+        )
+        if self.pose is not None:
+            of_kind(self.pose, Pose, "the pose of a virtual object", "Pose(rotation, translation)")
+        of_kind(self.name, str, "the name of a virtual object", 'a text such as "ball"')
+        check_choice(self.style, "the style of a virtual object", STYLES)
+        near_point(self.ball[0], f"the middle of the object {self.name}".rstrip())
+        stiffness = self.stiffness
+        if stiffness is None:
+            full_at = self.shape.travel if isinstance(self.shape, Button) else 2e-3
+            stiffness = (1.0 - FIRST_STRENGTH) / full_at
+        stiffness = positive(stiffness, "the stiffness of a virtual object", "1/m")
+        object.__setattr__(self, "stiffness", stiffness)
+        if (self.texture is None) == (self.style == "texture"):
+            raise InvalidInput(
+                'style = "texture" needs a texture such as at.touch.Grating(pitch), and only this '
+                "style takes one.",
+                code="options_clash",
+            )
+        if self.texture is not None:
+            of_kind(self.texture, Grating | HeightMap, "a texture", "one of the two")
+
+    def __repr__(self) -> str:
+        kind = type(self.shape).__name__.lower()
+        return one_line(self, self.name, kind, self.style)
+
+    def moved(self, pose: Pose) -> "VirtualObject":
+        """Move the object rigidly."""
+        of_kind(pose, Pose, "the motion of a virtual object", "Pose(rotation, translation)")
+        return replace(self, pose=pose if self.pose is None else pose @ self.pose)
+
+    @cached_property
+    def ball(self) -> tuple[Vector3, float]:
+        """Centre (3,) and radius [m] of a ball around the object; infinite for a half-space."""
+        vertices = self.mesh[0]
+        centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+        if isinstance(self.shape, HalfSpace):
+            return centre, np.inf
+        # The solid of a button extends below the part that is drawn, so add its reach.
+        margin = 20e-3 if isinstance(self.shape, Button) else 0.0
+        return centre, float(np.linalg.norm(vertices - centre, axis=1).max()) + margin
+
+    @cached_property
+    def mesh(self) -> FlatMesh:
+        """Vertices (V, 3) [m] and triangles (T, 3) for pictures, at the object's pose."""
+        if isinstance(self.shape, Surface):
+            vertices = self.shape.vertices
+            triangles = self.shape.triangles
+        else:
+            vertices, triangles = self.shape.mesh()
+        return (vertices if self.pose is None else self.pose.apply(vertices)), triangles
+
+    def depth(self, points: Real[np.ndarray, "points 3"]) -> PointLengths:
+        """Depth in the object [m] of points (P, 3) [m], negative outside.
+
+        Depths in a mesh are interpolated on a grid of 1/40 of its longest side, exact ones are in
+        ``exact_depth``.
+        """
+        if isinstance(self.shape, Solid):
+            return self.shape.depth(self._local(points))
+        if isinstance(self.shape.shape, Capsule):
+            return self.shape.shape.depth(self._local(points))
+        return grid_of(self.shape).depth(self._local(points))
+
+    def exact_depth(self, points: Real[np.ndarray, "points 3"]) -> PointLengths:
+        """Depth in the object [m] of points (P, 3) [m] without interpolation."""
+        shape = self.shape.shape if isinstance(self.shape, Surface) else self.shape
+        return shape.depth(self._local(points))
+
+    def strengths(
+        self, points: Real[np.ndarray, "points 3"], depths: PointLengths
+    ) -> Float64[np.ndarray, "points"]:
+        """Strength (P,), 0 to 1, of touches at points (P, 3) [m] of depths (P,) [m]."""
+        rising = FIRST_STRENGTH + self.stiffness * np.maximum(depths, 0.0)
+        strengths = np.minimum(rising, 1.0)
+        if self.texture is None:
+            return strengths
+        return strengths * self.texture.heights(self._local(points))
+
+    def _local(self, points: Real[np.ndarray, "points 3"]) -> Real[np.ndarray, "points 3"]:
+        return points if self.pose is None else self.pose.inverse().apply(points)
+
+
+def objects_of(objects: "VirtualObject | Sequence[VirtualObject]") -> tuple[VirtualObject, ...]:
+    """Check virtual objects, and name those without a name "object 1" and so on.
+
+    Raise "too_many" for more than 64, "given_twice" for two of one name, "wrong_kind".
+    """
+    if isinstance(objects, VirtualObject):
+        objects = (objects,)
+    if not isinstance(objects, Iterable):
+        of_kind(objects, VirtualObject, "the virtual object", "VirtualObject(shape)")
+    listed = list(objects)
+    if len(listed) > MAX_OBJECTS:
+        raise InvalidInput(
+            f"there are {len(listed)} virtual objects, more than {MAX_OBJECTS}: leave some out.",
+            code="too_many",
+        )
+    for index, thing in enumerate(listed):
+        of_kind(thing, VirtualObject, f"virtual object {index}", "VirtualObject(shape)")
+        if not thing.name:
+            listed[index] = replace(thing, name=f"object {index + 1}")
+    names = [thing.name for thing in listed]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InvalidInput(
+            f"two virtual objects are named {twice!r}; give each its own name.", code="given_twice"
+        )
+    return tuple(listed)

@@ -1,0 +1,180 @@
+"""Points of skin that can touch: positions, normals, areas, neighbours, and parts of a hand."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from airtact.errors import InvalidInput, fixed, in_short, of_kind
+from airtact.geometry.mesh.quadratic_triangles import area_vectors, longest_edges, unit
+from airtact.geometry.mesh.topology import edge_ends
+from airtact.geometry.surface import Surface
+from airtact.hands.body import FREE, OWNER
+from airtact.hands.hand import Hand
+from airtact.hands.joints import FINGERS
+
+LONGEST_EDGE = 6e-3
+"""Longest edge between skin points [m]; a fingertip 2 mm deep in a ball has several inside."""
+
+MAX_POINTS = 100_000
+"""Largest number of skin points."""
+
+Bodies = Hand | Surface | Sequence[Hand | Surface] | Mapping[str, Hand | Surface]
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """Points of skin and what does not change while it moves.
+
+    ``skin_of`` builds it from a hand. For a moving hand build it once and call ``moved``.
+
+    Attributes
+    ----------
+    points : (N, 3) [m].
+    normals : (N, 3) outward unit normals.
+    areas : (N,) area that belongs to each point [m²].
+    triangles : (T, 3) point indices.
+    places : names of fingers and other parts.
+    place : (N,) index of the part of each point.
+    neighbours : (N, K) points at the other ends of each point's edges, filled up with its own
+        index; by default found from the triangles.
+    bodies : true surface of the body of each part, or None if it is unknown.
+    """
+
+    points: Float64[np.ndarray, "points 3"]
+    normals: Float64[np.ndarray, "points 3"]
+    areas: Float64[np.ndarray, "points"]
+    triangles: Int64[np.ndarray, "triangles 3"]
+    places: tuple[str, ...]
+    place: Int64[np.ndarray, "points"]
+    neighbours: Int64[np.ndarray, "points most"] = None  # pyright: ignore
+    bodies: tuple[Surface, ...] | None = None
+
+    __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        if self.neighbours is None:
+            found = _neighbours(self.triangles, len(self.points))
+            object.__setattr__(self, "neighbours", found)
+
+    def moved(
+        self, points: Float64[np.ndarray, "points 3"], normals: Float64[np.ndarray, "points 3"]
+    ) -> "Skin":
+        """Return the same skin in another pose.
+
+        Parameters
+        ----------
+        points : (N, 3) new positions [m].
+        normals : (N, 3) new outward unit normals.
+        """
+        return replace(self, points=points, normals=normals, bodies=None)
+
+
+def skin_of(bodies: Bodies) -> Skin:
+    """Return the skin of a hand, of another surface, or of several bodies.
+
+    Parameters
+    ----------
+    bodies : a ``Hand``, a ``Surface``, a list of them, or a mapping from names to them.
+
+    Returns
+    -------
+    Points at most 6 mm apart along each edge. The parts of a hand are its fingers, "palm" and
+    "back", with two hands "left.index" and so on. A surface is one part, named as in the mapping.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument has the wrong type, or a surface needs more than 100,000 points.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> skin = skin_of(at.pinch().surfaces)
+    >>> skin.places, bool(skin.areas.min() > 0.0)
+    (('body 1', 'body 2'), True)
+    """
+    if isinstance(bodies, Hand | Surface):
+        named: dict[str, Hand | Surface] = {"skin": bodies}
+    elif isinstance(bodies, Mapping):
+        named = dict(cast("Mapping[str, Hand | Surface]", bodies))
+    elif isinstance(bodies, Iterable):
+        named = {f"body {index + 1}": body for index, body in enumerate(bodies)}
+    else:
+        named = {"skin": bodies}
+    if not named:
+        raise InvalidInput("there is no skin; give at least one hand or surface.", code="empty")
+    hands = [body for body in named.values() if isinstance(body, Hand)]
+    sided = len({hand.side for hand in hands}) > 1
+    meshes = []
+    places: list[str] = []
+    surfaces: list[Surface] = []
+    first = 0
+    for name, body in named.items():
+        of_kind(body, Hand | Surface, f"the body {name!r}", "a hand or a surface")
+        surface = body.surface if isinstance(body, Hand) else body
+        vertices, triangles = _fine_mesh(surface)
+        vectors = 0.5 * area_vectors(vertices[triangles])
+        sums = np.zeros((len(vertices), 3))
+        areas = np.zeros(len(vertices))
+        for corner in triangles.T:
+            np.add.at(sums, corner, vectors)
+            np.add.at(areas, corner, np.linalg.norm(vectors, axis=1) / 3.0)
+        normals = unit(sums)
+        place = np.zeros(len(vertices), dtype=np.int64)
+        names = [name]
+        if isinstance(body, Hand):
+            hulls = body.shape.hulls.each(body.shape.pose.inverse().apply(vertices))
+            hull = hulls.argmin(axis=1)
+            phalanx = hull < FREE
+            place[phalanx] = OWNER[hull[phalanx]]
+            facing = normals @ body.position("palm")[1] > 0.0
+            place[~phalanx] = np.where(facing[~phalanx], 5, 6)
+            prefix = f"{body.side}." if sided else ""
+            names = [f"{prefix}{part}" for part in (*FINGERS, "palm", "back")]
+        meshes.append((vertices, normals, areas, triangles + first, place + len(places)))
+        places += names
+        surfaces += [surface] * len(names)
+        first += len(vertices)
+    points, normals, areas, triangles, place = (
+        np.concatenate(part) for part in zip(*meshes, strict=True)
+    )
+    return Skin(points, normals, areas, triangles, tuple(places), place, bodies=tuple(surfaces))
+
+
+def _fine_mesh(
+    surface: Surface,
+) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+    """Cut the triangles of a surface in four until their edges are short enough."""
+    vertices = np.asarray(surface.vertices)
+    triangles = np.asarray(surface.triangles)
+    while longest_edges(vertices[triangles]).max() > LONGEST_EDGE:
+        ends = np.sort(edge_ends(triangles).reshape(-1, 2), axis=1)
+        edges, inverse = np.unique(ends, axis=0, return_inverse=True)
+        if len(vertices) + len(edges) > MAX_POINTS:
+            raise InvalidInput(
+                f"the surface needs more than {MAX_POINTS:,} skin points at most "
+                f"{1e3 * LONGEST_EDGE:g} mm apart: give the part that touches.",
+                code="too_many",
+            )
+        middles = surface.shape.project(vertices[edges].mean(axis=1))
+        a, b, c = triangles.T
+        ab, bc, ca = (len(vertices) + inverse.reshape(-1, 3)).T
+        vertices = np.concatenate([vertices, middles])
+        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
+    return fixed(vertices), triangles
+
+
+def _neighbours(
+    triangles: Int64[np.ndarray, "triangles 3"], count: int
+) -> Int64[np.ndarray, "points most"]:
+    ends = edge_ends(triangles).reshape(-1, 2)
+    pairs = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
+    degrees = np.bincount(pairs[:, 0], minlength=count)
+    column = np.arange(len(pairs)) - np.repeat(np.cumsum(degrees) - degrees, degrees)
+    neighbours = np.repeat(np.arange(count)[:, None], degrees.max(), axis=1)
+    neighbours[pairs[:, 0], column] = pairs[:, 1]
+    return neighbours

@@ -1,0 +1,331 @@
+"""Solids with a signed distance: closed forms, and a grid of distances for a mesh."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.errors import (
+    InvalidInput,
+    Vector,
+    fixed,
+    in_short,
+    point_of,
+    positive,
+)
+from airtact.geometry.mesh.arrays import FlatMesh, PointLengths, Vector3
+from airtact.geometry.mesh.topology import check_size
+from airtact.geometry.primitives import turn_from_z
+from airtact.geometry.surface import Surface
+
+Points = Real[np.ndarray, "points 3"]
+
+
+class Solid(ABC):
+    """A solid that skin can enter. Lengths are in metres, in the solid's own frame."""
+
+    @abstractmethod
+    def depth(self, points: Points) -> PointLengths:
+        """Distance to the surface [m] of points (P, 3) [m], positive inside."""
+
+    @abstractmethod
+    def mesh(self) -> FlatMesh:
+        """Vertices (V, 3) [m] and triangles (T, 3) for pictures."""
+
+
+@dataclass(frozen=True, eq=False)
+class Box(Solid):
+    """A box along the axes of its frame.
+
+    Attributes
+    ----------
+    sides : (3,) lengths along x, y and z [m].
+    centre : (3,) [m].
+
+    Raises
+    ------
+    InvalidInput
+        If a length is not above zero or over 2 m, or the centre is over 2 m from the origin.
+
+    Examples
+    --------
+    >>> box = Box((0.04, 0.02, 0.02))
+    >>> box.depth(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.03]])).round(6).tolist()
+    [0.01, -0.02]
+    """
+
+    sides: Vector
+    centre: Vector = (0.0, 0.0, 0.0)
+
+    __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        sides = point_of(self.sides, "the sides of a box")
+        for side in sides:
+            positive(float(side), "a side of a box", "m")
+        check_size(float(sides.max()))
+        object.__setattr__(self, "sides", sides)
+        object.__setattr__(self, "centre", near_point(self.centre, "the centre of a box"))
+
+    def depth(self, points: Points) -> PointLengths:
+        beyond = np.abs(points - self.centre) - 0.5 * np.asarray(self.sides)
+        return _depth_in(*beyond.T)
+
+    def mesh(self) -> FlatMesh:
+        from trimesh.creation import box
+
+        made = box(extents=self.sides)
+        return fixed(made.vertices + self.centre), made.faces.astype(np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder(Solid):
+    """A cylinder with flat ends.
+
+    Attributes
+    ----------
+    start, end : (3,) ends of the axis [m].
+    radius : [m].
+
+    Raises
+    ------
+    InvalidInput
+        If the radius or the length is not above zero, it is over 2 m large, or over 2 m from the
+        origin.
+
+    Examples
+    --------
+    >>> rod = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), radius=0.01)
+    >>> rod.depth(np.array([[0.0, 0.0, 0.02], [0.013, 0.0, 0.104]])).round(6).tolist()
+    [0.01, -0.005]
+    """
+
+    start: Vector
+    end: Vector
+    radius: float
+
+    __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", positive(self.radius, "the radius of a cylinder", "m"))
+        object.__setattr__(self, "start", near_point(self.start, "the start of a cylinder"))
+        object.__setattr__(self, "end", near_point(self.end, "the end of a cylinder"))
+        positive(self.length, "the length of a cylinder", "m")
+        check_size(max(2.0 * self.radius, self.length))
+
+    @cached_property
+    def length(self) -> float:
+        """Length of the axis [m]."""
+        return float(np.linalg.norm(np.asarray(self.end) - self.start))
+
+    @cached_property
+    def _axis(self) -> Vector3:
+        return (np.asarray(self.end) - self.start) / self.length
+
+    def depth(self, points: Points) -> PointLengths:
+        relative = points - self.start
+        along = relative @ self._axis
+        square = np.einsum("pi,pi->p", relative, relative) - along * along
+        beside = np.sqrt(np.maximum(square, 0.0)) - self.radius
+        half = 0.5 * self.length
+        return _depth_in(beside, np.abs(along - half) - half)
+
+    def mesh(self) -> FlatMesh:
+        from trimesh.creation import cylinder
+
+        made = cylinder(radius=self.radius, height=self.length, sections=48)
+        middle = 0.5 * (np.asarray(self.start) + self.end)
+        vertices = made.vertices @ turn_from_z(self._axis).T + middle
+        return fixed(vertices), made.faces.astype(np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace(Solid):
+    """All points behind a plane.
+
+    Attributes
+    ----------
+    point : (3,) any point of the plane [m].
+    normal : (3,) direction out of the solid, of any length above zero.
+
+    Raises
+    ------
+    InvalidInput
+        If the point is over 2 m from the origin or the normal is zero.
+
+    Examples
+    --------
+    >>> HalfSpace((0, 0, 0.1), (0, 0, 1)).depth(np.array([[5.0, 0.0, 0.08]])).round(6).tolist()
+    [0.02]
+    """
+
+    point: Vector
+    normal: Vector
+
+    __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", near_point(self.point, "the point of a half-space"))
+        object.__setattr__(self, "normal", _direction(self.normal, "the normal of a half-space"))
+
+    def depth(self, points: Points) -> PointLengths:
+        normal = np.asarray(self.normal)
+        return float(np.asarray(self.point) @ normal) - points @ normal
+
+    def mesh(self) -> FlatMesh:
+        # A disc of 0.2 m shows where the plane is.
+        turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+        circle = 0.1 * np.stack([np.cos(turn), np.sin(turn), np.zeros(48)], axis=1)
+        vertices = np.concatenate([np.zeros((1, 3)), circle])
+        rim = np.arange(48)
+        triangles = np.stack([np.zeros(48, np.int64), rim + 1, (rim + 1) % 48 + 1], axis=1)
+        return fixed(vertices @ turn_from_z(np.asarray(self.normal)).T + self.point), triangles
+
+
+@dataclass(frozen=True, eq=False)
+class Button(Solid):
+    """A disc that is pressed down; it resists fully at the end of its travel.
+
+    Attributes
+    ----------
+    centre : (3,) centre of the disc at rest [m].
+    radius : radius of the disc [m].
+    travel : distance that it can be pressed [m].
+    normal : (3,) direction from which it is pressed, out of the button.
+
+    Raises
+    ------
+    InvalidInput
+        If a length is not above zero, the centre is over 2 m from the origin, or the normal is
+        zero.
+
+    Examples
+    --------
+    >>> button = Button((0.0, 0.0, 0.0), radius=0.01, travel=0.004)
+    >>> button.depth(np.array([[0.0, 0.0, -0.003]])).round(6).tolist()
+    [0.003]
+    """
+
+    centre: Vector
+    radius: float
+    travel: float
+    normal: Vector = (0.0, 0.0, 1.0)
+
+    __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre", near_point(self.centre, "the centre of a button"))
+        object.__setattr__(self, "normal", _direction(self.normal, "the normal of a button"))
+        object.__setattr__(self, "travel", positive(self.travel, "the travel of a button", "m"))
+        self._body  # noqa: B018 (checks the radius)
+
+    @cached_property
+    def _body(self) -> Cylinder:
+        # A finger pressed through the disc keeps touching it until it is another finger deeper.
+        below = (self.travel + 20e-3) * np.asarray(self.normal)
+        return Cylinder(np.asarray(self.centre) - below, self.centre, self.radius)
+
+    def depth(self, points: Points) -> PointLengths:
+        return self._body.depth(points)
+
+    def mesh(self) -> FlatMesh:
+        bottom = np.asarray(self.centre) - self.travel * np.asarray(self.normal)
+        return Cylinder(bottom, self.centre, self.radius).mesh()
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceGrid(Solid):
+    """Depths in a closed mesh, interpolated on a grid around it.
+
+    A grid answers in 10 ns per point, the mesh in 10 µs.
+
+    Attributes
+    ----------
+    surface : the mesh.
+    """
+
+    surface: Surface
+
+    __repr__ = in_short
+
+    @cached_property
+    def _lowest(self) -> Vector3:
+        # 2 mm around the mesh serve the release of a contact 1 mm outside.
+        return self.surface.vertices.min(axis=0) - 2e-3
+
+    @cached_property
+    def _step(self) -> float:
+        longest = float(np.ptp(self.surface.vertices, axis=0).max()) + 4e-3
+        return longest / 40.0
+
+    @cached_property
+    def _depths(self) -> Float64[np.ndarray, "x y z"]:
+        spans = self.surface.vertices.max(axis=0) + 2e-3 - self._lowest
+        axes = [
+            low + self._step * np.arange(int(np.ceil(span / self._step)) + 1)
+            for low, span in zip(self._lowest, spans, strict=True)
+        ]
+        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        return self.surface.depth(nodes.reshape(-1, 3)).reshape(nodes.shape[:3])
+
+    @cached_property
+    def error(self) -> float:
+        """Root mean square error of the depth within 2 mm of the surface [m], at 500 points."""
+        rng = np.random.default_rng(0)
+        corners = self.surface.vertices[self.surface.triangles]
+        chosen = corners[rng.integers(len(corners), size=500)]
+        points = np.einsum("pc,pci->pi", rng.dirichlet(np.ones(3), 500), chosen)
+        points = points + rng.uniform(-2e-3, 2e-3, (500, 3)) / np.sqrt(3.0)
+        return float(np.sqrt(np.mean((self.depth(points) - self.surface.depth(points)) ** 2)))
+
+    def depth(self, points: Points) -> PointLengths:
+        from scipy.ndimage import map_coordinates
+
+        cells = (points - self._lowest) / self._step
+        # Points beyond the grid are outside by at least 2 mm.
+        return map_coordinates(self._depths, cells.T, order=1, mode="constant", cval=-2e-3)
+
+    def mesh(self) -> FlatMesh:
+        return self.surface.vertices, self.surface.triangles
+
+
+@lru_cache(maxsize=64)  # an object that moves keeps its mesh and so its grid
+def grid_of(surface: Surface) -> DistanceGrid:
+    """Return the grid of a mesh, made at its first use."""
+    return DistanceGrid(surface)
+
+
+def near_point(vector: Vector, what: str) -> Vector3:
+    """Return a point within 2 m of the origin; raise "out_of_range", or as ``point_of``."""
+    point = point_of(vector, what)
+    distance = float(np.linalg.norm(point))
+    if distance > 2.0:
+        raise InvalidInput(
+            f"{what} is {distance:.4g} m from the origin, more than 2 m: is it in millimetres? "
+            "Give metres.",
+            point,
+            code="out_of_range",
+        )
+    return point
+
+
+def _direction(vector: Vector, what: str) -> Vector3:
+    direction = point_of(vector, what)
+    length = float(np.linalg.norm(direction))
+    if not length > 0.0:
+        raise InvalidInput(f"{what} has length 0; give a direction.", code="all_zero")
+    return fixed(direction / length)
+
+
+def _depth_in(*beyond: PointLengths) -> PointLengths:
+    """Depth [m] from the signed distances to the sides along perpendicular axes [m]."""
+    # Axis by axis, because NumPy reduces short axes slowly.
+    square = np.zeros_like(beyond[0])
+    nearest = np.full_like(square, -np.inf)
+    for distance in beyond:
+        outside = np.maximum(distance, 0.0)
+        square += outside * outside
+        nearest = np.maximum(nearest, distance)
+    return -(np.sqrt(square) + np.minimum(nearest, 0.0))

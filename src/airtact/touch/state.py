@@ -1,0 +1,183 @@
+"""Touch from frame to frame: foci that appear, stay and fade without flicker."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from airtact.errors import between, number
+from airtact.touch.finding import find
+from airtact.touch.foci import MAX_FOCI, WAVELENGTH, TouchFoci, chosen_foci
+from airtact.touch.objects import VirtualObject, objects_of
+from airtact.touch.skin import Skin
+
+
+@dataclass(eq=False)
+class _Focus:
+    """A focus that plays: its identity, its contact and its level."""
+
+    number: int
+    thing: str
+    place: int
+    skin_point: int
+    shift: Float64[np.ndarray, "3"]  # from that skin point [m]
+    strength: float
+    level: float = 0.0
+    held: bool = True
+
+
+class TouchState:
+    """Foci of a moving skin at virtual objects.
+
+    A contact begins when skin is inside an object and ends when it is 1 mm outside, so that noise
+    does not make it flicker. The level of a focus rises and falls by at most 1 in 20 ms.
+
+    Parameters
+    ----------
+    objects : the virtual objects; assign ``objects`` to move, add or remove some.
+    offset : distance of foci from the skin [m].
+    most : largest number of foci, with those that fade.
+    wavelength : of the sound [m].
+    release : distance outside an object at which a contact ends [m].
+    ramp : time from silence to full level [s].
+
+    Raises
+    ------
+    InvalidInput
+        As ``at.contact``, or if a length or time is out of range.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> skin = at.touch.skin_of(at.pinch(gap=0.012).surfaces)
+    >>> state = TouchState(at.VirtualObject(at.sphere(0.012, edge=0.003), name="ball"))
+    >>> state.update(skin, time=0.0).strengths.tolist()
+    [0.0, 0.0]
+    >>> state.update(skin, time=0.015).strengths.round(3).tolist()
+    [0.75, 0.75]
+    """
+
+    def __init__(
+        self,
+        objects: VirtualObject | Sequence[VirtualObject],
+        offset: float = 0.5e-3,
+        most: int = MAX_FOCI,
+        wavelength: float = WAVELENGTH,
+        release: float = 1e-3,
+        ramp: float = 20e-3,
+    ) -> None:
+        slip = "is it in millimetres? Give metres."
+        self.offset = between(offset, 0.0, 0.1, "the offset of a focus", "m", slip)
+        self.release = between(release, 0.0, 0.02, "the distance of release", "m", slip)
+        self.ramp = between(ramp, 1e-3, 1.0, "the ramp of a focus", "s", "is it in ms?")
+        self.most = int(between(most, 1, 64, "the largest number of foci", "", "each is solved."))
+        self.wavelength = between(wavelength, 3e-4, 0.35, "wavelength", "m", slip)
+        self.objects = objects
+        self._playing: list[_Focus] = []
+        self._time: float | None = None
+        self._count = 0
+
+    @property
+    def objects(self) -> tuple[VirtualObject, ...]:
+        """The virtual objects."""
+        return self._objects
+
+    @objects.setter
+    def objects(self, objects: VirtualObject | Sequence[VirtualObject]) -> None:
+        self._objects = objects_of(objects)
+
+    @property
+    def numbers(self) -> Int64[np.ndarray, "foci"]:
+        """(F,) number of each focus of the last update; a focus keeps it while it plays."""
+        return np.array([focus.number for focus in self._playing], dtype=np.int64)
+
+    def update(self, skin: Skin, time: float) -> TouchFoci:
+        """Return the foci of a new frame.
+
+        Parameters
+        ----------
+        skin : the skin at this time, with the same triangles in all frames.
+        time : of the frame [s]; an earlier time than before changes no level.
+
+        Returns
+        -------
+        Foci with their strengths at this time. Those that fade keep their place on the skin and
+        have the contact -1.
+        """
+        time = number(time, "the time of a frame", "s")
+        elapsed = 0.0 if self._time is None else max(time - self._time, 0.0)
+        self._time = time
+        found = find(skin, self._objects, self.release)
+        # Skin just outside an object counts if a focus is held there already.
+        held = {(focus.thing, focus.place) for focus in self._playing if focus.held}
+        names = [self._objects[index].name for index in found.objects]
+        begun = [
+            index
+            for index, name in enumerate(names)
+            if found.depths[index] > 0.0 or (name, found.places[index]) in held
+        ]
+        found = found.chosen(np.array(begun, dtype=np.int64))
+        foci = chosen_foci(skin, self._objects, found, self.offset, self.most, self.wavelength)
+        contacts = self._matched(skin, foci, [names[index] for index in begun], found.places)
+        for focus in self._playing:
+            change = elapsed / self.ramp
+            goal = focus.strength if focus.held else 0.0
+            focus.level += float(np.clip(goal - focus.level, -change, change))
+        playing = [focus for focus in self._playing if focus.held or focus.level > 0.0]
+        contacts = {id(focus): contacts.get(id(focus), -1) for focus in playing}
+        self._playing = playing
+        at_skin = np.array([focus.skin_point for focus in playing], dtype=np.int64)
+        shifts = np.array([focus.shift for focus in playing]).reshape(-1, 3)
+        return replace(
+            foci,
+            points=skin.points[at_skin] + shifts,
+            strengths=np.array([focus.level for focus in playing]),
+            contacts=np.array([contacts[id(focus)] for focus in playing], dtype=np.int64),
+            names=tuple(f"{skin.places[focus.place]} at {focus.thing}" for focus in playing),
+            skin_points=at_skin,
+        )
+
+    def _matched(
+        self,
+        skin: Skin,
+        foci: TouchFoci,
+        things: list[str],
+        places: Int64[np.ndarray, "contacts"],
+    ) -> dict[int, int]:
+        """Match new foci with those that play; return the contacts of the playing ones."""
+        unmatched = list(self._playing)
+        for focus in unmatched:
+            focus.held = False
+        contacts = {}
+        new = []
+        for index, contact in enumerate(foci.contacts):
+            point = foci.points[index]
+            thing = things[contact]
+            place = int(places[contact])
+            # The nearest of the same part and object within a wavelength is the same focus.
+            same = [focus for focus in unmatched if (focus.thing, focus.place) == (thing, place)]
+            distances = [
+                float(np.linalg.norm(skin.points[focus.skin_point] + focus.shift - point))
+                for focus in same
+            ]
+            skin_point = int(foci.skin_points[index])
+            shift = point - skin.points[skin_point]
+            strength = float(foci.strengths[index])
+            if same and min(distances) < self.wavelength:
+                focus = same[int(np.argmin(distances))]
+                unmatched.remove(focus)
+                focus.skin_point = skin_point
+                focus.shift = shift
+                focus.strength = strength
+                focus.held = True
+                contacts[id(focus)] = int(contact)
+            else:
+                new.append((contact, _Focus(0, thing, place, skin_point, shift, strength)))
+        # New foci wait until there is room beside those that fade.
+        for contact, focus in new[: max(self.most - len(self._playing), 0)]:
+            self._count += 1
+            focus.number = self._count
+            self._playing.append(focus)
+            contacts[id(focus)] = int(contact)
+        return contacts

@@ -1,0 +1,105 @@
+"""Textures: strength of a touch by the position on an object."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.errors import InvalidInput, Vector, check_finite, fixed, point_of, real_numbers, within
+
+Points = Real[np.ndarray, "points 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class Grating:
+    """Parallel ridges, a sine of the position.
+
+    Attributes
+    ----------
+    pitch : distance from ridge to ridge [m], at most 0.1.
+    direction : (3,) direction across the ridges, in the object's frame.
+
+    Raises
+    ------
+    InvalidInput
+        If the pitch is out of range or the direction is zero.
+
+    Examples
+    --------
+    >>> Grating(4e-3).heights(np.array([[0.0, 0, 0], [2e-3, 0, 0]])).round(6).tolist()
+    [1.0, 0.0]
+    """
+
+    pitch: float
+    direction: Vector = (1.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        slip = "is it in millimetres? Give metres."
+        pitch = within(self.pitch, 0.0, 0.1, "the pitch of a grating", "m", slip)
+        object.__setattr__(self, "pitch", pitch)
+        direction = point_of(self.direction, "the direction of a grating")
+        if not direction.any():
+            raise InvalidInput(
+                "the direction of a grating has length 0; give a direction.", code="all_zero"
+            )
+        object.__setattr__(self, "direction", fixed(direction / np.linalg.norm(direction)))
+
+    def heights(self, points: Points) -> Float64[np.ndarray, "points"]:
+        """Return the height (P,), 0 to 1, at points (P, 3) of the object's frame [m]."""
+        turns = points @ np.asarray(self.direction) / self.pitch
+        return 0.5 + 0.5 * np.cos(2.0 * np.pi * turns)
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """A picture of heights in the xy plane of an object, centred at its origin.
+
+    Attributes
+    ----------
+    values : (R, C) heights, 0 to 1; rows run along y, columns along x.
+    width : length of a row [m], at most 2.
+
+    Raises
+    ------
+    InvalidInput
+        If the values are no picture or not from 0 to 1, or the width is out of range.
+
+    Examples
+    --------
+    >>> steps = HeightMap(np.array([[0.0, 1.0], [0.0, 1.0]]), width=0.02)
+    >>> steps.heights(np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])).tolist()
+    [0.5, 1.0]
+    """
+
+    values: Real[np.ndarray, "rows columns"]
+    width: float
+
+    def __post_init__(self) -> None:
+        values = real_numbers(self.values, "the heights of a texture")
+        if values.ndim != 2 or min(values.shape) < 2:
+            raise InvalidInput(
+                f"the heights of a texture have shape {values.shape}, but a picture has at least 2 "
+                "rows and 2 columns.",
+                code="wrong_shape",
+            )
+        check_finite(values, "the heights of a texture")
+        if values.min() < 0.0 or values.max() > 1.0:
+            raise InvalidInput(
+                f"the heights of a texture run from {values.min():g} to {values.max():g}, but they "
+                "must lie between 0 and 1; divide them by the largest.",
+                code="out_of_range",
+            )
+        slip = "is it in millimetres? Give metres."
+        width = within(self.width, 0.0, 2.0, "the width of a texture", "m", slip)
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "width", width)
+
+    def heights(self, points: Points) -> Float64[np.ndarray, "points"]:
+        """Return the height (P,), 0 to 1, at points (P, 3) of the object's frame [m]."""
+        from scipy.ndimage import map_coordinates
+
+        rows, columns = self.values.shape
+        step = self.width / (columns - 1)
+        cells = points[:, [1, 0]] / step + 0.5 * (np.array([rows, columns]) - 1.0)
+        # Beyond the picture the height of its edge continues.
+        return map_coordinates(self.values, cells.T, order=1, mode="nearest")
