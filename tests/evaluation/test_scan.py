@@ -74,13 +74,23 @@ def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
         ("x,y,z,pressure\n0,0,0,1\n0,0,1,2\n", "too_few"),
         ("x,y,z,pressure\n", "too_few"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,12,2\n0,0,1,2\n", "out_of_range"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,0,2\n0,0,1,2\n0,0,0,2\n", "given_twice"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,0,2\n0,0,1,2\n0,0,0,2\n", "too_few"),
         ("x,y,z,pressure\n0,0,0,0\n0,0,1,0\n0,1,0,0\n", "all_zero"),
     ],
 )
 def test_files_without_a_scan_raise(tmp_path, text, code):
     with raises_code(code):
         load_scan(written(tmp_path, text))
+
+
+def test_repeated_positions_are_averaged_with_a_warning(tmp_path):
+    text = "x,y,z,pressure,phase\n0,0,0,1,0\n0,0,1,4,0\n0,0,0,3,0\n0,1,0,2,0\n"
+    scan = load_scan(written(tmp_path, text))
+    assert scan.points.tolist() == [[0, 0, 0], [0, 0, 1], [0, 1, 0]]
+    assert scan.pressures.tolist() == [2, 4, 2]
+    overlay = overlay_scan(scan, np.array([1.0, 2, 1], complex))
+    assert overlay.error == pytest.approx(0.0, abs=1e-12)
+    assert overlay.warnings[0].startswith("1 position was")
 
 
 def test_missing_and_binary_files_raise(tmp_path):

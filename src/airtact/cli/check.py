@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 @surface_settings
 @as_json
 @quiet
-def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
+def check(scene: Path, folder: Path | None, **settings: Any) -> None:
     """Report the contents of a scene or surface file (STL, PLY, OBJ, GLB), or its first error.
 
     --out writes a picture of the bodies, or of the error of a surface.
@@ -69,7 +69,7 @@ def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
             # A scene file sets these for each surface.
             for key, value in chosen.items():
                 raise at.InvalidInput(
-                    f"{key} = {value:g} on the command line is for surfaces: write it in the scene "
+                    f"{key} = {value} on the command line is for surfaces: write it in the scene "
                     "file.",
                     code="options_clash",
                 )
@@ -102,7 +102,7 @@ def _check_scene(path: Path, folder: Path | None, report_step: Progress) -> Show
 
 
 def _check_surface(
-    path: Path, folder: Path | None, report_step: Progress, settings: dict[str, float]
+    path: Path, folder: Path | None, report_step: Progress, settings: dict[str, Any]
 ) -> Shown:
     import numpy as np
 

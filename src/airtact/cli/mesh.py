@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @click.option("--out", "file", required=True, type=FILE, help="File for the panels.")
 @surface_settings
 @quiet
-def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None) -> None:
+def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None:
     """Cover SURFACE (STL, PLY, OBJ, GLB) with curved panels and report their quality.
 
     The panels are written to a .vtkhdf file for ParaView, or as flat triangles in metres to .stl,

@@ -150,7 +150,12 @@ def surface_settings(command: Command) -> Command:
         ("--scale", "scale", "Metres per unit of a surface file: 1e-3 for millimetres."),
     ):
         command = click.option(name, keyword, type=float, help=words)(command)
-    return command
+    return click.option(
+        "--union",
+        is_flag=True,
+        default=None,
+        help="Replace parts that overlap by the surface around them.",
+    )(command)
 
 
 def given(**settings: Setting | None) -> dict[str, Setting]:

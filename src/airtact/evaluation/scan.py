@@ -1,7 +1,7 @@
 """A measured scan of a field, compared with a prediction after fitting one complex scale."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,6 @@ from airtact.errors import (
     check_finite,
     complex_numbers,
     counted,
-    in_mm,
     in_short,
     points_of,
 )
@@ -32,22 +31,18 @@ class Scan:
     points : (N, 3) positions [m].
     pressures : (N,) readings, in any unit; real if no phase was measured.
     phased : whether the phase was measured.
+    repeated : number of positions that were given more than once; their readings are averaged.
     """
 
     points: Float64[np.ndarray, "points 3"]
     pressures: Complex128[np.ndarray, "points"]
     phased: bool
+    repeated: int = field(default=0, init=False)
 
     __repr__ = in_short
 
     def __post_init__(self) -> None:
         points = points_of(self.points, "positions of a scan", least=0)
-        if len(points) < MIN_POSITIONS:
-            raise InvalidInput(
-                f"the scan has {counted(len(points), 'position', 'positions')}; give "
-                f"{MIN_POSITIONS} or more.",
-                code="too_few",
-            )
         pressures = complex_numbers(self.pressures, "pressures of a scan")
         if pressures.shape != (len(points),):
             raise InvalidInput(
@@ -55,6 +50,19 @@ class Scan:
                 code="wrong_shape",
             )
         check_finite(pressures, "pressures of a scan")
+        # Repeated positions would count twice in the fit.
+        once, place, counts = np.unique(points, axis=0, return_inverse=True, return_counts=True)
+        if len(once) < len(points):
+            sums = np.zeros(len(once), complex)
+            np.add.at(sums, place.ravel(), pressures)
+            points = once
+            pressures = sums / counts
+        if len(points) < MIN_POSITIONS:
+            raise InvalidInput(
+                f"the scan has {counted(len(points), 'position', 'positions')}; give "
+                f"{MIN_POSITIONS} or more.",
+                code="too_few",
+            )
         away = np.linalg.norm(points, axis=1)
         worst = int(away.argmax())
         # The scene is some decimetres wide, so positions beyond 2 m are probably in millimetres.
@@ -69,17 +77,7 @@ class Scan:
             raise InvalidInput(
                 "all pressures of the scan are 0. Give measured pressures.", code="all_zero"
             )
-        # Repeated positions would count twice in the fit.
-        _, first = np.unique(points, axis=0, return_index=True)
-        repeated = np.setdiff1d(np.arange(len(points)), first)
-        if len(repeated):
-            where = points[repeated[0]]
-            raise InvalidInput(
-                f"{len(repeated)} positions of the scan are repeated, the first at "
-                f"{in_mm(where)}. Average them first.",
-                where,
-                code="given_twice",
-            )
+        object.__setattr__(self, "repeated", int(np.sum(counts > 1)))
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "pressures", pressures)
 
@@ -147,13 +145,17 @@ class Overlay:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the overlay."""
+        sentences = []
+        if self.scan.repeated:
+            many = counted(self.scan.repeated, "position was", "positions were")
+            sentences.append(f"{many} measured more than once; the readings are averaged.")
         left_out = int(np.sum(~self.used))
-        if not left_out:
-            return ()
-        return (
-            f"{left_out} of {len(self.used)} positions are left out, because a body overlaps the "
-            "microphone.",
-        )
+        if left_out:
+            sentences.append(
+                f"{left_out} of {len(self.used)} positions are left out, because a body overlaps "
+                "the microphone."
+            )
+        return tuple(sentences)
 
 
 def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Overlay:

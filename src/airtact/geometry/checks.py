@@ -63,7 +63,7 @@ def check_not_crossed(surface: Surface) -> None:
         meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
         raise InvalidInput(
             f"the surface crosses itself: {meet}, the first are triangles {first} and {second} "
-            f"near {in_mm(where)}; repair it.",
+            f"near {in_mm(where)}; repair it, or load it with union=True.",
             where,
             code="mesh_faulty",
         )

@@ -9,6 +9,7 @@ from airtact.files.meshes import read_mesh
 from airtact.geometry.checks import check_not_crossed
 from airtact.geometry.mesh.repair import repaired
 from airtact.geometry.mesh.topology import SHARP_DEGREES
+from airtact.geometry.mesh.union import united_parts
 from airtact.geometry.mesh_shape import MeshShape
 from airtact.geometry.pose import Pose
 from airtact.geometry.quadratic_mesh import QuadraticMesh
@@ -22,6 +23,7 @@ def load_surface(
     largest_hole: float = 2e-3,
     sharp_degrees: float = SHARP_DEGREES,
     *,
+    union: bool = False,
     progress: Progress | None = None,
 ) -> Surface:
     """Read a closed surface from a file, and repair its damage.
@@ -40,6 +42,8 @@ def load_surface(
     largest_hole : width of the widest hole that is filled [m]; 0 to fill none.
     sharp_degrees : angle between neighbouring triangles above which their edge remains sharp; the
         rest of the surface is curved.
+    union : replace parts that overlap, such as those of a CAD export, by the surface around all of
+        them, on a grid of 1/256 of the body's length. Edges are rounded on that scale.
     progress : called with a description of each step when it begins.
 
     Raises
@@ -60,6 +64,10 @@ def load_surface(
         report_step(f"repairing {counted(len(triangles), 'triangle', 'triangles')}")
         with np.errstate(over="ignore"):  # infinite vertices are rejected by the repair
             scaled = vertices * unit
+        united = ()
+        if union:
+            scaled, triangles, note = united_parts(scaled, triangles)
+            united = (note,)
         sound = repaired(scaled, triangles, largest_hole)
         report_step("curving the surface")
         mesh = QuadraticMesh(fixed(sound.vertices), sound.triangles, sharp_degrees=sharp_degrees)
@@ -67,7 +75,7 @@ def load_surface(
             mesh.vertices,
             mesh.triangles,
             sharp_degrees=sharp_degrees,
-            repairs=sound.notes,
+            repairs=(*united, *sound.notes),
             _known_shape=MeshShape(mesh, Pose.identity()),
         )
         report_step("checking for self-intersections")

@@ -42,8 +42,8 @@ def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> Radi
     if len(target.suppression_points):
         count = len(target.suppression_points)
         foci += f" and {counted(count, 'suppression point', 'suppression points')}"
-    around = ", ".join(setup.bodies) or "nothing"
-    with clock.step("beacons", f"solving for a beacon in each {foci} around {around}"):
+    where = f"around {', '.join(setup.bodies)}" if setup.bodies else "in open air"
+    with clock.step("beacons", f"solving for a beacon in each {foci} {where}"):
         beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
         if setup.uncertainty is None or not setup.scene.obstacles:
             return beacons

@@ -210,6 +210,7 @@ class ObstacleTable(Table, frozen=True):
     scale : length of one unit of the mesh file [m]; 1 if left out.
     largest_hole : widest hole that is filled [m]; 0.002 if left out.
     sharp_degrees : edges that turn by more stay sharp [°]; 75 if left out.
+    union : true replaces overlapping parts by the surface around them.
     hand : pose file of a hand.
     gap : thumb and index finger are opened to this distance [m].
     boundary : "sound_hard" reflects completely, "impedance" absorbs, "filled" is another fluid.
@@ -227,6 +228,7 @@ class ObstacleTable(Table, frozen=True):
     scale: Annotated[Positive | None, only_with("surface")] = None
     largest_hole: Annotated[NotNegative | None, only_with("surface")] = None
     sharp_degrees: Annotated[NotNegative | None, only_with("surface")] = None
+    union: Annotated[bool | None, only_with("surface")] = None
     hand: str | None = None
     gap: Annotated[Positive | None, only_with("hand")] = None
     boundary: Literal["sound_hard", "impedance", "filled"] = "sound_hard"

@@ -386,7 +386,7 @@ def _neighbours(
         raise InvalidInput(
             f"{counted(len(crowded), 'edge has', 'edges have')} more than two triangles, the first "
             f"{sizes[worst]} of them near {in_mm(where)}: bodies or fins meet there; separate or "
-            "remove them.",
+            "remove them, or load it with union=True.",
             where,
             code="mesh_faulty",
         )
