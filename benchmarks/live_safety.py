@@ -26,13 +26,13 @@ def stops(setup: Setup, folder: Path) -> list[float]:
     motion = at.hands.load_recording(at.example("reaching.jsonl"))
     for trial in range(TRIALS):
         log = folder / f"{trial}.log"
-        boards = at.live.Boards(
+        boards = at.live.Output(
             link_to("audit", "autd3", setup.poses, setup.medium.sound_speed), log
         )
         pressed = []
 
         def press(
-            after: float = 0.1 * trial, boards: at.live.Boards = boards, pressed: list = pressed
+            after: float = 0.1 * trial, boards: at.live.Output = boards, pressed: list = pressed
         ) -> None:
             time.sleep(after)
             pressed.append(time.monotonic())

@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import pytest
 import trimesh
-from matplotlib.image import imread
 
 import airtact as at
 from cli.running import done, output, rejected
@@ -121,23 +120,6 @@ def test_the_widest_hole_that_is_filled_can_be_asked_for(capsys, tmp_path):
     options = ["--scale", "1e-3", "--largest-hole", "6e-3", "--out", tmp_path / "panels.ply"]
     printed, _ = done(capsys, "mesh", tmp_path / "ball.ply", *options)
     assert re.search(r"1 hole of up to [0-9.]+ mm was filled", printed)
-
-
-def test_check_draws_the_fault_of_a_surface_that_it_rejects(capsys, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "bodies.png").touch()  # of an older run
-    path = box_file(tmp_path, lambda v, t: (v, t[1:]))
-    code, printed, errors = output(
-        capsys, "check", path, "--scale", "1e-3", "--out", tmp_path / "out"
-    )
-    assert (code, printed) == (2, "")
-    *steps, last = errors.splitlines()
-    assert only_steps("\n".join(steps))
-    assert last.startswith("airtact: box.stl: ")
-    assert last.endswith("[mesh_faulty]")
-    assert [entry.name for entry in (tmp_path / "out").iterdir()] == ["fault.png"]
-    height, width, _ = imread(tmp_path / "out" / "fault.png").shape
-    assert (height > 500, width > 1000) == (True, True)
 
 
 def test_mesh_reports_how_good_panels_are(capsys, tmp_path):

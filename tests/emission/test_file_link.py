@@ -17,7 +17,7 @@ from faults import raises_code
 
 
 def test_a_file_holds_what_was_sent_and_nothing_else(tmp_path) -> None:
-    link = FileLink(tmp_path / "frames.npz")
+    link = FileLink(tmp_path / "frames.h5")
     with at.Emission(link, cap=1.0) as emission:
         emission.send(tone())
         emission.hold(3600.0)
@@ -51,9 +51,9 @@ def test_a_file_may_take_longer_to_write_than_boards_may_take_to_answer(
             super()._end()
 
     monkeypatch.setattr(link_process, "ANSWER_TIMEOUT", 0.05)
-    with at.Emission(Slow(tmp_path / "frames.npz"), cap=1.0) as emission:
+    with at.Emission(Slow(tmp_path / "frames.h5"), cap=1.0) as emission:
         emission.send(tone())
-    assert (tmp_path / "frames.npz").exists()
+    assert (tmp_path / "frames.h5").exists()
 
 
 def test_sequences_of_two_rates_do_not_go_into_one_file(tmp_path) -> None:
@@ -80,7 +80,7 @@ def test_bytes_for_openmpd_are_what_its_receiver_takes(tmp_path) -> None:
 
 
 def test_a_link_that_was_sent_nothing_writes_nothing(tmp_path) -> None:
-    link = FileLink(tmp_path / "none.npz")
+    link = FileLink(tmp_path / "none.h5")
     link.open()
     link.close()
     assert not link.path.exists()
@@ -102,4 +102,4 @@ def test_files_that_cannot_be_are_rejected(tmp_path) -> None:
     with raises_code("unknown_format"):
         FileLink(tmp_path / "a.txt")
     with raises_code("not_writable"):
-        FileLink(tmp_path / "none" / "a.npz").open()
+        FileLink(tmp_path / "none" / "a.h5").open()

@@ -8,7 +8,13 @@ import airtact as at
 from airtact.emission.links import LINKS, link_to, links_of
 from faults import raises_code
 
-SETTINGS = {"address": "127.0.0.1:8080", "port": "/dev/ttyUSB0", "out": Path("frames.npz")}
+ADDRESS = {"address": "127.0.0.1:8080"}
+SETTINGS = {
+    "remote": ADDRESS,
+    "simulator": ADDRESS,
+    "serial": {"port": "/dev/ttyUSB0"},
+    "file": {"out": Path("frames.h5")},
+}
 
 
 def test_links_are_listed_by_board() -> None:
@@ -18,13 +24,11 @@ def test_links_are_listed_by_board() -> None:
 
 
 @pytest.mark.parametrize(
-    ("link", "board"), [(link, board) for link in LINKS for board in link.boards]
+    ("link", "board"), [(link, board) for link, boards in LINKS.items() for board in boards]
 )
 def test_every_link_is_built_under_its_own_name(link, board) -> None:
-    setting = {link.takes: SETTINGS[link.takes]} if link.takes else {}
-    made = link_to(link.name, board, (at.Pose.identity(),), 343.0, **setting)
-    assert (made.name, made.codec.board.name, made.boards) == (link.name, board, 1)
-    assert link.example == "" or link.takes is not None
+    made = link_to(link, board, (at.Pose.identity(),), 343.0, **SETTINGS.get(link, {}))
+    assert (made.name, made.codec.board.name, made.boards) == (link, board, 1)
 
 
 @pytest.mark.parametrize(

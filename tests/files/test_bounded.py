@@ -1,8 +1,6 @@
 """Files of numbers that would hurt are rejected before they are unpacked, and nothing but files is opened."""
 
-import io
 import os
-import zipfile
 
 import h5py
 import numpy as np
@@ -10,14 +8,12 @@ import pytest
 
 import airtact as at
 from airtact.errors import LARGEST_DATA
-from airtact.files.bounded import array_of, arrays_of, bytes_of, datasets_of, text_of
+from airtact.files.bounded import bytes_of, datasets_of, text_of
 from airtact.files.text_table import read_text_table
 from faults import raises_code
 
 
-@pytest.mark.parametrize(
-    "read", [bytes_of, text_of, array_of, arrays_of, datasets_of, read_text_table]
-)
+@pytest.mark.parametrize("read", [bytes_of, text_of, datasets_of, read_text_table])
 def test_a_pipe_a_folder_and_a_missing_file_are_named(read, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with raises_code("file_unreadable"):
@@ -30,37 +26,12 @@ def test_a_pipe_a_folder_and_a_missing_file_are_named(read, tmp_path):
         read(tmp_path / "a\0b")
 
 
-@pytest.mark.parametrize(
-    "read", [bytes_of, text_of, array_of, arrays_of, datasets_of, read_text_table]
-)
+@pytest.mark.parametrize("read", [bytes_of, text_of, datasets_of, read_text_table])
 def test_a_file_that_is_too_large_is_rejected_unread(read, tmp_path):
     with (tmp_path / "large").open("wb") as file:
         file.truncate(LARGEST_DATA + 1)
     with raises_code("file_too_large"):
         read(tmp_path / "large")
-
-
-@pytest.fixture(scope="module")
-def bomb() -> bytes:
-    """Return an archive of 0.3 MB that becomes 300 MB."""
-    whole, block = io.BytesIO(), bytes(10_000_000)
-    with (
-        zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
-        file.open("clouds.npy", "w", force_zip64=True) as part,
-    ):
-        np.lib.format.write_array_header_1_0(
-            part, {"descr": "<f8", "fortran_order": False, "shape": (12_500_000, 3)}
-        )
-        for _ in range(30):
-            part.write(block)
-    return whole.getvalue()
-
-
-@pytest.mark.parametrize("read", [arrays_of, at.load_drive])
-def test_an_archive_that_unpacks_to_much_more_is_rejected(read, bomb, tmp_path):
-    (tmp_path / "bomb.npz").write_bytes(bomb)
-    with raises_code("file_too_large", "300,000,", "268,435,456"):
-        read(tmp_path / "bomb.npz")
 
 
 def test_a_dataset_of_zeros_without_end_is_rejected(tmp_path):
@@ -89,8 +60,8 @@ def test_what_stands_in_another_file_is_not_read(tmp_path):
         ("x,y\n1," + "9" * 200_000, "file_unreadable"),
         ("x,y\n1," + "9" * 400, "file_unreadable"),
         ("x,y\n1,1e13", "file_unreadable"),
-        (",".join(["x"] * 100_000), "wrong_shape"),
-        (",".join(["%x"] * 100_000) + "\n1,2", "wrong_shape"),
+        (",".join(["x"] * 100_000), "given_twice"),
+        (",".join(["%x"] * 100_000) + "\n1,2", "given_twice"),
     ],
     ids=[
         "a long cell",
@@ -107,7 +78,7 @@ def test_a_table_that_hurts_is_rejected(words, code, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("ending", "words"), [("xyz", "1 2 3\n4 5\n"), ("xyz", ""), ("ply", "ply\n"), ("npy", "x")]
+    ("ending", "words"), [("xyz", "1 2 3\n4 5\n"), ("xyz", ""), ("ply", "ply\n")]
 )
 def test_a_cloud_that_is_cut_is_rejected(ending, words, tmp_path):
     path = tmp_path / f"cloud.{ending}"

@@ -33,7 +33,7 @@ def whole_drives(folder: Path) -> None:
         at.transducers.board_array("nano16"),
         at.transducers.AmplitudeModulation(200.0, 1.0),
     )
-    for ending in ("h5", "npz", "csv"):
+    for ending in ("h5", "csv"):
         at.Drive(drives[0]).save(folder / f"drive.{ending}", array, OPEN_AIR, modulation=modulation)
         at.drives.Sequence(drives, 1000.0).save(folder / f"sequence.{ending}", array)
 
@@ -48,7 +48,6 @@ def whole_clouds(folder: Path) -> None:
     points = np.random.default_rng(0).normal(scale=0.03, size=(50, 3)).round(6)
     trimesh.PointCloud(points).export(folder / "cloud.ply")
     np.savetxt(folder / "cloud.xyz", points)
-    np.save(folder / "cloud.npy", points)
 
 
 def whole_tables(folder: Path) -> None:

@@ -32,7 +32,7 @@ def test_names_may_stand_in_the_last_comment_and_numbers_be_complex(tmp_path) ->
     [
         ("", "file_unreadable"),
         ("1,2\n", "file_unreadable"),
-        ("x;y\n1;2\n", "unknown_format"),
+        ("x;y\n1;2\n", "data_missing"),
         ("x,y,X\n1,2,3\n", "given_twice"),
         ("y\n1\n", "data_missing"),
         ("x,y\n1,2\n\n1\n", "wrong_shape"),

@@ -150,7 +150,7 @@ def test_the_emergency_stop_ends_the_sound_for_good(example_scene, clock, tmp_pa
 
 
 def test_the_emergency_stop_counts_before_the_link_is_open():
-    boards = at.live.Boards(at.emission.RecordingLink())
+    boards = at.live.Output(at.emission.RecordingLink())
     boards.stop()
     assert boards.stopped
 

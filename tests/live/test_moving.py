@@ -97,7 +97,7 @@ def test_a_newer_round_steps_no_farther_than_a_round_itself_at_the_link(
         at.emission.RecordingLink("autd3", 4),
         [],
     )
-    with at.live.Boards(link) as boards:
+    with at.live.Output(link) as boards:
         for index in range(12):
             now = index / 60
             maker.take(

@@ -108,30 +108,6 @@ def test_a_session_keeps_its_table(tmp_path) -> None:
             assert file.attrs["format_version"] == version
 
 
-def test_a_session_is_verified_with_its_table(exact) -> None:
-    """The share of a drive that was made for the hand and the table is 1, of one that knows neither it is far less."""
-    drives = np.stack([at.best(exact, at.Target(exact.foci)).amplitudes, drive_of(BEFORE, None)])
-    times, nan = np.array([0.01, 0.02]), np.full(2, np.nan)
-    session = at.live.Session(
-        OVER,
-        "",
-        drives.astype(np.complex64),
-        times,
-        times,
-        ("hand", "distances"),
-        ("playing", "playing"),
-        nan,
-        nan,
-        np.stack([foci_on(HAND, OVER)] * 2),
-        np.stack([JOINTS] * 2),
-        np.array([0.0, 0.1]),
-        np.stack([JOINTS] * 2),
-    )
-    found = at.live.verify_session(session, every=1, accuracy=0.03).kept
-    assert found[0] == pytest.approx(1.0, abs=0.03)
-    assert found[1] == pytest.approx(kept(exact, drives[1]), abs=0.03)
-
-
 def test_a_hand_through_the_table_gets_no_sound() -> None:
     workspace, foci = Workspace(OVER), foci_on(HAND, OVER)
     assert workspace.fault(JOINTS, foci) is None

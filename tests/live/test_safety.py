@@ -16,7 +16,7 @@ def loudness(link: RecordingLink) -> np.ndarray:
     )
 
 
-def rise(boards: at.live.Boards, drive: np.ndarray) -> None:
+def rise(boards: at.live.Output, drive: np.ndarray) -> None:
     """Send a drive until all of it sounds, however often a busy machine lets the boards fall silent meanwhile."""
     until = time.monotonic() + 120.0
     boards.send(drive)
@@ -27,7 +27,7 @@ def rise(boards: at.live.Boards, drive: np.ndarray) -> None:
 
 def test_after_boards_fell_silent_by_themselves_the_first_drive_that_they_take_is_quiet() -> None:
     link, full = SlowLink(), np.ones(249, dtype=np.complex128)
-    with at.live.Boards(link) as boards:
+    with at.live.Output(link) as boards:
         boards.send(full)
         assert boards.share < 0.2
         rise(boards, full)

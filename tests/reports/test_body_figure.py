@@ -7,9 +7,9 @@ from matplotlib.image import imread
 from mpl_toolkits.mplot3d import Axes3D
 
 import airtact as at
-from airtact.reports.body_figure import MARK, draw_bodies, draw_fault, draw_panels, sharp_edges
+from airtact.reports.body_figure import draw_bodies, draw_panels, sharp_edges
 from airtact.reports.page import write_picture
-from airtact.reports.solids import INSIDE, add_solid, broad_view, space_axes, towards_viewer
+from airtact.reports.solids import add_solid, broad_view, space_axes
 from geometry.mesh.meshes import box_mesh
 
 BOX = at.Surface(*box_mesh())
@@ -26,11 +26,6 @@ def pixels(tmp_path, figure) -> np.ndarray:
     write_picture(tmp_path / "picture.png", figure)
     assert [entry.name for entry in tmp_path.iterdir()] == ["picture.png"]
     return imread(tmp_path / "picture.png")[:, :, :3]
-
-
-def share(image: np.ndarray, colour, within: float = 0.12) -> float:
-    """Share of the pixels that have a colour."""
-    return float((np.abs(image - np.asarray(colour)[:3]).max(axis=2) < within).mean())
 
 
 @pytest.mark.parametrize(
@@ -72,42 +67,6 @@ def test_sharp_edges_are_those_of_the_box_wherever_it_stands():
     assert not sharp_edges(BALL).any()
     lengths = BOX.edge_lengths[sharp_edges(BOX)]
     assert lengths.sum() == pytest.approx(2 * 4 * (0.02 + 0.03 + 0.04))
-
-
-def test_a_hole_shows_the_inside_and_its_edge(tmp_path):
-    vertices, triangles = box_mesh()
-    position = vertices[triangles[0]].mean(axis=0)
-    figure = draw_fault(vertices, triangles[1:], "1 triangle is missing.", position)
-    assert "1 triangle is missing." in figure.get_suptitle()
-    assert len(figure.legends[0].get_texts()) == 4
-    space, close = spaces(figure)
-    assert (close.azim, close.elev) == (space.azim, space.elev)
-    (ring,) = space.lines
-    np.testing.assert_allclose(np.ravel(ring.get_data_3d()), 1e3 * position)
-    assert ring.get_color() == MARK
-    # the face that the triangle is missing from looks to -z, and so it is looked at from below
-    assert space.elev < 0
-    image = pixels(tmp_path, figure)
-    assert share(image, 0.85 * np.array(INSIDE)) > 0.01
-    assert share(image, (0.80, 0.07, 0.07)) > 1e-3
-
-
-def test_a_position_under_turned_triangles_is_looked_at_from_outside():
-    mesh = BALL
-    near = np.linalg.norm(mesh.corners.mean(axis=1) - [0.01, 0, 0], axis=1) < 5e-3
-    triangles = np.where(near[:, None], mesh.triangles[:, ::-1], mesh.triangles)
-    space, _ = spaces(draw_fault(mesh.vertices, triangles, "turned", np.array([0.01, 0.0, 0.0])))
-    assert towards_viewer(space.azim, space.elev)[0] > 0.8
-
-
-def test_triangles_that_are_nowhere_are_left_out():
-    vertices, triangles = box_mesh()
-    vertices = np.vstack([vertices, [np.nan, 0.0, 0.0]])
-    wrong = np.array([[0, 1, 99], [0, 1, len(vertices) - 1]])
-    figure = draw_fault(vertices, np.vstack([triangles, wrong]), "indices", np.zeros(3))
-    space, _ = spaces(figure)
-    assert len(space.collections[0].get_facecolor()) == 12
-    assert np.all(np.abs(space.get_zlim3d()) <= 42)
 
 
 def test_what_looks_away_is_left_out_of_a_closed_body_and_else_shown_as_inside():

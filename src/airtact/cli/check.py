@@ -29,7 +29,6 @@ from airtact.cli.options import (
 from airtact.timing import Progress
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from rich.table import Table
 
     from airtact.acoustics.scene import Scene
@@ -48,16 +47,14 @@ if TYPE_CHECKING:
     default="scene.toml",
     callback=scene_here,
 )
-@click.option(
-    "--out", "folder", type=FILE, help="Folder for the picture of the bodies or the error."
-)
+@click.option("--out", "folder", type=FILE, help="Folder for the picture of the bodies.")
 @surface_settings
 @as_json
 @quiet
 def check(scene: Path, folder: Path | None, **settings: Any) -> None:
     """Report the contents of a scene or surface file (STL, PLY, OBJ, GLB), or its first error.
 
-    --out writes a picture of the bodies, or of the error of a surface.
+    --out writes a picture of the bodies.
     """
     chosen = given(**settings)
     with progress() as report_step:
@@ -110,15 +107,10 @@ def _check_surface(
     from airtact.geometry.mesh.topology import shells
     from airtact.setup.solving import unknowns_of
 
-    try:
-        surface = at.load_surface(path, **settings, progress=report_step)
-        # As a sound-hard body of a scene at 40 kHz.
-        with about(path.name):
-            scene = at.Scene(at.air(), [at.sound_hard(surface)])
-    except at.InvalidInput as fault:
-        if folder is not None:
-            _draw_fault(path, settings.get("scale", 1.0), fault, folder, report_step)
-        raise
+    surface = at.load_surface(path, **settings, progress=report_step)
+    # As a sound-hard body of a scene at 40 kHz.
+    with about(path.name):
+        scene = at.Scene(at.air(), [at.sound_hard(surface)])
     if folder is not None:
         _draw_bodies(folder, scene, [path.name], None, report_step)
     report_step("counting unknowns")
@@ -151,44 +143,14 @@ def _check_surface(
 def _draw_bodies(
     folder: Path, scene: "Scene", names: Any, foci: Any, report_step: Progress
 ) -> None:
-    from airtact.reports.body_figure import draw_bodies
-
-    surfaces = [obstacle.surface for obstacle in scene.obstacles]
-    _write(folder / "bodies.png", draw_bodies(surfaces, names, foci, scene.planes), report_step)
-
-
-def _draw_fault(
-    path: Path, scale: float, fault: "at.InvalidInput", folder: Path, report_step: Progress
-) -> None:
-    """Draw a rejected surface and the position of its error, if its file can be read."""
-    import numpy as np
-
-    from airtact.files.meshes import read_mesh
-    from airtact.reports.body_figure import draw_fault
-
-    try:
-        vertices, triangles = read_mesh(path)
-    except at.InvalidInput:
-        return
-    # The numbers of a faulty file may be of any size.
-    with np.errstate(over="ignore"):
-        vertices = scale * vertices
-    finite = vertices[np.isfinite(vertices).all(axis=1)]
-    if len(finite) and np.ptp(finite, axis=0).max() > 0.0:
-        figure = draw_fault(vertices, triangles, str(fault), fault.position)
-        _write(folder / "fault.png", figure, report_step)
-
-
-def _write(picture: Path, figure: "Figure", report_step: Progress) -> None:
     from airtact.files.atomic import writable_folder
+    from airtact.reports.body_figure import draw_bodies
     from airtact.reports.page import write_picture
 
-    folder = writable_folder(picture.parent)
-    # A picture of an older run must not stay beside the new one.
-    for name in ("bodies.png", "fault.png"):
-        (folder / name).unlink(missing_ok=True)
+    picture = writable_folder(folder) / "bodies.png"
     report_step(f"drawing {picture}")
-    write_picture(picture, figure)
+    surfaces = [obstacle.surface for obstacle in scene.obstacles]
+    write_picture(picture, draw_bodies(surfaces, names, foci, scene.planes))
 
 
 def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from airtact.geometry.mesh.arrays import QuadraticTriangles
     from airtact.geometry.mesh_shape import MeshShape
-    from airtact.hands.hand import Side
     from airtact.hands.shape import HandShape
 
 # Default edge of the triangles [m]
@@ -32,13 +31,7 @@ EDGE = 4e-3
 @click.option("--gap", type=float, help="Gap to which thumb and index finger open, in metres.")
 @click.option("--edge", type=float, help="Edge of the triangles in metres; 4e-3 by default.")
 @click.option("--out", "file", required=True, type=FILE, help="File for the skin.")
-@click.option(
-    "--frame",
-    "frames",
-    type=int,
-    multiple=True,
-    help="Number of a frame of a recording; may be repeated. The first by default.",
-)
+@click.option("--frame", type=int, help="Number of a frame of a recording; the first by default.")
 @click.option("--leave-out", is_flag=True, help="Leave out and count faulty frames of a recording.")
 @click.option("--landmarks", type=INPUT, help="Rough joints, a pose as JSON, for a cloud.")
 @click.option(
@@ -50,7 +43,7 @@ def hand(
     file: Path,
     gap: float | None,
     edge: float | None,
-    frames: tuple[int, ...],
+    frame: int | None,
     leave_out: bool,
     landmarks: Path | None,
     camera: tuple[float, float, float] | None,
@@ -60,9 +53,9 @@ def hand(
     A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb,
     or as curved ones to .vtkhdf for ParaView, with a picture .png beside it.
 
-    A recording is a .jsonl file. The skins of chosen frames are written, and a picture of the pads
-    over time. A point cloud is a .ply, .xyz or .npy file and needs rough --landmarks. A hand is
-    fitted to it, and the picture shows the distances of the points from its skin.
+    A recording is a .jsonl file, of which one frame is taken. A point cloud is a .ply or .xyz
+    file and needs rough --landmarks. A hand is fitted to it, and the picture shows the distances of
+    the points from its skin.
     """
     from airtact.errors import within
     from airtact.hands.files import CLOUD_ENDINGS
@@ -78,7 +71,7 @@ def hand(
         )
     for option, of_kind, is_given in (
         ("gap", "pose", gap is not None),
-        ("frame", "recording", bool(frames)),
+        ("frame", "recording", frame is not None),
         ("leave-out", "recording", leave_out),
         ("camera", "cloud", camera is not None),
     ):
@@ -94,10 +87,8 @@ def hand(
     with progress() as report_step:
         if landmarks is not None:
             facts, lines = _fit(path, landmarks, file, camera, edge, report_step)
-        elif kind == "recording":
-            facts, lines = _replay(path, file, frames, leave_out, edge or EDGE, report_step)
         else:
-            facts, lines = _pose(path, file, gap, edge or EDGE, report_step)
+            facts, lines = _skin(path, file, gap, frame, leave_out, edge or EDGE, report_step)
     show(facts_table(facts), lines=lines)
 
 
@@ -105,12 +96,39 @@ def hand(
 Shown = tuple[list[tuple[str, str]], list[str]]
 
 
-def _pose(path: Path, file: Path, gap: float | None, edge: float, report_step: Progress) -> Shown:
+def _skin(
+    path: Path,
+    file: Path,
+    gap: float | None,
+    number: int | None,
+    leave_out: bool,
+    edge: float,
+    report_step: Progress,
+) -> Shown:
+    """Write the skin of a pose, or of a frame of a recording."""
     from airtact.files.atomic import writable_folder
+    from airtact.hands.tracking.recordings import ENDING, load_recording
     from airtact.reports.body_figure import draw_panels
 
     report_step(f"reading {path.name}")
-    posed = at.load_hand(path, gap)
+    messages = []
+    if path.suffix == ENDING:
+        recording = load_recording(path, leave_out)
+        messages = [("messages", str(recording.health))]
+        # Frames without landmarks have no skin.
+        frames = {item.sequence: item for item in recording.frames if item.landmarks is not None}
+        if number is None:
+            number = min(frames, default=0)
+        if number not in frames:
+            raise at.InvalidInput(
+                f"{path.name} has no frame {number} with landmarks. {len(frames)} of "
+                f"{len(recording.frames)} frames have landmarks: give the number of another one, "
+                "or fit a hand to their point clouds.",
+                code="data_missing",
+            )
+        posed = frames[number].hand()
+    else:
+        posed = at.load_hand(path, gap)
     writable_folder(file.parent)
     report_step(f"making triangles of {1e3 * edge:.3g} mm")
     triangles = posed.shape.panels(edge)
@@ -118,7 +136,7 @@ def _pose(path: Path, file: Path, gap: float | None, edge: float, report_step: P
     places = {name: point for name, (point, _) in posed.places.items()}
     facts = _facts(posed.side, posed.shape, triangles, places)
     merged = [f"Note: {touch.note}." for touch in posed.touches]
-    return facts, [*merged, *lines]
+    return messages + facts, [*merged, *lines]
 
 
 def _fit(
@@ -168,69 +186,6 @@ def _fit(
         ("standard deviation of the skin", f"{parts} mm"),
     ]
     return facts, lines
-
-
-def _replay(
-    path: Path,
-    file: Path,
-    chosen: tuple[int, ...],
-    leave_out: bool,
-    edge: float,
-    report_step: Progress,
-) -> Shown:
-    from airtact.errors import about
-    from airtact.files.atomic import writable_folder
-    from airtact.hands.tracking.recordings import load_recording, pads_over_time
-    from airtact.reports.page import write_picture
-    from airtact.reports.plots import draw_tracks
-    from airtact.setup.exports import write_triangles
-
-    report_step(f"reading {path.name}")
-    recording = load_recording(path, leave_out)
-    # Frames without landmarks have no skin.
-    with_joints = [frame for frame in recording.frames if frame.landmarks is not None]
-    numbers = [frame.sequence for frame in with_joints]
-    missing = sorted(set(chosen) - set(numbers))
-    with about(path.name):
-        if not with_joints:
-            raise at.InvalidInput(
-                f"none of {len(recording.frames)} frames has landmarks: fit a hand to their point "
-                "clouds first.",
-                code="data_missing",
-            )
-        if missing:
-            raise at.InvalidInput(
-                f"there is no frame {missing[0]} with landmarks: give one of {min(numbers)} to "
-                f"{max(numbers)}.",
-                code="unknown_name",
-            )
-    frames = [frame for frame in with_joints if frame.sequence in chosen] or with_joints[:1]
-    report_step(f"finding the pads in {len(recording.frames):,} frames")
-    # Many recordings have frames of one hand only.
-    seen = {frame.side for frame in with_joints}
-    hands: list[Side] = ["left", "right"]
-    tracks = [pads_over_time(recording.frames, side) for side in hands if side in seen]
-    writable_folder(file.parent)
-    skins = []
-    for frame in frames:
-        skin = file
-        if len(frames) > 1:
-            skin = file.with_stem(f"{file.stem}_{frame.side}_{frame.sequence}")
-        report_step(f"writing {skin.name}")
-        write_triangles(skin, frame.hand().shape.panels(edge))
-        skins.append(str(skin))
-    picture = file.with_suffix(".png")
-    report_step(f"drawing {picture.name}")
-    write_picture(picture, draw_tracks(tracks, f"{path.name}: {recording.health}"))
-    facts = [("messages", str(recording.health))]
-    for track in tracks:
-        seconds = track.times[-1] - track.times[0]
-        words = (
-            f"{len(track.times):,} frames in {seconds:.2f} s, the longest gap "
-            f"{1e3 * track.longest_gap:.0f} ms, pads at most {track.fastest:.2f} m/s"
-        )
-        facts.append((f"{track.side} hand", words))
-    return facts, [f"Skin: {', '.join(skins)}", f"Pads over time: {picture}"]
 
 
 def _write(

@@ -1,13 +1,12 @@
 """``airtact live``: follow a moving hand with the sound."""
 
-import math
 from pathlib import Path
 from typing import Any
 
 import click
 
 import airtact as at
-from airtact.cli.console import facts_table, plain_table, progress, show, status_line
+from airtact.cli.console import facts_table, progress, show, status_line
 from airtact.cli.options import FILE as OUT_FILE
 from airtact.cli.options import (
     INPUT,
@@ -43,15 +42,6 @@ from airtact.cli.options import (
     "recording",
     type=OUT_FILE,
     help="Make no drives; record the frames of --from websocket or osc to a .jsonl file.",
-)
-@click.option(
-    "--verify",
-    "session",
-    type=OUT_FILE,
-    help="Verify drives of an earlier session (session.h5 or its folder); each takes seconds.",
-)
-@click.option(
-    "--drives", type=click.IntRange(min=1), help="Number of drives to --verify; 10 by default."
 )
 @click.option(
     "--latency",
@@ -98,8 +88,6 @@ def live(
     folder: Path,
     source: str | None,
     recording: Path | None,
-    session: Path | None,
-    drives: int | None,
     seconds: float | None,
     latency: float,
     ignore_hand: bool,
@@ -120,20 +108,9 @@ def live(
     not seen for 150 ms. Without --cap and --full-scale the level half a metre off the array is
     limited to 110 dB. Ctrl-C ends the run in silence.
 
-    --record writes the frames of trackers to a recording and reads no SCENE. --verify evaluates
-    drives of a session for the hand at the time of their emission.
+    --record writes the frames of trackers to a recording and reads no SCENE.
     """
-    from airtact.errors import positive
-
     share = level_of(cap, full_scale)
-    if seconds is not None:
-        positive(seconds, "the duration", "s")
-    # --record and --verify need no scene.
-    if session is not None:
-        _verify(session, drives or 10)
-        return
-    if drives is not None:
-        raise at.InvalidInput("--drives needs --verify.", code="options_clash")
     if recording is not None:
         with progress() as report_step:
             health = at.live.record(recording, source or "websocket", seconds, report_step)
@@ -189,64 +166,4 @@ def live(
         facts_table(done.facts()),
         lines=[f"Session: {written}"],
         record={**done.record(), "files": {"session": written}},
-    )
-
-
-def _verify(path: Path, drives: int) -> None:
-    with progress() as report_step:
-        report_step(f"reading {path}")
-
-        session = at.live.read_session(path)
-        playing = int(session.playing.sum())
-        verified = at.live.verify_session(
-            session, max(1, math.ceil(playing / drives)), report_step=report_step
-        )
-    times = session.time_in_air
-    shares = f"median {verified.median:.0%}, lowest tenth {verified.lowest_tenth:.0%}"
-    facts = [
-        ("frames", f"{len(session.frame_time):,}"),
-        ("drives", f"{len(times):,} in {times[-1] - times[0]:.1f} s"),
-        ("foci", ", ".join(session.scene.places)),
-        ("verified", f"{len(verified.kept)} of {playing:,} that were playing"),
-        ("share of the attainable pressure", shares),
-    ]
-    table = plain_table("emitted at", "made from", "weakest focus", "share", "expected")
-    rows = []
-    for index, time, rule, pressures, share, expected in zip(
-        verified.indices,
-        verified.times,
-        verified.rules,
-        verified.pressures,
-        verified.kept,
-        verified.expected,
-        strict=True,
-    ):
-        has_forecast = not math.isnan(expected)
-        table.add_row(
-            f"{time - times[0]:.2f} s",
-            rule,
-            f"{pressures.min():,.0f} Pa",
-            f"{share:.0%}",
-            f"{expected:.0%}" if has_forecast else "–",
-        )
-        rows.append(
-            {
-                "index": index,
-                "time": float(time),
-                "rule": rule,
-                "pressures": pressures.tolist(),
-                "kept": float(share),
-                "expected": float(expected) if has_forecast else None,
-            }
-        )
-    show(
-        facts_table(facts),
-        table,
-        record={
-            "frames": len(session.frame_time),
-            "drives": len(times),
-            "median": verified.median,
-            "lowest_tenth": verified.lowest_tenth,
-            "verified": rows,
-        },
     )

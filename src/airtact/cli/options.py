@@ -3,6 +3,7 @@
 import pkgutil
 import sys
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
@@ -36,33 +37,23 @@ class InputFile(click.ParamType):
 INPUT = InputFile()
 
 
-class Names(click.ParamType):
+class Names(click.Choice):
     """A name in a registry, which is imported when the option is parsed or its help is shown.
 
     Parameters
     ----------
-    registry : location of the names, or of objects with a ``name``, such as
-        ``"airtact.transducers.boards:BOARDS"``.
+    registry : location of the names, such as ``"airtact.transducers.boards:BOARDS"``.
     """
 
-    name = "name"
+    case_sensitive = True
 
     def __init__(self, registry: str) -> None:
         self._registry = registry
 
-    @property
-    def _choice(self) -> click.Choice[str]:
-        return click.Choice(
-            [getattr(entry, "name", entry) for entry in pkgutil.resolve_name(self._registry)]
-        )
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
-        """Show all names in the help."""
-        return self._choice.get_metavar(param, ctx)
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return a name of the registry; fail with all names for another."""
-        return self._choice.convert(value, param, ctx)
+    @cached_property
+    def choices(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Names in the registry."""
+        return tuple(pkgutil.resolve_name(self._registry))
 
 
 def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:

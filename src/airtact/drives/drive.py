@@ -140,7 +140,7 @@ class Drive:
 
         Parameters
         ----------
-        path : file that ends in .h5 or .npz (all data) or in .csv (a table of the elements). The
+        path : file that ends in .h5 (all data) or in .csv (a table of the elements). The
             file appears only when it is complete.
         array : the transducers of the drive; emission to boards needs it.
         scene : its frequency and medium are stored.

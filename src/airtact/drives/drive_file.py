@@ -1,4 +1,4 @@
-"""Files of drives and sequences, with all data that emission needs: .h5, .npz, or a .csv table.
+"""Files of drives and sequences, with all data that emission needs: .h5, or a .csv table.
 
 Version 1 has these datasets; those in brackets are optional:
 
@@ -43,7 +43,7 @@ from airtact.errors import (
     real_numbers,
 )
 from airtact.files.atomic import written
-from airtact.files.bounded import arrays_of, datasets_of, text_of
+from airtact.files.bounded import datasets_of, text_of
 from airtact.geometry.pose import Pose
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray
@@ -53,7 +53,7 @@ from airtact.transducers.modulation import AmplitudeModulation
 VERSION = 1
 """Version of the format."""
 
-ENDINGS = (".h5", ".npz", ".csv")
+ENDINGS = (".h5", ".csv")
 
 SEQUENCE_FILE = "sequence.h5"
 """Name of the file that a run with moving foci writes beside its drive."""
@@ -196,9 +196,6 @@ def write_drive_file(path: Path, contents: DriveFile) -> None:
         if ending == ".csv":
             with partial.open("w", newline="", encoding="utf-8") as file:
                 csv.writer(file).writerows(_table(contents))
-        elif ending == ".npz":
-            with partial.open("wb") as file:
-                np.savez_compressed(file, allow_pickle=False, **_datasets(contents))
         else:
             import h5py
 
@@ -303,9 +300,6 @@ def read_drive_file(path: Path) -> DriveFile:
         raise InvalidInput(f"cannot read {path}: there is no such file.", code="file_missing")
     if ending == ".h5":
         raw = datasets_of(path)
-    elif ending == ".npz":
-        arrays = arrays_of(path).items()
-        raw = {name: array.item() if array.ndim == 0 else array for name, array in arrays}
     else:
         lines = text_of(path, LARGEST_DATA).splitlines()
         with about(path.name):

@@ -32,7 +32,7 @@ def load_drive(path: str | Path, *, rate: float | None = None) -> Drive | Drives
 
     Parameters
     ----------
-    path : file that ends in .h5, .npz or .csv.
+    path : file that ends in .h5 or .csv.
     rate : frames per second, if the file does not contain the rate.
 
     Returns
@@ -61,7 +61,7 @@ class FileLink(Link):
 
     Parameters
     ----------
-    path : file that ends in .npz, .csv, .h5 or .bin.
+    path : file that ends in .h5, .csv or .bin.
     board : name of the kind of board.
     boards : number of boards.
     """

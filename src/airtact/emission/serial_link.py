@@ -71,7 +71,12 @@ class SerialLink(Link):
                 self.port, speed, timeout=0.02, write_timeout=PATIENCE, exclusive=True
             )
         except (OSError, ValueError) as error:
-            raise InvalidInput(self._cannot_open(error), code="link_failed") from None
+            raise InvalidInput(
+                f"the port {self.port} cannot be opened: {error}. Close any program that holds it, "
+                "or join the group that owns it, often dialout. The ports are "
+                f"{', '.join(serial_ports()) or 'none'}.",
+                code="link_failed",
+            ) from None
         try:
             self._deliver(self.zero(), self.boot if self.codec.echo else 0.0)
             self._deliver(self.zero())
@@ -139,18 +144,3 @@ class SerialLink(Link):
                 if waiting and byte == waiting[0]:
                     waiting.pop(0)
         return not waiting
-
-    def _cannot_open(self, error: Exception) -> str:
-        number = getattr(error, "errno", None)
-        # 11 is EAGAIN, 16 EBUSY; without a number, pyserial mentions the lock in its message.
-        if number in (11, 16) or "lock" in str(error):
-            return (
-                f"the port {self.port} is busy (error {number}): close the program that holds it."
-            )
-        if number == 13:
-            return (
-                f"permission to open the port {self.port} is denied (error 13): join the group "
-                "that owns it, often dialout."
-            )
-        ports = ", ".join(serial_ports()) or "none"
-        return f"the port {self.port} cannot be opened (error {number or 0}); ports: {ports}."

@@ -1,7 +1,7 @@
 """Process that appends rows to an HDF5 file, unaffected by slow disks and killed programs.
 
-``python -m airtact.files.appending FILE`` reads messages from its standard input: 8 bytes of
-length, then a pickled mapping from names to values. The values of ``"attributes"`` become
+``python -m airtact.files.appending FILE`` reads messages from its standard input: pickled mappings
+from names to values. The values of ``"attributes"`` become
 attributes of the file. A name that begins with ``+`` is a dataset to which rows are appended; every
 other name is a complete dataset. The file is closed when the input ends.
 """
@@ -9,7 +9,6 @@ other name is a complete dataset. The file is closed when the input ends.
 import math
 import pickle
 import signal
-import struct
 import sys
 import time
 from typing import Any, BinaryIO
@@ -27,7 +26,11 @@ def main(path: str, messages: BinaryIO) -> None:
 
     with h5py.File(path, "w") as file:
         flushed = 0.0
-        while (message := _received(messages)) is not None:
+        while True:
+            try:
+                message = pickle.load(messages)
+            except (EOFError, pickle.UnpicklingError):  # the input ended, maybe within a message
+                return
             for name, value in message.items():
                 if name == "attributes":
                     file.attrs.update(value)
@@ -50,16 +53,6 @@ def _append(file: Any, name: str, rows: Any) -> None:
     before = len(dataset)
     dataset.resize(before + len(rows), axis=0)
     dataset[before:] = rows
-
-
-def _received(messages: BinaryIO) -> dict[str, Any] | None:
-    """Read one message; None if the input ends, even within a message."""
-    head = messages.read(8)
-    if len(head) < 8:
-        return None
-    (length,) = struct.unpack("<Q", head)
-    body = messages.read(length)
-    return pickle.loads(body) if len(body) == length else None
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,10 +11,6 @@ from jaxtyping import Complex128, Float64
 
 from airtact.errors import LARGEST_NUMBER, InvalidInput, counted, in_short
 from airtact.files.bounded import text_of
-
-MAX_COLUMNS = 1024
-
-MAX_CELLS = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +66,12 @@ class TextTable:
         column = self.names.index(name)
         values = np.empty(len(self.rows), dtype=np.complex128)
         for row, cells in enumerate(self.rows):
-            try:
-                values[row] = _number(cells[column])
-            except ValueError:
-                raise self._unreadable(row, name, "which is not a number") from None
-            if not np.isfinite(values[row]):
-                raise self._unreadable(row, name, "which is not finite; remove such lines")
+            value = _number(cells[column])
+            if value is None:
+                raise self._unreadable(row, name, "which is not a number")
+            values[row] = value
             if not abs(values[row]) <= LARGEST_NUMBER:
-                raise self._unreadable(row, name, f"beyond {LARGEST_NUMBER:g}")
+                raise self._unreadable(row, name, f"not finite or beyond {LARGEST_NUMBER:g}")
         return values
 
     def _unreadable(self, row: int, name: str, why: str) -> InvalidInput:
@@ -94,104 +89,68 @@ def read_text_table(path: Path) -> TextTable:
     before it names them, as in files of COMSOL.
     """
     file = path.name
+    comments: list[str] = []
     header = ""
-    header_in_comment = True
-    comments = []
     spaced = False
-    rows = []
-    lines = []
-    count = 0
-    for line, text in enumerate(text_of(path).splitlines(), start=1):
-        if not text.strip():
-            continue
-        if text.lstrip().startswith(("%", "#")):
-            comments.append(text.lstrip().lstrip("%# "))
-            if header_in_comment and not rows:
+    rows: dict[int, tuple[str, ...]] = {}  # by line
+    for line, text in enumerate(map(str.strip, text_of(path).splitlines()), start=1):
+        if text.startswith(("%", "#")):
+            comments.append(text.lstrip("%# "))
+            if not rows:
                 header = comments[-1]
-            continue
-        _check_separators(file, line, text)
-        cells = _cells(file, line, text)
-        count += len(cells)
-        if count > MAX_CELLS:
-            raise InvalidInput(
-                f"{file} has more than {MAX_CELLS:,} cells; remove columns or lines.",
-                code="file_too_large",
-            )
-        if header_in_comment and not rows and not any(_is_number(cell) for cell in cells):
-            header = text
-            header_in_comment = False
-        else:
-            # Names may have commas where the cells of the rows are between spaces.
-            spaced = header_in_comment and "," not in text
-            rows.append(cells)
-            lines.append(line)
-    if not header:
+        elif text:
+            if not rows:
+                spaced = "," not in text
+            rows[line] = _cells(file, line, text)
+    first = next(iter(rows), 0)
+    if rows and all(_number(cell) is None for cell in rows[first]):
+        names = [name.lower() for name in rows.pop(first)]
+    elif spaced and "@" in header:
+        # Single spaces are part of a name such as "p (Pa) @ freq=40000", which begins a column.
+        names = re.split(r"\t+|\s{2,}|\s+(?=\S+ \(\S*\) @ )", header.lower())
+    elif header:
+        # Names may have commas where the cells of the rows are between spaces.
+        names = header.lower().split() if spaced else list(_cells(file, 1, header.lower()))
+        # COMSOL writes the commas of "p (Pa) @ freq=40000, gap=10" without quotation marks.
+        for index in range(len(names) - 1, 0, -1):
+            extra = rows and len(names) > len(rows[first])
+            if extra and "@" not in names[index] and "=" in names[index]:
+                names[index - 1 : index + 1] = [f"{names[index - 1]}, {names[index]}"]
+    else:
         raise InvalidInput(
-            f"{file} has {counted(len(rows), 'row', 'rows')} of numbers, but no line with the "
-            "names of its columns; add one.",
-            code="file_unreadable",
+            f"{file} has no line with the names of its columns; add one.", code="file_unreadable"
         )
-    names = [name.lower() for name in _cells(file, 1, header, spaced)]
-    # COMSOL writes the commas of "p (Pa) @ freq=40000, gap=10" without quotation marks.
-    for index in range(len(names) - 1, 0, -1):
-        if rows and len(names) > len(rows[0]) and "@" not in names[index] and "=" in names[index]:
-            names[index - 1 : index + 1] = [f"{names[index - 1]}, {names[index]}"]
-    for name in names:
-        if names.count(name) > 1:
-            raise InvalidInput(
-                f"{file} has several columns named {name!r}; rename them.",
-                code="given_twice",
-            )
-    for line, cells in zip(lines, rows, strict=True):
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
+        raise InvalidInput(
+            f"{file} has several columns named {name!r}; rename them.", code="given_twice"
+        )
+    for line, cells in rows.items():
         if len(cells) != len(names):
             raise InvalidInput(
                 f"line {line} of {file} has {counted(len(cells), 'cell', 'cells')}, but there are "
                 f"{counted(len(names), 'column', 'columns')}, {', '.join(names)}.",
                 code="wrong_shape",
             )
-    return TextTable(file, tuple(names), tuple(rows), tuple(lines), tuple(comments))
+    return TextTable(file, tuple(names), tuple(rows.values()), tuple(rows), tuple(comments))
 
 
-def _check_separators(file: str, line: int, text: str) -> None:
-    """Raise if semicolons separate the cells."""
-    if ";" in text and "," not in text:
-        raise InvalidInput(
-            f"line {line} of {file} has semicolons instead of commas; separate cells by commas.",
-            code="unknown_format",
-        )
-
-
-def _cells(file: str, line: int, text: str, spaced: bool = False) -> tuple[str, ...]:
-    if spaced and "@" in text:
-        # Single spaces are part of a name such as "p (Pa) @ freq=40000", which begins a column.
-        return tuple(re.split(r"\t+|\s{2,}|\s+(?=\S+ \(\S*\) @ )", text.strip()))
-    if spaced or "," not in text:
+def _cells(file: str, line: int, text: str) -> tuple[str, ...]:
+    if "," not in text:
         return tuple(text.split())
     try:
-        cells = tuple(cell.strip() for cell in next(csv.reader([text], skipinitialspace=True)))
+        return tuple(cell.strip() for cell in next(csv.reader([text], skipinitialspace=True)))
     except csv.Error as error:
         raise InvalidInput(
             f"line {line} of {file}, of {len(text):,} characters, has a cell that cannot be read: "
             f"{error}.",
             code="file_unreadable",
         ) from None
-    if len(cells) > MAX_COLUMNS:
-        raise InvalidInput(
-            f"line {line} of {file} has {len(cells):,} cells, more than {MAX_COLUMNS:,}; remove "
-            "columns.",
-            code="wrong_shape",
-        )
-    return cells
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        _number(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _number(cell: str) -> complex:
+def _number(cell: str) -> complex | None:
     """Read a complex number with the imaginary unit i, as in files of COMSOL and MATLAB."""
-    return complex(cell.lower().replace(" ", "").replace("i", "j").replace("jnf", "inf"))
+    try:
+        return complex(cell.lower().replace(" ", "").replace("i", "j").replace("jnf", "inf"))
+    except ValueError:
+        return None

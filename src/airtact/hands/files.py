@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.errors import InvalidInput, about, of_kind, points_of, positive
-from airtact.files.bounded import array_of, text_of
+from airtact.files.bounded import text_of
 from airtact.files.meshes import read_node_positions, read_vertices
 from airtact.hands.hand import Hand, hand_from_joints
 from airtact.hands.joints import NAMES, Points, Side
@@ -18,7 +18,7 @@ from airtact.hands.joints import NAMES, Points, Side
 ROOM = 0.2
 
 # File name extensions of point clouds.
-CLOUD_ENDINGS = (".ply", ".xyz", ".npy")
+CLOUD_ENDINGS = (".ply", ".xyz")
 
 
 class Pose(msgspec.Struct, forbid_unknown_fields=True):
@@ -136,7 +136,7 @@ def load_cloud(path: Path) -> Points:
 
     Parameters
     ----------
-    path : a PLY file (vertices only), an XYZ text file, or a NumPy array (N, 3) [m].
+    path : a PLY file (vertices only) or an XYZ text file [m].
 
     Raises
     ------
@@ -149,12 +149,7 @@ def load_cloud(path: Path) -> Points:
             f"{path} ends in {path.suffix!r}, but clouds are read from {', '.join(CLOUD_ENDINGS)}.",
             code="unknown_format",
         )
-    if suffix == ".npy":
-        points = array_of(path)
-    elif suffix == ".ply":
-        points = read_vertices(path)
-    else:
-        points = _points_in_text(path)
+    points = read_vertices(path) if suffix == ".ply" else _points_in_text(path)
     with about(path.name):
         return points_of(points, "points of a cloud")
 

@@ -2,8 +2,7 @@
 
 ``run`` starts the loop from a scene file. ``follow`` is the loop itself: frames come from a
 ``HandSource``, drives from a ``DriveMaker``, and they go to an ``Output``. A ``SessionWriter``
-records the run, ``read_session`` reads it, and ``verify_session`` compares its drives with the best
-ones for the recorded hand.
+records the run, and ``read_session`` reads it.
 """
 
 import lazy_loader

@@ -5,7 +5,6 @@ from .loop import follow as follow
 from .moment import Controls as Controls
 from .moment import DriveMaker as DriveMaker
 from .moment import Moment as Moment
-from .output import Boards as Boards
 from .output import Output as Output
 from .running import drive_at_rest as drive_at_rest
 from .running import hands_from as hands_from
@@ -23,5 +22,3 @@ from .session import recording_of as recording_of
 from .sources import HandSource as HandSource
 from .sources import ReceivedHands as ReceivedHands
 from .sources import RecordedHands as RecordedHands
-from .verification import VerifiedSession as VerifiedSession
-from .verification import verify_session as verify_session

@@ -16,7 +16,7 @@ from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.drives.maker import HandAware
 from airtact.live.loop import Followed, Status, follow
 from airtact.live.moment import Controls
-from airtact.live.output import Boards, Output
+from airtact.live.output import Output
 from airtact.live.page.process import PageProcess
 from airtact.live.scene import live_scene
 from airtact.live.session import FILE, SessionWriter, recording_of
@@ -244,11 +244,11 @@ def output_to(
             code="does_not_match",
         )
     folder.mkdir(parents=True, exist_ok=True)
-    out = str(folder / "frames.npz") if link == "file" else None
+    out = str(folder / "frames.h5") if link == "file" else None
     opened = link_to(link, board, setup.poses, setup.medium.sound_speed, **settings, out=out)
     if scene.moving is not None:
         opened.check_sequence(len(scene.moving.places), scene.moving.rate)
-    return Boards(opened, folder / "link.log")
+    return Output(opened, folder / "link.log")
 
 
 def drive_at_rest(setup: Setup) -> DriveFile:

@@ -1,7 +1,5 @@
 """The session file of a run, ``session.h5``: written while the loop runs and read afterwards."""
 
-import pickle
-import struct
 import subprocess
 import sys
 import time
@@ -25,6 +23,7 @@ from airtact.hands.tracking.recordings import Recording
 from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.moment import Moment, Rule, State
 from airtact.live.scene import LiveScene
+from airtact.live.worker import dump
 from airtact.transducers.element import Element
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
@@ -164,19 +163,13 @@ class SessionWriter:
         """Send the rows to the writer in a thread, so that a full pipe does not delay the loop."""
         pipe = self._process.stdin
         assert pipe is not None
-
-        def write(message: dict[str, Any]) -> None:
-            body = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-            pipe.write(struct.pack("<Q", len(body)) + body)
-            pipe.flush()
-
         try:
-            write(header)
+            dump(header, pipe)
             while True:
                 last = self._done.wait(0.1)
                 rows = [self._rows.popleft() for _ in range(len(self._rows))]
                 if rows:
-                    write(self._columns(rows))
+                    dump(self._columns(rows), pipe)
                 if last and not self._rows:
                     break
         except OSError:  # the writer ended; ``close`` reports why

@@ -113,9 +113,9 @@ class Worker:
     def _send(self, first: object) -> None:
         pipe = cast(IO[bytes], self.process.stdin)
         with suppress(OSError), pipe:
-            _dump(first, pipe)
+            dump(first, pipe)
             while (message := self._mailbox.take()) is not None:
-                _dump(message, pipe)
+                dump(message, pipe)
                 time.sleep(self._pause)
 
     def _answer(self) -> None:
@@ -126,7 +126,8 @@ class Worker:
         self._receive(None)
 
 
-def _dump(message: object, pipe: IO[bytes]) -> None:
+def dump(message: object, pipe: IO[bytes]) -> None:
+    """Send a message through a pipe."""
     pickle.dump(message, pipe)
     pipe.flush()
 
@@ -149,7 +150,7 @@ def main() -> None:
 
     def send(message: object) -> None:
         with lock:
-            _dump(message, answers)
+            dump(message, answers)
 
     Thread(target=listen, daemon=True).start()
     with suppress(BrokenPipeError):

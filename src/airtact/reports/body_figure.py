@@ -1,11 +1,9 @@
-"""Pictures of bodies, panels, point clouds and mesh faults, from two sides."""
+"""Pictures of bodies, panels and point clouds, from two sides."""
 
-import textwrap
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64, Real
+from jaxtyping import Bool, Float64, Real
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -17,14 +15,12 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from airtact.acoustics.planes import Plane
 from airtact.geometry.mesh.arrays import QuadraticTriangles
-from airtact.geometry.mesh.quadratic_triangles import area_vectors, smallest_angles
-from airtact.geometry.mesh.topology import edge_twins
+from airtact.geometry.mesh.quadratic_triangles import smallest_angles
 from airtact.geometry.mesh_shape import MeshShape
 from airtact.geometry.surface import Surface
 from airtact.hands.fitting.fit import FittedHand
 from airtact.reports.solids import (
     FOCI,
-    INSIDE,
     SHEET,
     View,
     add_solid,
@@ -38,22 +34,6 @@ MAX_TRIANGLES_WITH_EDGES = 8000
 """Largest number of triangles with edges drawn; a finer mesh would be black."""
 
 SHARP = (0.75, 0.11, 0.11, 1.0)
-
-OUTSIDE = (0.74, 0.80, 0.86, 1.0)
-"""Colour of the outside of an invalid surface."""
-
-OPEN = (0.80, 0.07, 0.07, 1.0)
-MARK = "#7b1fa2"
-
-RING: dict[str, Any] = {
-    "marker": "o",
-    "linestyle": "none",
-    "markersize": 14,
-    "markerfacecolor": "none",
-    "markeredgewidth": 2,
-    "color": MARK,
-}
-"""Style of the ring around the position of a fault."""
 
 
 def _two_views(height: float, views: tuple[View, View]) -> tuple[Figure, list[Axes3D]]:
@@ -110,82 +90,6 @@ def sharp_edges(body: Surface) -> Bool[np.ndarray, "triangles 3"]:
     if not isinstance(body.shape, MeshShape):
         return np.zeros((len(body.triangles), 3), dtype=bool)
     return body.shape.mesh.sharp
-
-
-def draw_fault(
-    vertices: Real[np.ndarray, "vertices 3"],
-    triangles: Int64[np.ndarray, "triangles 3"],
-    sentence: str,
-    position: Real[np.ndarray, "3"] | None,
-) -> Figure:
-    """Draw the triangles of an invalid surface, and a close-up of the fault's position [m].
-
-    Backs of triangles and edges without a neighbour are highlighted. Triangles with missing or
-    infinite vertices are left out. ``sentence`` states the fault.
-    """
-    drawable = ((triangles >= 0) & (triangles < len(vertices))).all(axis=1)
-    corners = 1e3 * np.asarray(vertices[triangles[drawable]], dtype=np.float64)
-    corners = corners[np.isfinite(corners).all(axis=(1, 2))]
-    # Neighbours share positions, but not always vertices.
-    numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
-    lone = edge_twins(numbers) < 0
-    shown = [np.arange(len(corners))] * 2
-    views = _two_sides(corners.reshape(-1, 3))
-    mark = np.empty((0, 3))
-    if position is not None:
-        from trimesh.triangles import closest_point
-
-        mark = 1e3 * np.asarray(position, dtype=np.float64)[None]
-        away = closest_point(corners, np.tile(mark, (len(corners), 1))) - mark
-        nearest = np.argsort(np.linalg.norm(away, axis=1))
-        # The close-up replaces the view of the other side.
-        view = _view_of_fault(corners, nearest[:12], mark[0])
-        views = (view, view)
-        shown[1] = nearest[:120]
-    figure, panels = _two_views(6.6, views)
-    for axes, chosen in zip(panels, shown, strict=True):
-        add_solid(
-            axes,
-            corners[chosen],
-            np.tile(OUTSIDE, (len(chosen), 1)),
-            outlined=len(chosen) <= MAX_TRIANGLES_WITH_EDGES,
-            closed=False,
-            marked=lone[chosen],
-            mark=OPEN,
-        )
-        axes.plot(*mark.T, zorder=4, **RING)
-        frame(axes, np.vstack([corners[chosen].reshape(-1, 3), mark]))
-    words = sentence if len(mark) else f"{sentence} (The fault has no single position.)"
-    if len(mark):
-        panels[1].set_title("close up: the mark is at ({:.2f}, {:.2f}, {:.2f}) mm".format(*mark[0]))
-    figure.suptitle(textwrap.fill(words, 130), fontsize=11)
-    handles: list[Patch | Line2D] = [
-        Patch(color=OUTSIDE, label="outside of triangles"),
-        Patch(color=INSIDE, label="inside"),
-    ]
-    if lone.any():
-        handles.append(Line2D([], [], color=OPEN, linewidth=2.2, label="edge without a neighbour"))
-    if len(mark):
-        handles.append(Line2D([], [], label="position of the fault", **RING))
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
-    return figure
-
-
-def _view_of_fault(
-    corners: Float64[np.ndarray, "triangles 3 3"],
-    nearest: Int64[np.ndarray, "nearest"],
-    mark: Float64[np.ndarray, "3"],
-) -> View:
-    """View along the normal of the triangles nearest a fault, from outside."""
-    outward = mark - corners.mean(axis=(0, 1))
-    normal = area_vectors(corners[nearest]).sum(axis=0)
-    # Inverted triangles face inwards. Triangles around a thin part have no common normal.
-    if abs(normal @ outward) > 0.1 * np.linalg.norm(normal) * np.linalg.norm(outward):
-        outward = normal * np.sign(normal @ outward)
-    azimuth = np.degrees(np.arctan2(outward[1], outward[0]))
-    elevation = np.degrees(np.arctan2(outward[2], np.hypot(outward[0], outward[1])))
-    # A view 18° off the normal shows heights.
-    return float(azimuth) + 18.0, float(np.clip(elevation + 18.0, -80.0, 80.0))
 
 
 def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:

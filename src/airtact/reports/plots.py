@@ -1,11 +1,10 @@
-"""Plots of numbers: methods with their bound, pads over time, a scan and its prediction."""
+"""Plots of numbers: methods with their bound, a scan and its prediction."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -15,8 +14,6 @@ from matplotlib.ticker import MaxNLocator
 
 from airtact.evaluation.held_out import ShiftMap
 from airtact.evaluation.scan import Overlay
-from airtact.hands.joints import FINGERS
-from airtact.hands.tracking.recordings import PadTrack
 from airtact.reports.field_figure import COLOURS, draw_values
 
 BAR = "#5a2a83"
@@ -110,38 +107,6 @@ def draw_foci(
     axes.spines[["top", "right"]].set_visible(False)
     if asked is not None or len(pressures) > 1:
         axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-
-
-def draw_tracks(tracks: Sequence[PadTrack], title: str = "") -> Figure:
-    """Draw finger pads and the gap of a pinch over time; grey while a hand was lost."""
-    figure = Figure(figsize=(5.0 + 3.5 * len(tracks), 7.0), layout="constrained")
-    rows = figure.subplots(4, len(tracks), sharex="col", squeeze=False)
-    start = min(float(track.times[0]) for track in tracks)
-    for column, track in enumerate(tracks):
-        times = track.times - start
-        pads = 1e3 * track.pads
-        for row, axis in enumerate("xyz"):
-            axes = rows[row, column]
-            for finger, name in enumerate(FINGERS):
-                colour = colormaps["viridis"](finger / 4.4)
-                axes.plot(times, pads[:, finger, row], label=name, color=colour, linewidth=1.2)
-            axes.set_ylabel(f"{axis} [mm]")
-        gap = np.linalg.norm(pads[:, 0] - pads[:, 1], axis=1)
-        rows[3, column].plot(times, gap, color="#444444", linewidth=1.2)
-        rows[3, column].set(xlabel="time [s]", ylabel="thumb to index\npad [mm]", ylim=(0.0, None))
-        rows[0, column].set_title(f"{track.side} hand", fontsize=10)
-        # A loss lasts until the next frame with the hand, or the end.
-        lost = ~np.isfinite(track.pads[:, 0, 0])
-        changes = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]])))
-        for first, end in changes.reshape(-1, 2):
-            span = (float(times[first]), float(times[min(end, len(times) - 1)]))
-            for axes in rows[:, column]:
-                axes.axvspan(*span, color="#dddddd", linewidth=0)
-    rows[0, 0].legend(
-        frameon=False, fontsize=8, ncols=5, loc="lower left", bbox_to_anchor=(0.0, 1.12)
-    )
-    figure.suptitle(title, fontsize=9)
-    return figure
 
 
 def draw_overlay(overlay: Overlay) -> Figure:

@@ -1,4 +1,4 @@
-"""Recordings of hands in JSON lines, their replay, and the pads of the fingers over time."""
+"""Recordings of hands in JSON lines, and their replay."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
 
-from airtact.errors import InvalidInput, about, file_fault, fixed, in_short, positive
+from airtact.errors import InvalidInput, about, file_fault, in_short, positive
 from airtact.files.atomic import whole_file
 from airtact.files.bounded import check_file
-from airtact.hands.hand import Side
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, to_json
 from airtact.hands.tracking.stream import HandStream, StreamHealth
@@ -148,60 +146,3 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
             yield from ((number, line) for number, line in enumerate(lines, 1) if line.strip())
     except OSError as error:
         raise file_fault(path, error) from None
-
-
-# --- pads over the frames ---------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class PadTrack:
-    """Positions of the pads of one hand over time.
-
-    Attributes
-    ----------
-    side : ``"left"`` or ``"right"``.
-    times : (N,) times of the frames [s].
-    pads : (N, 5, 3) pads, thumb to little finger [m]; NaN in frames without landmarks.
-    """
-
-    side: Side
-    times: Float64[np.ndarray, "frames"]
-    pads: Float64[np.ndarray, "frames 5 3"]
-
-    __repr__ = in_short
-
-    @property
-    def fastest(self) -> float:
-        """Largest speed of a pad from one frame to the next [m/s]; 0 for fewer than two frames."""
-        steps = np.linalg.norm(np.diff(self.pads, axis=0), axis=2)
-        speeds = steps / np.diff(self.times)[:, None]
-        return float(np.nanmax(speeds)) if np.isfinite(speeds).any() else 0.0
-
-    @property
-    def longest_gap(self) -> float:
-        """Longest time between two successive frames with landmarks [s]; 0 for fewer than two."""
-        seen = self.times[np.isfinite(self.pads[:, 0, 0])]
-        return float(np.diff(seen).max()) if len(seen) > 1 else 0.0
-
-
-def pads_over_time(frames: Iterable[HandFrame], side: Side) -> PadTrack:
-    """Find the pads of a hand in every frame, with the skin radii of the first.
-
-    Raises
-    ------
-    InvalidInput
-        If no frame is of that hand.
-    """
-    frames = [frame for frame in frames if frame.side == side]
-    if not frames:
-        raise InvalidInput(f"no frame is of a {side} hand; choose the other.", code="empty")
-    radii = None
-    pads = np.full((len(frames), 5, 3), np.nan)
-    for index, frame in enumerate(frames):
-        if frame.landmarks is not None:
-            # The size of a hand does not change.
-            hand = frame.hand(radii)
-            radii = hand.radii
-            pads[index] = hand.pads
-    times = fixed(np.array([frame.time for frame in frames]))
-    return PadTrack(side, times, fixed(pads))

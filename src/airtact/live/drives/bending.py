@@ -13,9 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex64, Complex128, Float, Float32, Float64, Int64
+from jaxtyping import Complex64, Complex128, Float32, Float64, Int64
 from scipy.interpolate import RBFInterpolator
 from scipy.sparse import csr_array
+from scipy.spatial.distance import cdist
 
 from airtact import _kernels
 from airtact.acoustics.scene import Scene, sound_hard
@@ -156,7 +157,7 @@ class SkinSources:
         bones = bones_of(posed.hand)
         points = _moved(self.points, self.weights, self.bones, bones)
         elements = scene.with_images.array.positions[subset.chosen]
-        detour = _distances(points, posed.foci) - _distances(self.points, self.posed.foci)
+        detour = cdist(points, posed.foci) - cdist(self.points, self.posed.foci)
         # The strength has the phase of the path from the focus to the source, the wave that of the
         # path from the source to the element.
         strengths = self.strengths * phasors(wavenumber.real * detour)
@@ -245,22 +246,9 @@ def detours(
     centres: Float64[np.ndarray, "hulls foci 3"], foci: Foci, elements: Points
 ) -> Float32[np.ndarray, "hulls foci points"]:
     """Return the extra length of the path from each focus through a centre [m]."""
-    begun = np.linalg.norm(centres - foci, axis=2).astype(np.float32)
-    elements = elements.astype(np.float32)
-    through = _distances(centres.reshape(-1, 3).astype(np.float32), elements)
-    straight = _distances(foci.astype(np.float32), elements)
-    return begun[..., None] + through.reshape(*begun.shape, -1) - straight
-
-
-def _distances(
-    points: Float[np.ndarray, "points 3"], targets: Float[np.ndarray, "targets 3"]
-) -> Float[np.ndarray, "points targets"]:
-    # |p - q|² = p² - 2 p·q + q², computed in place to avoid an array of all differences.
-    squares = points @ (-2.0 * targets.T)
-    squares += np.einsum("pd,pd->p", points, points)[:, None] + np.einsum(
-        "qd,qd->q", targets, targets
-    )
-    return np.sqrt(np.maximum(squares, 0.0, out=squares), out=squares)
+    begun = np.linalg.norm(centres - foci, axis=2)
+    through = cdist(centres.reshape(-1, 3), elements).reshape(*begun.shape, -1)
+    return (begun[..., None] + through - cdist(foci, elements)).astype(np.float32)
 
 
 class BendingPanels:

@@ -5,7 +5,7 @@ hand that pinches again returns to poses solved before.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -18,30 +18,14 @@ from airtact.live.scene import LiveScene, PosedHand, gap_change, turn
 Poses = Float64[np.ndarray, "poses"]
 
 
-@dataclass(frozen=True)
-class Share:
-    """Share of the attainable pressure that a drive gives, for three kinds of solved poses.
-
-    Attributes
-    ----------
-    same : share if the present pose is the solved one.
-    different : share if it is very different.
-    spoiled : share if the tracker's noise makes the solution useless.
-    """
-
-    same: float
-    different: float
-    spoiled: float
-
-
-# Fitted shares, see ``expected_kept``.
-SHARES: dict[Rule, Share] = {
-    "distances": Share(0.55, 0.55, 0.55),
-    "phalanges": Share(0.93, 0.7, 0.7),
-    "hand": Share(0.98, 0.66, 0.66),
-    "carried": Share(0.94, 0.7, 0.48),
+# Fitted shares of the attainable pressure that a drive gives if the present pose is the solved one,
+# if it is very different, and if the tracker's noise makes the solution useless.
+SHARES: dict[Rule, tuple[float, float, float]] = {
+    "distances": (0.55, 0.55, 0.55),
+    "phalanges": (0.93, 0.7, 0.7),
+    "hand": (0.98, 0.66, 0.66),
+    "carried": (0.94, 0.7, 0.48),
 }
-
 
 # Number of foci for which the shares were fitted.
 FITTED_FOCI = 2
@@ -76,7 +60,7 @@ def expected_kept(
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
     foci : number of foci.
     """
-    share = SHARES[part]
+    same, different, spoiled = SHARES[part]
     if part == "carried":
         # Carried solutions follow the bones, so poses may differ more. The gaps of the whole hand
         # are noisier than those of the foci's bones.
@@ -85,16 +69,15 @@ def expected_kept(
     else:
         difference = unlike(gap, turned, foci)
         gap_noise = 1.5  # divided by the noise of a coordinate of the tracker
-    same = share.same
     if part == "phalanges":
         same -= 0.0175 * max(foci - FITTED_FOCI, 0)
-    same = max(same, share.different)
+    same = max(same, different)
     # Without noise the share falls from ``same`` to ``different`` as the poses diverge. Noise
     # lowers it to ``spoiled``, and stronger noise makes the sound miss the foci altogether.
-    clean = share.different + (same - share.different) * np.exp(-difference)
+    clean = different + (same - different) * np.exp(-difference)
     certain = np.exp(-((gap_noise * noise / GAP_SCALE) ** 2))
     at_focus = np.exp(-((noise / 3.3e-3) ** 2))
-    return at_focus * (share.spoiled + (clean - share.spoiled) * certain)
+    return at_focus * (spoiled + (clean - spoiled) * certain)
 
 
 def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
