@@ -57,7 +57,7 @@ from .drives.transfer import (
 from .drives.transfer_ensemble import ensemble as ensemble
 from .emission.autd3_link import AUTD3Link as AUTD3Link
 from .emission.emission import Emission as Emission
-from .emission.file_link import load_drive as load_drive
+from .emission.frame_file import load_drive as load_drive
 from .errors import InvalidInput as InvalidInput
 from .errors import NotConverged as NotConverged
 from .evaluation.field import field_map as field_map

@@ -157,7 +157,7 @@ def test_what_is_no_session_is_not_followed(tmp_path, live):
         (tmp_path, "file_missing"),
         (recorded_without_a_hand(tmp_path / "empty"), "empty"),
     ]:
-        status, found, _ = live(*QUICK, "--from", source, "--out", tmp_path)
+        status, found, _ = live(*QUICK, "--from", source, "--out", tmp_path / "out")
         assert (status, found["code"]) == (2, code), source
 
 

@@ -1,7 +1,5 @@
 """One table says which links there are, to which boards, and what each needs."""
 
-from pathlib import Path
-
 import pytest
 
 import airtact as at
@@ -13,7 +11,6 @@ SETTINGS = {
     "remote": ADDRESS,
     "simulator": ADDRESS,
     "serial": {"port": "/dev/ttyUSB0"},
-    "file": {"out": Path("frames.h5")},
 }
 
 
@@ -37,7 +34,7 @@ def test_every_link_is_built_under_its_own_name(link, board) -> None:
         ("serial", "autd3", {}, "unknown_name"),
         ("fax", "autd3", {}, "unknown_name"),
         ("audit", "autd3", {"port": "x"}, "options_clash"),
-        ("file", "autd3", {}, "key_missing"),
+        ("file", "autd3", {}, "unknown_name"),
         ("serial", "nano16", {}, "key_missing"),
         ("remote", "autd3", {}, "key_missing"),
     ],

@@ -51,25 +51,6 @@ def test_a_sequence_of_one_frame_stays_a_sequence(tmp_path, drive) -> None:
     assert (len(back), back.rate) == (1, 200.0)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".h5"])
-@pytest.mark.parametrize("name", ["autd3", "sonicsurface", "openmpd"])
-def test_frames_come_back_from_the_files_of_a_link(tmp_path, name: str, suffix: str) -> None:
-    from airtact.emission.codecs import codec_of
-    from emission.test_codecs import random_frame
-
-    frames = [random_frame(name, 2, seed) for seed in range(3)]
-    link = at.emission.FileLink(tmp_path / f"frames{suffix}", name, boards=2)
-    link.open()
-    link.play(frames, 4000.0)
-    link.close()
-    back = at.load_drive(link.path)
-    assert isinstance(back, at.drives.Sequence)
-    assert (len(back), back.rate) == (3, 4000.0)
-    levels = codec_of(name).levels
-    for index, frame in enumerate(frames):
-        assert at.quantise(back.drive(index), levels).same_as(at.quantise(frame.drive(), levels))
-
-
 def test_a_folder_that_is_not_there_is_named(tmp_path, drive) -> None:
     with raises_code("not_writable"):
         drive.save(tmp_path / "none" / "drive.h5")

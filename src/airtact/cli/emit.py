@@ -32,8 +32,8 @@ from airtact.cli.options import FILE, Names, agreed, board_address, level_of, qu
 @click.option(
     "--link",
     required=True,
-    type=Names("airtact.emission.links:LINKS"),
-    help="Connection to the boards.",
+    type=Names("airtact.emission.links:LINKS", "file"),
+    help="Connection to the boards; file only writes the frames.",
 )
 @click.option(
     "--seconds", type=float, help="Duration; 2 by default, to a file one period or round."
@@ -52,6 +52,7 @@ def emit(
     link: str,
     seconds: float | None,
     yes: bool,
+    out: Path | None,
     log: Path | None,
     **settings: Any,
 ) -> None:
@@ -71,23 +72,29 @@ def emit(
 
     if seconds is not None:
         positive(seconds, "the duration", "s")
+    if (link == "file") != (out is not None):
+        raise at.InvalidInput("--link file and --out FILE go together.", code="options_clash")
     share = level_of(cap, full_scale)
-    if share is None and link == "file":
+    if share is None and out is not None:
         share = 1.0  # a file emits nothing
     plan = safe_emission.plan(drive, board, share, _modulation(modulate), modulate == "none")
+    notes = [NO_SAFETY_ASSESSMENT, *plan.notes()]
+    if out is not None:
+        count, rate = safe_emission.write(plan, out, seconds)
+        at_rate = "" if rate is None else f" at {rate:g} frames/s"
+        words = f"{counted(count, 'frame was', 'frames were')} written to {out}{at_rate}."
+        show(facts_table(plan.facts(link)), lines=[*notes, words])
+        return
     to_boards = link_to(
         link, board, plan.poses, safe_emission.sound_speed_of(plan.stored), **settings
     )
-    if seconds is None:
-        seconds = safe_emission.duration(plan, to_boards)
-    show(facts_table(plan.facts(link)), lines=[NO_SAFETY_ASSESSMENT, *plan.notes()])
-    if not (yes or link == "file"):
+    seconds = seconds or 2.0
+    show(facts_table(plan.facts(link)), lines=notes)
+    if not yes:
         agreed(f"Emit for {seconds:g} s through {link} to {to_boards.devices}?")
     with progress() as report_step:
         played = safe_emission.emit(plan, to_boards, seconds, report_step, log)
-    if not to_boards.real_time:
-        end = "written."
-    elif link == "serial" and board == "sonicsurface":
+    if link == "serial" and board == "sonicsurface":
         end = "sent; the last was silence, unconfirmed: a SonicSurface never answers."
     else:
         end = "sent; the last was silence, and confirmed."

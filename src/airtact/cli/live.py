@@ -131,7 +131,7 @@ def live(
         output = at.live.output_to(setup, folder, board, link, **settings)
         notes = []
         # The level changes with the hand; the hand at rest gives an estimate.
-        if share is None and board is not None and link != "file":
+        if share is None and board is not None:
             from airtact.setup.safe_emission import safe_cap
 
             report_step("choosing the cap for 110 dB at a head")

@@ -43,17 +43,19 @@ class Names(click.Choice):
     Parameters
     ----------
     registry : location of the names, such as ``"airtact.transducers.boards:BOARDS"``.
+    more : further names.
     """
 
     case_sensitive = True
 
-    def __init__(self, registry: str) -> None:
+    def __init__(self, registry: str, *more: str) -> None:
         self._registry = registry
+        self._more = more
 
     @cached_property
     def choices(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Names in the registry."""
-        return tuple(pkgutil.resolve_name(self._registry))
+        return (*pkgutil.resolve_name(self._registry), *self._more)
 
 
 def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:

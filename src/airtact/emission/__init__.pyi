@@ -1,5 +1,5 @@
 from .emission import Played as Played
-from .file_link import FileLink as FileLink
+from .frame_file import write_frames as write_frames
 from .link import Link as Link
 from .link import LinkFailed as LinkFailed
 from .link import RecordingLink as RecordingLink

@@ -225,7 +225,7 @@ class Emission:
 
         A sequence of the same length and rate as the previous one continues at the same position.
         A modulation ends. The first sequence rises over the ramp; if boards repeat it themselves,
-        only its most powerful frame does. A file gets the frame that is due.
+        only its most powerful frame does.
         ``wait`` is as for ``send``.
 
         Raises
@@ -244,7 +244,7 @@ class Emission:
         Parameters
         ----------
         sequence : drives and their rate.
-        seconds : duration [s]; a file gets all frames of that time.
+        seconds : duration [s].
 
         Returns
         -------
@@ -351,9 +351,6 @@ class Emission:
             If the emission has ended or ends meanwhile, or the link fails.
         """
         self.beat()
-        # A file has no time axis.
-        if not self.link.real_time:
-            return
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             time.sleep(min(left, self._pause))
@@ -397,10 +394,9 @@ class Emission:
         factors: Float64[np.ndarray, "frames"],
         rate: float,
         wait: bool = True,
-        written: int = 0,
     ) -> Frame:
         cap = self._safe_cap(drives) if self._cap is None else self._cap
-        frame, left, self.share = self._ask("play", drives, factors, rate, cap, written)
+        frame, left, self.share = self._ask("play", drives, factors, rate, cap)
         if wait:
             self._outlast(left)
         return frame
@@ -413,17 +409,13 @@ class Emission:
         seconds: float,
     ) -> Played:
         """Play frames for some time [s], and return the statistics."""
-        total = max(round(seconds * rate), 1)
-        if not self.link.real_time:
-            self._play(drives, factors, rate, written=total)
-            return Played(rate, total, 0)
         self._play(drives, factors, rate)
         dropped_before = self._ask("dropped")
         sent_before = self.link.sent
         begun = time.monotonic()
         self.hold(seconds)
         if self.link.plays_itself:
-            return Played(rate, total, 0)
+            return Played(rate, max(round(seconds * rate), 1), 0)
         dropped = self._ask("dropped") - dropped_before
         sent = self.link.sent - sent_before
         return Played(sent / (time.monotonic() - begun), sent, dropped)

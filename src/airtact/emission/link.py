@@ -52,7 +52,6 @@ class Link(ABC):
     poses : poses of the boards, from the board's frame to the array's; None if unknown.
     plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves;
         otherwise every frame must be sent in time.
-    real_time : whether a frame is emitted when it is sent, so that frames must be sent on time.
     fastest : largest rate of the link [frames/s].
     last : last frame sent, or None.
     sent : number of frames sent since it was opened.
@@ -60,7 +59,6 @@ class Link(ABC):
 
     name: str
     plays_itself: bool = False
-    real_time: bool = True
     fastest: float = np.inf
 
     def __init__(self, board: str, boards: int = 1) -> None:
@@ -233,7 +231,7 @@ class Link(ABC):
             finally:
                 self._unlock()
 
-    def modulate(  # noqa: B027 (a file has no clock)
+    def modulate(  # noqa: B027 (most boards cannot)
         self, envelope: Float64[np.ndarray, "frames"] | None, rate: float
     ) -> None:
         """Have the boards modulate all frames that are sent from now on, if ``plays_itself``.

@@ -6,7 +6,6 @@ every signal that it can, and notices at once when the owner or its connection e
 """
 
 import copy
-import math
 import os
 import pickle
 import signal
@@ -114,8 +113,8 @@ class LinkProcess:
         self._rescue: LinkFailed | None = None
         self._watcher: threading.Thread | None = None
         self._child: subprocess.Popen[bytes] | None = None
-        reason = why_here(link) if link.real_time else "it emits nothing"
-        if reason is not None and link.real_time:
+        reason = why_here(link)
+        if reason is not None:
             warnings.warn(
                 f"the {link.name} link is open in this process, because {reason}; if the process "
                 f"is killed, its {link.elements} elements go on emitting.",
@@ -179,10 +178,9 @@ class LinkProcess:
         return value
 
     def _answer(self, seconds: float) -> Any:
-        # No limit for a link that emits nothing: writing a long sequence takes minutes.
-        end = time.monotonic() + (seconds if self._link.real_time else math.inf)
+        end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
-            answer = self._channel.receive(min(left, seconds))
+            answer = self._channel.receive(left)
             # Older answers belong to calls that were interrupted.
             if answer is not None and answer[0] == self._number:
                 return answer

@@ -83,7 +83,6 @@ class Player:
         factors: Float64[np.ndarray, "frames"],
         rate: float,
         cap: float,
-        written: int = 0,
     ) -> tuple[Frame, float, float]:
         """Repeat drives, or one drive at several factors, from now on.
 
@@ -95,7 +94,6 @@ class Player:
         drives, factors : each frame plays one drive times one factor.
         rate : frames per second; 0 for a single drive.
         cap : largest amplitude of an element, as a share of full scale.
-        written : number of frames for a link without a clock; 0 for the frame that is due.
 
         Returns
         -------
@@ -123,14 +121,6 @@ class Player:
             self._modulation = None
             if link.plays_itself:
                 link.modulate(None, 0.0)
-        if not link.real_time:
-            frames = [item[2] for item in items]
-            if written:
-                # A file has no timing: write all frames at once.
-                link.play([frames[index % len(frames)] for index in range(written)], rate)
-            else:
-                self._transmit(self._sound.at(now)[2])
-            return full, 0.0, 1.0
         # Silence needs no ramp, and the next drive rises again.
         if full.silent:
             self._gain = 0.0
@@ -224,7 +214,7 @@ class Player:
 
     def step(self) -> None:
         """Do the work that is due now."""
-        if self.over is not None or not self.link.real_time:
+        if self.over is not None:
             return
         try:
             self._step(time.monotonic())
@@ -312,9 +302,7 @@ class Player:
     # --- the link ---
 
     def _transmit(self, frame: Frame) -> None:
-        audible = self.link.real_time and (
-            not frame.silent or (self._paced is not None and self._gain > 0.0)
-        )
+        audible = not frame.silent or (self._paced is not None and self._gain > 0.0)
         # Set before the call, because an error during it may leave the boards emitting.
         self._emitting = self._emitting or audible
         self.link.send(frame)
@@ -364,8 +352,7 @@ class Player:
                     )
                     raise self._failure from error
         self._emitting = False
-        if self.link.real_time:
-            self._write("silence confirmed")
+        self._write("silence confirmed")
 
     def _write(self, event: str) -> None:
         """Write a line of the log: time on the system's monotonic clock [s], and event."""

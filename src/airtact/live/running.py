@@ -244,8 +244,7 @@ def output_to(
             code="does_not_match",
         )
     folder.mkdir(parents=True, exist_ok=True)
-    out = str(folder / "frames.h5") if link == "file" else None
-    opened = link_to(link, board, setup.poses, setup.medium.sound_speed, **settings, out=out)
+    opened = link_to(link, board, setup.poses, setup.medium.sound_speed, **settings)
     if scene.moving is not None:
         opened.check_sequence(len(scene.moving.places), scene.moving.rate)
     return Output(opened, folder / "link.log")

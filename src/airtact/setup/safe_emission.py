@@ -15,6 +15,7 @@ from airtact.drives.sequence import Sequence
 from airtact.drives.transfer import TransferMatrix, rounding_error
 from airtact.emission.codecs import codec_of
 from airtact.emission.emission import Emission, Played, frames_of_period
+from airtact.emission.frame_file import write_frames
 from airtact.emission.link import Link
 from airtact.errors import InvalidInput, about
 from airtact.evaluation.tactile_thresholds import CONSTANT_FORCE_NOTE, sensation
@@ -232,21 +233,13 @@ def sound_speed_of(stored: DriveFile) -> float:
     return (stored.medium or air()).sound_speed
 
 
-def duration(made: Plan, link: Link) -> float:
-    """Return how long a plan is played by default [s].
-
-    Boards play it for 2 s. A file gets one round of a sequence or one period of a modulation, which
-    a player repeats.
-    """
-    stored = made.stored
-    if link.real_time:
-        return 2.0
-    if made.rate is not None:
-        return len(stored.drives) / made.rate
-    if made.modulation is not None:
-        count, rate = frames_of_period(made.modulation.frequency, link.fastest_frames)
-        return count / rate
-    return 0.0
+def write(made: Plan, file: Path, seconds: float | None) -> tuple[int, float | None]:
+    """Write the frames of a plan to a file, for some seconds; return as ``write_frames``."""
+    drives = made.stored.drives
+    sound = Drive(drives[0]) if made.rate is None else Sequence(drives, made.rate)
+    return write_frames(
+        file, sound, made.board.name, modulation=made.modulation, seconds=seconds, cap=made.cap
+    )
 
 
 def emit(
