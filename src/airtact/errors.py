@@ -21,29 +21,29 @@ from jaxtyping import Complex128, Float64, Num, Real
 
 Value = TypeVar("Value")
 
+# One point or direction: an array of three numbers or a tuple of three
 Vector = Real[np.ndarray, "3"] | tuple[float | int, float | int, float | int]
-"""One point or direction: an array of three numbers or a tuple of three."""
 
+# Largest length of a message [characters]; with code and prefix a line of the terminal has 500
 LONGEST_SENTENCE = 450
-"""Largest length of a message [characters]; with code and prefix a line of the terminal has 500."""
 
+# Largest size of a scene file [bytes]
 LARGEST_SCENE_FILE = 4_000_000
-"""Largest size of a scene file [bytes]."""
 
+# Largest magnitude of a number in a scene file or table
 LARGEST_NUMBER = 1e12
-"""Largest magnitude of a number in a scene file or table."""
 
+# Smallest magnitude of a number in a scene file other than 0
 SMALLEST_NUMBER = 1e-60
-"""Smallest magnitude of a number in a scene file other than 0."""
 
+# Largest number of points of a shape, and of foci and suppression points of a scene by default
 MOST_POINTS = 4096
-"""Largest number of points of a shape, and of foci and suppression points of a scene by default."""
 
+# Largest size of a surface's file together with the files that it names [bytes]
 LARGEST_MESH_FILE = 100_000_000
-"""Largest size of a surface's file together with the files that it names [bytes]."""
 
+# Largest size of a file of numbers, and of its arrays unpacked [bytes]
 LARGEST_DATA = 2**28
-"""Largest size of a file of numbers, and of its arrays unpacked [bytes]."""
 
 
 def one_sentence(text: str) -> str:
@@ -169,28 +169,23 @@ def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Va
     if not isinstance(value, kind):
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         raise InvalidInput(
-            f"{what} is {_described(value)}, but it must be {_article(name)} {name}: give "
-            f"{instead}.",
+            f"{what} is {_described(value)}, but it must be {_with_article(name)}: give {instead}.",
             code="wrong_kind",
         )
     return value
 
 
 def _described(value: object) -> str:
-    """Describe a wrong value: numbers and texts literally, others by type and size."""
-    if isinstance(value, type):
-        return f"the class {value.__name__}"
-    if isinstance(value, bool | int | float | complex | str):
-        return f"{value!r}"
+    """Describe a wrong value: arrays by shape, numbers and texts literally, others by type."""
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
-    name = type(value).__name__
-    size = f" of length {len(value)}" if isinstance(value, list | tuple | dict) else ""
-    return f"{_article(name)} {name}{size}"
+    if isinstance(value, int | float | complex | str):
+        return repr(value)
+    return _with_article(type(value).__name__)
 
 
-def _article(name: str) -> str:
-    return "an" if name[0] in "AEIOUaeiou" else "a"
+def _with_article(name: str) -> str:
+    return f"an {name}" if name[0] in "AEIOUaeiou" else f"a {name}"
 
 
 def check_choice(value: str, what: str, choices: Sequence[str]) -> None:

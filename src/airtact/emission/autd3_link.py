@@ -2,8 +2,7 @@
 
 import ctypes
 import importlib.metadata
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from jaxtyping import Float64, UInt16
 
 from airtact import _kernels
 from airtact.drives.frame import Frame
-from airtact.emission.link import Link, LinkFailed
+from airtact.emission.link import Link
 from airtact.errors import InvalidInput, extra, of_kind
 from airtact.geometry.pose import Pose
 from airtact.transducers.levels import EIGHT_BITS
@@ -259,25 +258,6 @@ class AUTD3Link(Link):
         """Phase in the low byte and intensity in the high byte, as the boards hold them."""
         words = frame.phase.astype(np.uint16) | frame.amplitude.astype(np.uint16) << 8
         return words.reshape(self.boards, -1)
-
-    @contextmanager
-    def _reporting(self, doing: str) -> Iterator[None]:
-        try:
-            with super()._reporting(doing):
-                yield
-        except (InvalidInput, LinkFailed):
-            raise
-        except Exception as error:
-            # pyautd3 raises its own error class for errors in C, and standard ones from Python.
-            if not type(error).__module__.startswith("pyautd3"):
-                raise
-            if doing == "opening":
-                raise InvalidInput(
-                    f"{self.boards} AUTD3 boards cannot be opened through {self.name}: "
-                    f"{str(error).rstrip('.')}.",
-                    code="link_failed",
-                ) from None
-            raise self._failed(doing, str(error).rstrip(".")) from error
 
 
 def _library() -> Any:

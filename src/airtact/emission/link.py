@@ -300,8 +300,13 @@ class Link(ABC):
     def _reporting(self, doing: str) -> Iterator[None]:
         try:
             yield
-        except OSError as error:
-            raise self._failed(doing, error.strerror or str(error)) from error
+        except Exception as error:
+            # A lost terminal raises termios.error, and pyautd3 its own errors.
+            own = type(error).__module__.startswith(("termios", "pyautd3"))
+            if not isinstance(error, OSError) and not own:
+                raise
+            why = getattr(error, "strerror", None) or str(error).rstrip(".")
+            raise self._failed(doing, why) from error
 
     def _failed(self, doing: str, why: str) -> LinkFailed:
         if self.last is None:

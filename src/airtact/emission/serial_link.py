@@ -2,8 +2,6 @@
 
 import os
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -98,18 +96,6 @@ class SerialLink(Link):
 
     def _end(self) -> None:
         self._line.close()
-
-    @contextmanager
-    def _reporting(self, doing: str) -> Iterator[None]:
-        try:
-            with super()._reporting(doing):
-                yield
-        except Exception as error:
-            # A lost terminal raises termios.error, which is no OSError; not every system has the
-            # module.
-            if type(error).__module__ != "termios":
-                raise
-            raise self._failed(doing, f"{self.port} is gone ({error})") from error
 
     def _deliver(self, frame: Frame, patience: float = 0.0) -> None:
         """Write a frame until it is answered, ``TRIES`` times or for ``patience`` [s] if longer."""

@@ -1,6 +1,6 @@
 """Triangle meshes, point clouds and node positions from files, in units of the file.
 
-trimesh reads PLY, GLB and glTF. STL and OBJ are read here, because trimesh skips solids that end in
+trimesh reads PLY and GLB. STL and OBJ are read here, because trimesh skips solids that end in
 "end solid" and is slow with many materials. Materials, textures, normals and colours are ignored.
 """
 
@@ -22,7 +22,7 @@ from airtact.errors import LARGEST_MESH_FILE, InvalidInput, about
 from airtact.files.bounded import bytes_of
 
 # Supported file name extensions
-SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
+SUFFIXES = (".stl", ".ply", ".obj", ".glb")
 
 # Largest number of triangles of a surface from a file: reading and checking it takes up to 10 s
 # and 0.9 GB
@@ -91,11 +91,9 @@ def _scene(path: Path) -> Any:
         if suffix in (".stl", ".obj"):
             vertices, triangles = _stl(content) if suffix == ".stl" else _obj(content)
             return trimesh.Scene(trimesh.Trimesh(vertices, triangles, process=False))
-        if suffix == ".gltf":
-            _check_accessors(json.loads(content))
-        elif suffix == ".glb":  # the JSON is the first chunk: glTF 2.0, section 4.4
+        if suffix == ".glb":  # the JSON is the first chunk: glTF 2.0, section 4.4
             _check_accessors(json.loads(content[20:][: int.from_bytes(content[12:16], "little")]))
-        settings: dict[str, Any] = {"resolver": _OwnFolder(path), "process": False}
+        settings: dict[str, Any] = {"process": False}
         return trimesh.load_scene(
             io.BytesIO(content), file_type=suffix[1:], skip_materials=True, **settings
         )
@@ -117,24 +115,6 @@ def _describing_damage(path: Path) -> Iterator[None]:
             f"{path.name} cannot be read: it is damaged ({type(fault).__name__}: {fault}).",
             code="file_unreadable",
         ) from fault
-
-
-class _OwnFolder:
-    """Read the files that a glTF file names, from the same folder only."""
-
-    def __init__(self, path: Path) -> None:
-        self.folder = path.parent.resolve()
-
-    def __getitem__(self, name: str) -> bytes:
-        path = (self.folder / str(name)).resolve()
-        if not path.is_relative_to(self.folder):
-            raise InvalidInput(
-                f"it refers to {name!r}, which is outside its folder; put that file beside it.",
-                code="file_unreadable",
-            )
-        return bytes_of(path, LARGEST_MESH_FILE)
-
-    get = __getitem__
 
 
 def _check_triangles(count: int) -> None:
@@ -190,7 +170,7 @@ def _obj(content: bytes) -> tuple[Any, Any]:
 
 
 def _check_accessors(tree: Mapping[str, Any]) -> None:
-    """Raise for meshes of a glTF file that trimesh would read wrongly, or that are too large."""
+    """Raise for meshes of a GLB file that trimesh would read wrongly, or that are too large."""
     accessors = tree.get("accessors", [])
     used = []
     for mesh in tree.get("meshes", []):

@@ -225,17 +225,12 @@ def output_to(
         If the scene cannot be followed, or the link does not fit.
     """
     scene = live_scene(setup)
-    if link is None and board is None:
-        name = next((name for name, value in settings.items() if value is not None), None)
-        if name is not None:
-            raise InvalidInput(
-                f"--{name} {settings[name]} needs boards: give --board and --link too.",
-                code="key_missing",
-            )
+    if not any([board, link, *settings.values()]):
         return Output()
     if link is None or board is None:
         raise InvalidInput(
-            "--board and --link go together: give both or neither.", code="key_missing"
+            "boards need both --board and --link: give them, or none of the options of boards.",
+            code="key_missing",
         )
     if setup.board != board:
         raise InvalidInput(

@@ -26,7 +26,6 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.memory import available_memory, processor_count
 from airtact.acoustics.store import name_of
 from airtact.errors import (
-    LARGEST_MESH_FILE,
     LARGEST_SCENE_FILE,
     InvalidInput,
     NotConverged,
@@ -477,18 +476,12 @@ def _scene_file(scene: Path) -> SceneFile:
 
 
 def _files_named(scene: Path) -> Iterator[Path]:
-    """Return the files that a scene file names, and the buffers of glTF files among them."""
+    """Return the files that a scene file names."""
     # Any text of the scene file may be the name of a file.
     for word in dict.fromkeys(_words(msgspec.to_builtins(_scene_file(scene)))):
         file = scene.parent / word
-        if "\0" in word or len(word) > 255 or not file.is_file():
-            continue
-        yield file
-        if file.suffix.lower() == ".gltf":
-            content = json.loads(bytes_of(file, LARGEST_MESH_FILE))
-            for buffer in _words(content.get("buffers", [])):
-                if not buffer.startswith("data:") and (file.parent / buffer).is_file():
-                    yield file.parent / buffer
+        if "\0" not in word and len(word) <= 255 and file.is_file():
+            yield file
 
 
 def _words(data: Any) -> Iterator[str]:

@@ -267,13 +267,8 @@ class OpenAir:
     """
 
     def __init__(self, scene: LiveScene) -> None:
-        array = scene.with_images.array
-        self._faces = np.ascontiguousarray(array.face_points.T, dtype=np.float32)  # (3, Q, R)
-        self._weights = array.element.weights.astype(np.float32)
-        self._strength = array.element.sensitivity * array.gains
-        self._normals = array.normals
-        self._heights = np.sum(array.positions * array.normals, axis=1)
-        self._directional = array.element.directional
+        self._array = scene.with_images.array
+        self._faces = self._array.face_points.reshape(-1, 3)
         self._wavenumber = scene.wavenumber
 
     def rows(self, foci: Foci) -> Rows:
@@ -281,17 +276,11 @@ class OpenAir:
 
         Single precision, correct to 1e-4.
         """
-        rows = np.empty((len(foci), len(self._strength)), dtype=np.complex128)
-        for row, focus in zip(rows, foci.astype(np.float32), strict=True):
-            away = self._faces - focus[:, None, None]
-            away *= away
-            distance = np.sqrt(away[0] + away[1] + away[2])
-            # e^{ikr}/r from real functions: a complex exponential takes three times as long.
-            phase = np.float32(self._wavenumber.real) * distance
-            size = np.exp(np.float32(-self._wavenumber.imag) * distance) / distance
-            row.real = self._weights @ (size * np.cos(phase))
-            row.imag = self._weights @ (size * np.sin(phase))
-        rows *= self._strength
-        if self._directional:
-            rows[foci @ self._normals.T < self._heights] = 0.0
+        array = self._array
+        beacons = np.eye(len(foci), dtype=np.complex128)
+        waves = monopole_pressure(self._faces, foci, beacons, self._wavenumber, "float32")
+        waves = array.element.weights @ waves.reshape(len(array), -1, len(foci))
+        rows = np.ascontiguousarray(waves.T) * (array.element.sensitivity * array.gains)
+        if array.element.directional:
+            rows[foci @ array.normals.T < np.sum(array.positions * array.normals, axis=1)] = 0.0
         return rows

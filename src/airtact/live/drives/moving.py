@@ -3,7 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Complex64, Complex128, Float, Float32, Float64
+from jaxtyping import Complex64, Complex128, Float, Float64
+from scipy.spatial.distance import cdist
 
 from airtact.acoustics.target import Target
 from airtact.drives.gerchberg_saxton import SINGLE, alternating_projections, phase
@@ -32,8 +33,8 @@ class Rounds:
         self._moving = moving
         self._open_air = open_air
         self._with_images = scene.with_images
-        self._positions = scene.with_images.array.positions.astype(np.float32)
-        self._wavenumber = np.float32(scene.wavenumber.real)
+        self._positions = scene.with_images.array.positions
+        self._wavenumber = scene.wavenumber.real
         self._previous: Frames | None = None
         self._phases = np.ones(moving.places.shape, dtype=np.complex128)
 
@@ -78,16 +79,10 @@ class Rounds:
         differs.
         """
         places = self._moving.places.ravel()
-        before = self._distances(posed.foci.astype(np.float32))[places]
-        after = self._distances(points.astype(np.float32))
+        before = cdist(posed.foci, self._positions)[places]
+        after = cdist(points, self._positions)
         delay = self._wavenumber * (after - before)
         return self._open_air(posed.foci)[places] * (before / after * phasors(delay))
-
-    def _distances(
-        self, points: Float32[np.ndarray, "points 3"]
-    ) -> Float32[np.ndarray, "points sources"]:
-        away = points[:, None] - self._positions
-        return np.sqrt(np.einsum("ped,ped->pe", away, away))
 
     def _projected(self, matrices: Complex128[np.ndarray, "frames together elements"]) -> Frames:
         """Maximise the weakest focus of each frame, with every element at full scale."""
