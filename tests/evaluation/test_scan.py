@@ -67,7 +67,7 @@ def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
     [
         ("x,y,pressure\n0,0,1\n", "data_missing"),
         ("", "file_unreadable"),
-        ("x;y;z;pressure\n0;0;0;1\n", "unknown_format"),
+        ("x;y;z;pressure\n0;0;0;1\n", "data_missing"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,one,1\n", "file_unreadable"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,1\n", "wrong_shape"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,1,nan\n0,1,0,1\n", "file_unreadable"),
