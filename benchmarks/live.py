@@ -497,7 +497,7 @@ def main() -> None:
         "--noises", type=float, nargs="+", default=[0.0, 1e-3], help="of the tracker [m]"
     )
     parser.add_argument("--makers", choices=MAKERS, nargs="+", default=MAKERS)
-    parser.add_argument("--method", default="best", help="that makes the drives, such as robust")
+    parser.add_argument("--method", default="best", help="that makes the drives")
     parser.add_argument("--every", type=int, default=JUDGED, help="so many drives, one is judged")
     parser.add_argument(
         "--runs", type=int, default=1, help="of the real loop, whose medians are printed, too"

@@ -77,9 +77,8 @@ def test_a_drive_that_knows_the_table_keeps_more(exact) -> None:
     assert kept(exact, drive_of(OVER, None)) > kept(exact, drive_of(BEFORE, None))
 
 
-@pytest.mark.parametrize("method", ["robust", "robust_phase_only", "max_min"])
-def test_every_method_knows_the_table(exact, method) -> None:
-    assert kept(exact, drive_of(OVER, method=method)) > 0.7
+def test_another_method_knows_the_table(exact) -> None:
+    assert kept(exact, drive_of(OVER, method="max_min")) > 0.7
 
 
 def test_foci_that_move_know_the_table() -> None:

@@ -126,7 +126,7 @@ def live(
         # Checked before trackers and boards are opened.
         if share is not None:
             check_cap(share)
-        setup = at.read_scene(scene, followed=True)
+        setup = at.read_scene(scene)
         writable_folder(folder)
         output = at.live.output_to(setup, folder, board, link, **settings)
         notes = []

@@ -15,6 +15,7 @@ from jaxtyping import Complex, Complex128, Float64, Int64
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.planes import Plane
 from airtact.acoustics.scene import check_no_boards
+from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.motion import DEFAULT_FRAMES, Motion
 from airtact.drives.sequence import MIN_FRAMES
 from airtact.errors import InvalidInput, counted, fixed, in_short
@@ -191,6 +192,11 @@ def live_scene(setup: Setup) -> LiveScene:
         raise InvalidInput(
             f"{name}: live maximises the pressure at the weakest focus: leave pressure, share, "
             "phase_degrees and suppression out.",
+            code="options_clash",
+        )
+    if setup.method in FOR_SAMPLES:
+        raise InvalidInput(
+            f'{name}: live makes no drives for an uncertain hand: give method = "best".',
             code="options_clash",
         )
     scene = LiveScene(

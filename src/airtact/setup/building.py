@@ -49,9 +49,7 @@ from airtact.transducers.modulation import AmplitudeModulation
 DEFAULT_OFFSET = 0.5e-3
 
 
-def read_scene(
-    path: str | Path, changes: Mapping[str, Value] | None = None, followed: bool = False
-) -> Setup:
+def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None) -> Setup:
     """Read a scene file and build its setup.
 
     Parameters
@@ -61,8 +59,6 @@ def read_scene(
     changes : values that replace the file's, by the paths of their keys, such as
         ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``; None removes a key. ``hand`` is the only
         obstacle of that kind.
-    followed : whether the hand will be followed live. Robust methods then need no
-        ``[uncertainty]``, because the prediction of the hand supplies it.
 
     Raises
     ------
@@ -80,10 +76,10 @@ def read_scene(
         )
     text = text_of(path, LARGEST_SCENE_FILE)
     with about(path.name):
-        return _set_up(path, text, parse_scene(text, changes), followed)
+        return _set_up(path, text, parse_scene(text, changes))
 
 
-def _set_up(path: Path, text: str, file: SceneFile, followed: bool) -> Setup:
+def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
     def medium_of(table: MediumTable) -> Medium:
         if table.sound_speed is None:
             return built(partial(air, frequency=file.frequency), table)
@@ -140,7 +136,6 @@ def _set_up(path: Path, text: str, file: SceneFile, followed: bool) -> Setup:
         hands=tuple(hands),
         riding=() if None in riding else tuple(riding),
         tracker=tracker,
-        followed=followed,
         path=path,
         text=text,
         **uncertainty,

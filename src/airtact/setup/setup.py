@@ -47,8 +47,6 @@ class Setup:
     hands : hands that are bodies or define named points, in the obstacles' frame.
     riding : for each focus its named point and its distance from the surface [m], or None.
     tracker : pose of the tracker of a live hand, from its frame to the obstacles'.
-    followed : whether the hand is followed live. Its prediction then supplies the uncertainty that
-        some methods need.
     left_out : planes behind the boards. No sound reaches them, so the scene omits them.
     path, text : the scene file and its content, if the setup comes from one.
 
@@ -85,7 +83,6 @@ class Setup:
     hands: "tuple[at.Hand, ...]" = ()  # by this name, so that hands are imported when used
     riding: tuple[tuple[str, float] | None, ...] = ()
     tracker: Pose = field(default_factory=Pose.identity)
-    followed: bool = False
     left_out: tuple[Plane, ...] = ()
     path: Path | None = None
     text: str = ""
@@ -140,7 +137,7 @@ class Setup:
                     f'"{self.method}" is not a method; {nearest(self.method, METHODS)}',
                     code="unknown_name",
                 )
-            if self.method in FOR_SAMPLES and self.uncertainty is None and not self.followed:
+            if self.method in FOR_SAMPLES and self.uncertainty is None:
                 raise InvalidInput(
                     f'method = "{self.method}" needs an uncertainty: add a table [uncertainty], '
                     "such as position = 1e-3 and rotation = 2.0.",

@@ -2,16 +2,12 @@
 
 import time as clock
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
-from jaxtyping import Complex128, Float64
-from scipy.special import ndtri
 
 from airtact.acoustics.target import Target
 from airtact.drives.gerchberg_saxton import weighted_gerchberg_saxton
-from airtact.drives.methods import FOR_SAMPLES, METHODS
-from airtact.drives.robust_drives import balanced, improved
+from airtact.drives.methods import METHODS
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput
 from airtact.hands.joints import joints_of
@@ -19,7 +15,7 @@ from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.prediction import AGILITY, Predictor
 from airtact.live.drives.factors import OpenAir
 from airtact.live.drives.library import Library, expected_kept, worth_solving
-from airtact.live.drives.moving import Rounds, phasors, turned_towards
+from airtact.live.drives.moving import Rounds, turned_towards
 from airtact.live.drives.solver_process import Request, SolverProcess
 from airtact.live.moment import Controls, DriveMaker, Moment, Rule, silent_moment
 from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, Rows, pose_hand
@@ -41,9 +37,7 @@ class HandAware(DriveMaker):
     and predicts the frames.
 
     The method ``"best"`` is ``weighted_gerchberg_saxton`` here, which takes less than a millisecond
-    and comes within 1 % of it. "robust" and "robust_phase_only" are optimised for 16 samples of the
-    positions of the foci, drawn from the uncertainty of the prediction (8 samples for more than 3
-    foci).
+    and comes within 1 % of it.
 
     Parameters
     ----------
@@ -155,7 +149,7 @@ class HandAware(DriveMaker):
             rows = rows * solution.at(self._scene, posed)
         method = controls.method or self._scene.method
         # A jump of the global phase has no effect at the foci, but the boards would click.
-        amplitudes = turned_towards(self._made(method, rows, posed.foci, time), self._previous)
+        amplitudes = turned_towards(self._made(method, rows, posed.foci), self._previous)
         self._previous = amplitudes
         frames = None
         if self._rounds is not None:
@@ -176,82 +170,7 @@ class HandAware(DriveMaker):
             frames=frames,
         )
 
-    def _made(self, name: str, rows: Rows, foci: Foci, time: float) -> Amplitudes:
-        if name in FOR_SAMPLES:
-            spread = self._predictor.spread(time)
-            return robust_drive(self._scene, rows, foci, spread, name == "robust_phase_only")
+    def _made(self, name: str, rows: Rows, foci: Foci) -> Amplitudes:
         method = weighted_gerchberg_saxton if name == "best" else METHODS[name]
         folded = self._scene.with_images.folded(rows)
         return method(TransferMatrix(folded, float("nan")), Target(foci)).amplitudes
-
-
-def off_by(spread: float) -> float:
-    """Return the assumed deviation of each focus along each axis [m] for a spread [m]."""
-    # Foci deviate relative to each other by a third of the spread (0.27 to 0.39 for 1 and 2 mm of
-    # noise, in the box and in front of the flat boards of benchmarks/live.py). Their common
-    # deviation is larger, but matters less.
-    off = spread / 3.0
-    # Foci within 0.2 mm count as certain, and no drive can compensate for more than 1.5 mm.
-    return 0.0 if off < 0.2e-3 else min(off, 1.5e-3)
-
-
-def robust_drive(
-    scene: LiveScene, rows: Rows, foci: Foci, spread: float, phase_only: bool
-) -> Amplitudes:
-    """Return the drive whose weakest focus keeps most pressure in the worst tenth of the poses.
-
-    Parameters
-    ----------
-    scene : its array, medium and frequency are used.
-    rows : (F, R) pressure at the expected foci per unit drive of each element and image [Pa].
-    foci : (F, 3) expected foci [m].
-    spread : standard deviation of each coordinate of the prediction [m].
-    phase_only : whether every element is at full scale; otherwise the drive is optimal at equal
-        energy.
-
-    Returns
-    -------
-    (E,) amplitudes, the largest of magnitude 1; for certain foci the drive that maximises the
-    weakest focus.
-    """
-    folded = scene.with_images.folded
-    expected = folded(rows)
-    if phase_only:
-        transfer = TransferMatrix(expected, float("nan"))
-        start = weighted_gerchberg_saxton(transfer, Target(foci)).amplitudes
-    else:
-        start = balanced(expected, False, 30)
-    # Improve ``start`` for samples of the positions of the foci, unless they are certain.
-    off = off_by(spread)
-    if not off:
-        return start / np.abs(start).max()
-    samples = folded(displaced(scene, rows, foci, off))
-    return improved(samples, start, "phases" if phase_only else "energy")
-
-
-def displaced(
-    scene: LiveScene, rows: Rows, foci: Foci, off: float
-) -> Complex128[np.ndarray, "samples foci sources"]:
-    """Return samples of the rows of foci that deviate by ``off`` (rms) along each axis [m].
-
-    The effect of the hand moves with the foci. Elements are far away compared with ``off``, so the
-    phase changes only by the shift along the direction of the element.
-    """
-    directions = foci[:, None] - scene.with_images.array.positions
-    directions = directions / np.linalg.norm(directions, axis=2, keepdims=True)
-    shifts = scene.wavenumber.real * off * _deviations(len(foci))
-    delay = np.einsum(
-        "sfd,fed->sfe", shifts.astype(np.float32), directions.astype(np.float32), optimize=True
-    )
-    return rows * phasors(delay)
-
-
-@cache
-def _deviations(foci: int) -> Float64[np.ndarray, "samples foci 3"]:
-    """Draw antithetic deviations of unit variance from scrambled Sobol points."""
-    from scipy.stats import qmc
-
-    pairs = 8 if foci <= 3 else 4  # 48 rows in total take a millisecond or two
-    numbers = qmc.Sobol(3 * foci, scramble=True, rng=np.random.default_rng(0)).random(pairs)
-    normal = ndtri(np.clip(numbers, 1e-6, 1.0 - 1e-6))
-    return np.concatenate([normal, -normal]).reshape(2 * pairs, foci, 3)

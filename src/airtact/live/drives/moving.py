@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 
 from airtact.acoustics.target import Target
 from airtact.drives.gerchberg_saxton import SINGLE, alternating_projections, phase
-from airtact.drives.methods import FOR_SAMPLES, METHODS
+from airtact.drives.methods import METHODS
 from airtact.drives.transfer import TransferMatrix
 from airtact.live.scene import Foci, Frames, LiveScene, MovingFoci, PosedHand, Rows, moving_points
 
@@ -48,8 +48,8 @@ class Rounds:
         posed : the hand in its present pose.
         factors : (N K, R) factors of the hand on the pressure at each focus of each frame; None for
             open air.
-        method : name of the method that makes each drive. "best" and the robust methods mean
-            weighted Gerchberg-Saxton here.
+        method : name of the method that makes each drive. "best" means weighted
+            Gerchberg-Saxton here.
 
         Returns
         -------
@@ -60,7 +60,7 @@ class Rounds:
         rows = self._rows(posed, points.reshape(-1, 3))
         rows = self._with_images.folded(rows if factors is None else rows * factors)
         matrices = rows.reshape(*points.shape[:2], -1)
-        if method == "best" or method in FOR_SAMPLES:
+        if method == "best":
             frames = self._projected(matrices)
         else:
             frames = np.stack(

@@ -16,7 +16,7 @@ from matplotlib.colors import to_hex
 from scipy.spatial.transform import Rotation
 from viser import uplot
 
-from airtact.drives.methods import METHODS
+from airtact.drives.methods import FOR_SAMPLES, METHODS
 from airtact.geometry.pose import Pose
 from airtact.hands.joints import FINGERS, Side
 from airtact.hands.kinematics import turned
@@ -216,10 +216,11 @@ class Panel:
             gui.add_slider("level cap [%]", 0, 100, 1, round(100 * first.cap), hint=hint),
             lambda value: self._set(cap=value / 100),
         )
-        hint = "makes the drives; the robust ones allow for the uncertainty of the prediction"
+        # Robust methods need samples of an uncertain scene.
+        methods = [name for name in METHODS if name not in FOR_SAMPLES]
         chosen = first.method or scene.method
         _on_change(
-            gui.add_dropdown("method", list(METHODS), initial_value=chosen, hint=hint),
+            gui.add_dropdown("method", methods, initial_value=chosen),
             lambda value: self._set(method=value),
         )
 
