@@ -197,32 +197,6 @@ def test_a_file_holds_one_period_of_a_modulated_drive(capsys, tmp_path) -> None:
     np.testing.assert_allclose(largest**2, force, rtol=0, atol=0.03)
 
 
-@pytest.mark.parametrize(
-    ("kind", "seconds", "count"),
-    [("csv", (), 40), ("h5", ("--seconds", "0.5"), 2000)],
-)
-def test_a_file_holds_one_round_of_a_sequence_or_the_seconds_asked(
-    capsys, tmp_path, kind, seconds, count
-) -> None:
-    board = "sonicsurface"
-    path = write(
-        tmp_path / "sequence.h5", at.transducers.board_array(board), frames=40, rate=4000.0
-    )
-    out = tmp_path / f"frames.{kind}"
-    to_file = ("--board", board, "--link", "file", "--out", out)
-    printed, _ = done(capsys, "emit", path, *to_file, *seconds)
-    assert f"{count} frames were written" in printed
-    levels = codec_of(board).levels
-    asked, back = at.load_drive(path), at.load_drive(out)
-    assert isinstance(asked, at.drives.Sequence)
-    assert isinstance(back, at.drives.Sequence)
-    assert (len(back), back.rate) == (count, 4000.0)
-    for index in range(count):
-        assert at.quantise(back.drive(index), levels).same_as(
-            at.quantise(asked.drive(index % 40), levels)
-        )
-
-
 def test_a_drive_file_needs_no_scene(capsys, drive) -> None:
     """Frequency and medium stand in the file itself, so keys of scenes may be renamed."""
     done(capsys, "emit", change(drive, scene="colour = 3"), *AUDIT, "--seconds", "0.05")

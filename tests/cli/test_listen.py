@@ -66,13 +66,6 @@ def test_what_cannot_be_shown_is_rejected(capsys, recording, tmp_path):
         assert [number for number in numbers if number not in said] == []
 
 
-def test_clouds_alone_have_no_pads(capsys, tmp_path):
-    joints = still(0).landmarks
-    at.hands.save_recording(tmp_path / "hand.jsonl", [still(0, landmarks=None, cloud=joints)])
-    said = rejected(capsys, "hand", tmp_path / "hand.jsonl", "--out", tmp_path / "skin.ply")
-    assert said.endswith(" [data_missing]")
-
-
 def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
     command = [
         sys.executable,

@@ -86,17 +86,6 @@ def test_it_runs_at_once_with_what_comes_along(tmp_path, live):
     assert session.text == at.example("live_pinch").read_text()
 
 
-def test_a_method_for_uncertain_foci_needs_no_table_of_it(tmp_path, live):
-    robust = '[drive]\nmethod = "robust"\n\n[drive.modulation]'
-    scene = changed_scene(
-        tmp_path / "scene.toml", lambda text: text.replace("[drive.modulation]", robust)
-    )
-    code, found, said = live(scene, "--no-page", "--out", tmp_path)
-    assert code == 0, said
-    assert found["drives"] > 0
-    assert at.live.read_session(tmp_path).scene.method == "robust"
-
-
 def reach_through(tracker, ended: Event) -> None:
     """Send frames of a hand that reaches through the array, until the end."""
     index = 60

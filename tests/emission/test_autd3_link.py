@@ -93,15 +93,6 @@ def test_a_sequence_lies_in_the_boards_frame_by_frame(link: at.AUTD3Link, rate: 
     ) == (10, 40)
 
 
-def test_the_longest_sequence_fits() -> None:
-    link = at.AUTD3Link([at.Pose.identity()])
-    link.open()
-    frames = [random_frame(249, seed) for seed in range(4)] * 256
-    link.play(frames, 1000.0)
-    assert all(link.played(index).same_as(frames[index]) for index in (0, 511, 1023))
-    link.close()
-
-
 def test_opening_and_stopping_leave_silence(link: at.AUTD3Link) -> None:
     assert link.played().silent
     link.send(random_frame(996))

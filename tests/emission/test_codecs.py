@@ -99,13 +99,6 @@ def test_lengths_and_marks_are_those_of_the_firmware() -> None:
     assert [index for index, byte in enumerate(openmpd) if byte & 128] == [0, 512]
 
 
-def test_autd3_takes_phase_and_intensity_as_they_are() -> None:
-    frame = at.quantise(random_drive(249))
-    message = np.frombuffer(codec_of("autd3").encode(frame), dtype=np.uint8)
-    np.testing.assert_array_equal(message[0::2], frame.phase)
-    np.testing.assert_array_equal(message[1::2], frame.amplitude)
-
-
 def focus() -> tuple[TransferMatrix, at.Drive]:
     box = surrounding_box(board="autd3")
     k = 2 * np.pi * 40e3 / 343.1

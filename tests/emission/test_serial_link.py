@@ -202,14 +202,3 @@ def test_a_missing_pyserial_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setitem(sys.modules, "serial", None)
     with raises_code("extra_missing", "airtact[serial]"):
         SerialLink("x").open()
-
-
-def test_frames_of_another_kind_are_rejected() -> None:
-    with wired(SonicSurface()) as wire:
-        link = SerialLink(wire.port)
-        link.open()
-        with raises_code("sizes_differ"):
-            link.send(random_frame("sonicsurface", 2, 1))
-        with raises_code("sizes_differ"):
-            link.send(random_frame("openmpd", 1, 1))
-        link.close()

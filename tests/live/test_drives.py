@@ -129,16 +129,6 @@ def test_the_process_solves_says_what_it_cannot_and_ends(board, joints):
     assert process._worker.process.poll() is not None
 
 
-def test_solvers_rest_while_noise_spoils_all_that_they_find(board, joints):
-    palm = replace(board, places=("palm",), offsets=board.offsets[:1])
-    for one, noise, asked in ((palm, 1e-4, True), (palm, 1e-3, False), (board, 1e-3, True)):
-        solver = Ready()
-        maker = at.live.HandAware(one, noise=noise, solvers=[solver])
-        maker.take(seen(joints))
-        moment = maker.make(0.01, at.live.Controls())
-        assert (moment.rule, solver.asked is not None) == ("distances", asked)
-
-
 def test_solvers_that_rested_go_on_when_the_tracker_is_quieter(board, joints):
     solver, random = Ready(), np.random.default_rng(3)
     maker = at.live.HandAware(

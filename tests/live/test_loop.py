@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -164,40 +163,6 @@ def test_a_drive_rises_and_falls_at_one_rate_also_after_a_long_silence() -> None
         assert max(np.diff(rising)) <= 0.01 / FADE + 1e-9
         assert rising[-1] == 1.0
         assert gain.advance(begun + 0.2, False) == 0.0
-
-
-class Behind(at.live.HandAware):
-    """Drives as from a solver whose newest hand is 140 ms old."""
-
-    def make(self, time, controls):
-        return replace(super().make(time, controls), behind=0.14)
-
-
-@pytest.mark.parametrize(
-    ("maker", "seconds", "latency", "late", "least"),
-    [
-        (distances, 0.015, 0.0, "link", 0.015),
-        (distances, 1e-3, 0.08, "frames", 0.08),
-        (lambda scene: Behind(scene, solvers=[]), 1e-3, 0.0, "solver", 0.14),
-        (distances, 1e-3, 0.0, None, 0.0),
-    ],
-)
-def test_the_status_names_what_is_late(example_scene, clock, maker, seconds, latency, late, least):
-    reports = []
-    followed(
-        example_scene,
-        clock,
-        reaching_recording()[:60],
-        Kept(clock, seconds),
-        maker,
-        latency=latency,
-        report=reports.append,
-    )
-    status = next(report for report in reports if report.rate)
-    assert set(status.late) == ({late} if late else set())
-    assert status.late.get(late, 0.0) >= least - 1e-9
-    assert (late or "nothing late") in str(status)
-    assert late or len(str(status)) < 80, "a terminal of 80 columns cuts it"
 
 
 def test_the_clock_of_the_frames_is_found():

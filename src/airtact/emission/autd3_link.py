@@ -158,7 +158,14 @@ class AUTD3Link(Link):
             for pose, rotation in zip(self.poses or (), self._rotations, strict=True)
         ]
         self._lost = None
-        self._controller = pyautd3.Controller.open(devices, self._way())
+        try:
+            self._controller = pyautd3.Controller.open(devices, self._way())
+        except Exception as error:  # of pyautd3, or a standard one
+            raise InvalidInput(
+                f"{self.boards} AUTD3 boards cannot be opened through {self.name}: "
+                f"{str(error).rstrip('.')}.",
+                code="link_failed",
+            ) from None
         if self.sound_speed is not None:
             self._controller.environment.sound_speed = 1e3 * self.sound_speed
         self._check_firmware()

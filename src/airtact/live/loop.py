@@ -30,15 +30,6 @@ MIN_INTERVAL = 1.0 / 120.0
 # Time between two reports of the status [s].
 REPORT_INTERVAL = 0.5
 
-# Median times above which a part of the loop is late [s], with the words of the status: the age of
-# the newest frame when a drive is started, the age of the newest solved hand when the drive is in
-# the air, and the time that the link takes to accept a drive.
-LATE = {
-    "frames": (0.05, "frames {:.0f} ms old"),
-    "solver": (0.1, "solver {:.0f} ms behind"),
-    "link": (0.01, "link {:.0f} ms a drive"),
-}
-
 
 @dataclass(frozen=True)
 class Status:
@@ -50,22 +41,18 @@ class Status:
     rate : drives per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without drives.
     kept : median expected share of the attainable pressure; NaN if unknown.
-    late : median times of the parts that are too slow [s]: "frames", "solver", "link".
     """
 
     state: str
     rate: float
     age: float
     kept: float
-    late: dict[str, float]
 
     def __str__(self) -> str:
-        """Status in one line, under 80 columns while it plays and nothing is late."""
+        """Status in one line."""
         parts = [self.state]
         if self.rate:
             parts += [f"{self.rate:.0f} drives/s", f"latency {1e3 * self.age:.0f} ms"]
-            late = [LATE[name][1].format(1e3 * seconds) for name, seconds in self.late.items()]
-            parts.append(f"late: {', '.join(late)}" if late else "nothing late")
         if np.isfinite(self.kept):
             parts.append(f"{self.kept:.0%} of attainable pressure")
         return ", ".join(parts)
@@ -222,7 +209,7 @@ class _Loop:
     begun: float = 0.0  # when the last drive was started
     duration: float = MIN_INTERVAL / 2.0  # running mean of the time to make and send a drive
     moment: Moment | None = None  # the last safe one
-    # Times of the newest drives with sound, see ``LATE``, and their expected shares.
+    # When the newest drives with sound were sent, their ages and expected shares.
     played: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=4096))
     delays: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
     frames: int = 0
@@ -377,7 +364,6 @@ class _Loop:
             self.cap = self._safe_cap(self.moment.amplitudes)
         cap = min(self.cap, self.controls.cap)
         amplitudes = share * capped(self.moment.amplitudes, cap)
-        made = time.monotonic()
         self._send(amplitudes, share, cap)
         sent = time.monotonic()
         # The session records what the boards emitted, including their own ramp.
@@ -389,9 +375,6 @@ class _Loop:
                 "sent": sent,
                 "age": self.clock.time(sent) - moment.frame_time,
                 "kept": np.nan if moment.kept is None else moment.kept,
-                "frames": self.clock.time(now) - moment.frame_time,
-                "solver": np.nan if moment.behind is None else moment.behind,
-                "link": sent - made,
             }
             self.played.append(played)
             self.duration += 0.1 * (sent - now - self.duration)
@@ -451,11 +434,6 @@ class _Loop:
         now = time.monotonic()
         span = 2.0 * REPORT_INTERVAL
         recent = [played for played in self.played if now - played["sent"] <= span]
-        late = {}
-        for name, (limit, _) in LATE.items():
-            usual = _median([played[name] for played in recent])
-            if usual > limit:
-                late[name] = usual
         if self.played:  # the first drive may have been less than a second ago
             span = min(span, max(now - self.played[0]["sent"], REPORT_INTERVAL))
         return Status(
@@ -463,7 +441,6 @@ class _Loop:
             len(recent) / span,
             _median([played["age"] for played in recent]),
             _median([played["kept"] for played in recent]),
-            late,
         )
 
     def summary(self, seconds: float, health: StreamHealth, state: str) -> Followed:

@@ -34,8 +34,6 @@ class Moment:
     pressures : (F,) predicted pressures at the foci [Pa], or None.
     rule : basis of the drive.
     shape_age : time from the solved pose to ``time`` [s]; None for distances.
-    behind : time from the newest solved pose, used or not, to ``time`` [s]; None before the first
-        solution and while the solvers pause because of noise.
     kept : expected share of the attainable pressure at the weakest focus, or None.
     state : state of the loop.
     frames : (N, E) drives played in turn instead of ``amplitudes`` if the foci move, or None.
@@ -49,7 +47,6 @@ class Moment:
     pressures: Float64[np.ndarray, "foci"] | None = None
     rule: Rule = "distances"
     shape_age: float | None = None
-    behind: float | None = None
     kept: float | None = None
     state: State = "playing"
     frames: Frames | None = None

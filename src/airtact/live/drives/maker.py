@@ -73,7 +73,6 @@ class HandAware(DriveMaker):
             solvers = [SolverProcess(scene, part) for part in self._parts]
         self._solvers = list(solvers)
         self._newest: HandFrame | None = None
-        self._solved: float | None = None  # time of the newest solved pose
         self._previous = np.zeros(len(scene.array), dtype=np.complex128)
         self.fault: str | None = None
         self.solutions = 0
@@ -102,7 +101,9 @@ class HandAware(DriveMaker):
             # Velocities of the joints from the motion of the landmarks within 20 ms.
             later = frame.landmarks + 0.02 * self._predictor.velocities()
             velocities = (joints_of(later, tolerance=1.0) - joints) / 0.02
-            if self._solving:
+            # The solvers pause while noise makes their solutions useless.
+            places = len(self._scene.places)
+            if worth_solving(self._parts, self._predictor.noise, places):
                 request = Request(time, joints, velocities, clock.monotonic())
                 for solver in self._solvers:
                     solver.ask(request)
@@ -116,11 +117,6 @@ class HandAware(DriveMaker):
         for solver in self._solvers:
             solver.close()
 
-    @property
-    def _solving(self) -> bool:
-        """Whether the solvers work; they pause while noise makes their solutions useless."""
-        return worth_solving(self._parts, self._predictor.noise, len(self._scene.places))
-
     def _collect(self) -> None:
         for solver in self._solvers:
             for solution in solver.solutions():
@@ -128,8 +124,6 @@ class HandAware(DriveMaker):
                     self.fault = solution
                     continue
                 self.solutions += 1
-                newest = solution.time if self._solved is None else self._solved
-                self._solved = max(newest, solution.time)
                 self._libraries[solution.part].add(solution)
 
     def _drive(self, time: float, frame_time: float, joints: Joints, controls: Controls) -> Moment:
@@ -155,7 +149,6 @@ class HandAware(DriveMaker):
         if self._rounds is not None:
             factors = None if solution is None else solution.factors[len(rows) :]
             frames = self._rounds.frames(posed, factors, method)
-        behind = None if self._solved is None or not self._solving else time - self._solved
         return Moment(
             time=time,
             frame_time=frame_time,
@@ -165,7 +158,6 @@ class HandAware(DriveMaker):
             pressures=np.abs(self._scene.with_images.folded(rows) @ amplitudes),
             rule="distances" if solution is None else solution.part,
             shape_age=None if solution is None else time - solution.time,
-            behind=behind,
             kept=kept,
             frames=frames,
         )

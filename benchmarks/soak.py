@@ -1,18 +1,20 @@
-"""The live loop for ten minutes, with a tracker that sends nonsense every minute: no memory, no thread, no fault."""
+"""The live loop for ten minutes, with a tracker that sends nonsense every minute: no memory, no thread, no fault.
+
+python -m benchmarks.soak
+"""
 
 import json
 import re
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
-import pytest
 from websockets.sync.client import connect
 
 import airtact as at
-from paths import EXAMPLES
 
 MINUTES = 10
 NONSENSE = [
@@ -31,10 +33,9 @@ def state_of(process: int) -> tuple[float, int]:
     return tuple(int(one[1]) for one in found if one)
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read from /proc")
-def test_ten_minutes_with_nonsense_every_minute(tmp_path):
-    frames = at.hands.load_recording(EXAMPLES / "hands/reaching.jsonl").frames
+def main(folder: Path) -> None:
+    """Run the loop, and compare memory and threads with those of its second minute."""
+    frames = at.hands.load_recording(at.example("reaching.jsonl")).frames
     command = [
         sys.executable,
         "-m",
@@ -45,7 +46,7 @@ def test_ten_minutes_with_nonsense_every_minute(tmp_path):
         "--from",
         "websocket:0",
     ]
-    lasting = ["--seconds", str(60 * MINUTES + 5), "--out", str(tmp_path), "--json"]
+    lasting = ["--seconds", str(60 * MINUTES + 5), "--out", str(folder), "--json"]
     with subprocess.Popen(
         [*command, *lasting], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as running:
@@ -72,9 +73,14 @@ def test_ten_minutes_with_nonsense_every_minute(tmp_path):
     memory, threads = np.array(seen, dtype=float).T
     assert memory[-1] <= 1.01 * memory[1]  # the first minute fills what is kept of fixed size
     assert threads[-1] == threads[1]
-    session = at.live.read_session(tmp_path)
+    session = at.live.read_session(folder)
     overtaken = json.loads(out)["health"][
         "overtaken"
     ]  # by newer frames, while they waited on a loaded machine
     assert len(session.frame_time) + overtaken == 60 * 60 * MINUTES
     assert not session.amplitudes[-1].any()
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as results:
+        main(Path(results))
