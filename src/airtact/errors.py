@@ -181,7 +181,8 @@ def _described(value: object) -> str:
         return f"an array of shape {value.shape}"
     if isinstance(value, int | float | complex | str):
         return repr(value)
-    return _with_article(type(value).__name__)
+    size = f" of length {len(value)}" if isinstance(value, list | tuple | dict) else ""
+    return _with_article(type(value).__name__) + size
 
 
 def _with_article(name: str) -> str:

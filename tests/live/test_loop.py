@@ -132,7 +132,7 @@ def test_without_a_cap_a_head_gets_110_db_at_most(example_scene, clock):
     scene = example_scene
     wavenumber = scene.wavenumber.real
     head = at.drives.HeadLevel(loudest, scene.array.positions, output.levels, wavenumber)
-    assert 107.0 < head.full < 112.0
+    assert 106.0 < head.full < 112.0
 
 
 def test_the_emergency_stop_ends_the_sound_for_good(example_scene, clock, tmp_path):

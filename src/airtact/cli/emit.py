@@ -73,7 +73,10 @@ def emit(
     if seconds is not None:
         positive(seconds, "the duration", "s")
     if (link == "file") != (out is not None):
-        raise at.InvalidInput("--link file and --out FILE go together.", code="options_clash")
+        raise at.InvalidInput(
+            "--link file and --out FILE go together: give both or neither.",
+            code="key_missing" if out is None else "options_clash",
+        )
     share = level_of(cap, full_scale)
     if share is None and out is not None:
         share = 1.0  # a file emits nothing

@@ -1,5 +1,6 @@
 """``airtact init``: write a first scene to render and to change."""
 
+import os
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,7 +53,10 @@ def init(place: Path, board: str, hand: Path | None) -> None:
         name = "hand.json"
     else:
         pose = hand
-        name = hand.resolve().as_posix()
+        try:
+            name = Path(os.path.relpath(hand, folder)).as_posix()
+        except ValueError:  # Windows has no relative paths between drives
+            name = hand.resolve().as_posix()
     for file in (scene, *copied):
         if file.exists():
             raise at.InvalidInput(

@@ -14,13 +14,14 @@ from airtact.drives.frame import check_cap
 from airtact.drives.head_level import HeadLevel
 from airtact.emission.link import LinkFailed
 from airtact.errors import InvalidInput
+from airtact.hands.hand import Hand
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.moment import Controls, DriveMaker, Moment, State
 from airtact.live.output import Output
 from airtact.live.page.process import PageProcess
 from airtact.live.safety import MAX_FRAME_AGE, Gain, Workspace, hand_of
-from airtact.live.scene import Amplitudes, LiveScene
+from airtact.live.scene import Amplitudes, LiveScene, foci_on
 from airtact.live.session import SessionWriter
 from airtact.live.sources import FrameClock, HandSource, checked_seconds
 
@@ -209,6 +210,7 @@ class _Loop:
     begun: float = 0.0  # when the last drive was started
     duration: float = MIN_INTERVAL / 2.0  # running mean of the time to make and send a drive
     moment: Moment | None = None  # the last safe one
+    hand: Hand | None = None
     # When the newest drives with sound were sent, their ages and expected shares.
     played: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=4096))
     delays: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
@@ -330,9 +332,11 @@ class _Loop:
             return
         # A faulty frame silences at once; MAX_FRAME_AGE applies to missing frames only.
         hand = hand_of(frame, self.scene)
+        self.hand = None
         if isinstance(hand, str):
             self.fault = hand
             return
+        self.hand = hand
         try:
             self.maker.take(frame)
         except InvalidInput as fault:
@@ -411,7 +415,11 @@ class _Loop:
         """Return a short reason not to emit a drive, or None."""
         if moment is not None and moment.joints is not None and moment.foci is not None:
             return self.workspace.fault(moment.joints, moment.foci)
-        return "lost"
+        # Without a prediction, the newest frame shows whether the hand left the workspace.
+        fault = None
+        if self.hand is not None:
+            fault = self.workspace.fault(self.hand.joints, foci_on(self.hand, self.scene))
+        return fault or "lost"
 
     def _note(self, moment: Moment, sent: float, before: float) -> None:
         """Record a drive that reached the link; ``before`` is the gain before it."""
