@@ -234,5 +234,22 @@ def test_a_plane_is_a_sheet_seen_from_its_front(browser, tmp_path):
     page.close()
 
 
+def test_a_virtual_object_is_drawn_and_named(browser, rendered, tmp_path):
+    result = rendered[1]
+    box = at.VirtualObject(at.touch.Box((0.01, 0.02, 0.01)), at.Pose.shift((0, 0, -9e-3)), "brick")
+    drawn = replace(result, setup=replace(result.setup, objects=(box,)))
+    at.write_report(drawn, tmp_path)
+    page = opened_page(browser, tmp_path / "report.html")
+    (facts,) = page.evaluate("[JSON.parse(document.getElementById('viewer-facts').textContent)]")
+    assert facts["objects"] == ["brick"]
+    assert facts["arrays"]["object brick triangles"][2] == 36
+    assert "the virtual object brick" in page.get_attribute("canvas", "aria-label")
+    plain = opened_page(browser, rendered[0])
+    assert still(page) != still(plain)
+    assert page.said == plain.said == []
+    page.close()
+    plain.close()
+
+
 def test_pages_stay_small(rendered):
     assert rendered[0].stat().st_size < 3e6

@@ -338,9 +338,9 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
             "foci[0]",
         ),
         (
-            "out_of_range",
+            "key_missing",
             ["foci = []\n", MEDIUM, ARRAY, BALL],
-            "foci: expected a list of length >= 1.",
+            "the key foci is missing: give [[foci]] or [[objects]].",
         ),
         (
             "wrong_kind",

@@ -42,9 +42,9 @@ def render(
     """Compute drive and field for SCENE; write drive.csv, drive.h5, field.vtkhdf, report.html.
 
     SCENE is scene.toml by default, which airtact init writes; or one of the examples that come with
-    airtact: air_letters, live_pinch, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch.
-    --no-pictures writes only the drive. The drives of moving foci ([drive.modulation]) are written
-    to sequence.h5.
+    airtact: air_letters, live_pinch, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch,
+    touch_ball. --no-pictures writes only the drive. The drives of moving foci ([drive.modulation])
+    are written to sequence.h5.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
@@ -93,11 +93,21 @@ def _record(result: "Rendering") -> dict[str, Any]:
             setup.foci, setup.target.points, result.pressures, goals, strict=True
         )
     ]
+    contacts = []
+    if setup.contacts is not None:
+        touch = setup.contacts
+        contacts = [
+            {"place": place, "object": name, "depth": float(depth), "position": point.tolist()}
+            for place, name, depth, point in zip(
+                touch.places, touch.objects, touch.depths, touch.points, strict=True
+            )
+        ]
     return {
         "method": result.method,
         "headline": result.headline,
         "remarks": list(result.remarks),
         "foci": foci,
+        "contacts": contacts,
         "sensation": list(result.sensation),
         "estimated_error": result.estimated_error,
         "seconds": dict(result.seconds),

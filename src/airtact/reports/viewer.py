@@ -154,6 +154,7 @@ def viewer_alternative(view: SceneView) -> str:
             for name, pressure in zip(view.setup.foci, got, strict=True)
         )
     bodies = "" if view.surfaces is None else ", the bodies"
+    bodies += "".join(f", the virtual object {thing.name}" for thing in view.setup.objects)
     bodies += ", a rigid plane" if view.setup.scene.planes else ""
     elements = counted(len(view.setup.array), "transducer", "transducers")
     first = next(iter(view.drives))
@@ -169,6 +170,9 @@ def _caption(view: SceneView) -> str:
         sentences.append(f"Drives are shown at {view.held_equal}.")
     if view.setup.scene.planes:
         sentences.append("The rigid plane is a sheet; from behind, only its edge is drawn.")
+    if view.setup.objects:
+        names = ", ".join(thing.name for thing in view.setup.objects)
+        sentences.append(f"Virtual objects ({names}) are transparent: sound passes through them.")
     if len(paths_of(view.setup)):
         sentences.append("Foci move along the dashed lines; the field is shown for foci at rest.")
     if view.surfaces:
@@ -226,6 +230,7 @@ def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
             )
         ],
         "paths": [[_rounded(1e3 * point) for point in path] for path in paths_of(view.setup)],
+        "objects": [thing.name for thing in view.setup.objects],
         "sheets": [[_rounded(1e3 * corner) for corner in sheet] for sheet in view.sheets],
         "slices": _planes(view),
         "views": _views(view),
@@ -256,6 +261,10 @@ def _arrays(view: SceneView) -> dict[str, np.ndarray]:
         arrays["triangles"] = view.surfaces.triangles.astype(np.uint32)
         for index in range(len(view.drives)):
             arrays[f"surface {index}"] = _bytes(view.surfaces.pressures[:, index], view.peak)
+    for thing in view.setup.objects:
+        vertices, triangles = thing.mesh
+        arrays[f"object {thing.name} vertices"] = (1e3 * vertices).astype(np.float32)
+        arrays[f"object {thing.name} triangles"] = triangles.astype(np.uint32)
     return arrays
 
 

@@ -41,15 +41,15 @@ def built(function: Callable[..., Made], table: Table, *leave_out: str) -> Made:
 
 def bodies_of(
     file: SceneFile, folder: Path, medium: Callable[[MediumTable], Medium]
-) -> "tuple[list[str], list[Obstacle], NamedPoints, list[at.Hand]]":
-    """Build the bodies of a scene file: names, obstacles, named points and hands.
+) -> "tuple[list[str], list[Obstacle], NamedPoints, dict[str, at.Hand]]":
+    """Build the bodies of a scene file: names, obstacles, named points, and hands by their bodies.
 
     Paths of surfaces and hands are relative to the folder. ``medium`` builds the fluid in a body.
     """
     obstacles: list[Obstacle] = []
     names: list[str] = []
     points: NamedPoints = {}
-    hands: list[at.Hand] = []
+    hands: dict[str, at.Hand] = {}
     used = {focus.at for focus in file.foci if focus.at is not None}
     for index, table in enumerate(file.obstacles):
         with about(f"obstacles[{index}]"):
@@ -83,7 +83,8 @@ def bodies_of(
                     f"{name} is a named point of two bodies; give {advice}.", code="given_twice"
                 )
             points |= places
-            hands += of_table
+            if of_table:  # such a table has one body
+                hands[names[-1]] = of_table[0]
     if file.merge_bodies:
         with about("merge_bodies"):
             names, obstacles = _merged(names, obstacles)

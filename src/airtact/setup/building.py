@@ -34,6 +34,7 @@ from airtact.setup.tables import (
     SceneFile,
     Shape,
 )
+from airtact.setup.touching import touched
 from airtact.transducers.boards import MURATA_RADIUS, board_named
 from airtact.transducers.element import (
     DEFAULT_SENSITIVITY,
@@ -95,13 +96,14 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
     with about("array"):
         array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
         plates = at.reflecting_boards(array) if file.array.reflects else ()
+    objects, contacts = touched(file, path.parent, bodies, obstacles, hands)
     # Reflecting boards are bodies of the scene too; warnings and reports need their names.
     bodies += ["boards"] if len(plates) == 1 else [f"board {index}" for index in range(len(plates))]
     scene = Scene(medium, [*obstacles, *plates], frequency=file.frequency, planes=planes)
     surfaces = {
         name: obstacle.surface for name, obstacle in zip(bodies, scene.obstacles, strict=True)
     }
-    target, foci = _target(file, points, surfaces, path.parent)
+    target, foci = _target(file, points, surfaces, path.parent, contacts, scene.wavelength)
     with about("solver"):
         solver = _solver(file, scene)
     with about("tracker"):
@@ -112,6 +114,10 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
             levels = LevelsTable(levels, levels)
         with about("modulation"):
             modulation = _modulation(file.drive.modulation, len(foci))
+        if modulation is None and contacts is not None and contacts.runs:
+            from airtact.drives.motion import Motion
+
+            modulation = Motion("stm", "points")
     uncertainty: dict[str, Any] = {}
     if file.uncertainty is not None:
         values = msgspec.structs.asdict(file.uncertainty)
@@ -133,8 +139,10 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
         bodies=tuple(bodies),
         foci=foci,
         board=board,
-        hands=tuple(hands),
+        hands=tuple(hands.values()),
         riding=() if None in riding else tuple(riding),
+        objects=objects,
+        contacts=contacts,
         tracker=tracker,
         path=path,
         text=text,
@@ -228,9 +236,14 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
 
 
 def _target(
-    file: SceneFile, named: NamedPoints, bodies: Mapping[str, Surface], folder: Path
+    file: SceneFile,
+    named: NamedPoints,
+    bodies: Mapping[str, Surface],
+    folder: Path,
+    contacts: "at.touch.Contacts | None",
+    wavelength: float,
 ) -> tuple[Target, tuple[str, ...]]:
-    """Build the target, and return a name for each focus."""
+    """Build the target of the foci, or of the contacts, and return a name for each focus."""
 
     def check_total(count: int) -> None:
         if count > file.most_points:
@@ -246,6 +259,17 @@ def _target(
     total = 0
     points = []
     names = []
+    wanted: dict[str, Any] = {}
+    if contacts is not None:
+        with about("objects"):
+            touch = contacts.target(wavelength=wavelength)
+            names += list(contacts.foci(wavelength=wavelength).names)
+        if contacts.runs:
+            names = [f"outline {index + 1}" for index in range(len(touch.points))]
+        points.append(touch.points)
+        wanted = {} if touch.shares is None else {"shares": touch.shares}
+        total += len(touch.points)
+        check_total(total)
     for index, table in enumerate(file.foci):
         with about(f"foci[{index}]"):
             points.append(_foci(table, named, bodies, folder))
@@ -268,7 +292,7 @@ def _target(
         target = Target(
             np.concatenate(points),
             suppression_points=np.concatenate(zones),
-            **_wanted(file, [len(of_table) for of_table in points]),
+            **(wanted or _wanted(file, [len(of_table) for of_table in points])),
         )
     return target, tuple(names)
 
@@ -276,6 +300,8 @@ def _target(
 def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "foci"]]:
     """Return the pressures or shares of all foci; an empty mapping if no table has any."""
     values: dict[str, Any] = {}
+    if not file.foci:
+        return values
     for key in ("pressure", "share", "phase_degrees"):
         of_tables = [getattr(table, key) for table in file.foci]
         missing = of_tables.count(None)

@@ -32,6 +32,7 @@ from airtact.setup.sentences import (
     sensations,
     shadows,
     share_of_bound,
+    touches,
 )
 from airtact.setup.setup import Setup
 from airtact.setup.solving import (
@@ -289,7 +290,7 @@ def render(
         sequence=sequence,
         robustness=robustness,
         headline=headline(comparison, drive, body_word(setup.bodies), setup.foci),
-        remarks=(*remarks, share_of_bound(setup, transfer, drive)),
+        remarks=(*touches(setup), *remarks, share_of_bound(setup, transfer, drive)),
         sensation=sensations(setup, pressures, None if sequence is None else sequence.weakest),
         warnings=(
             *reach_cautions(setup),

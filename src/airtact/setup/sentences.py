@@ -31,6 +31,20 @@ def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
     return np.asarray(-setup.scene.depth(setup.target.points) <= MAX_SKIN_DISTANCE)
 
 
+def touches(setup: Setup) -> tuple[str, ...]:
+    """State what touches which virtual object, and how deep."""
+    if setup.contacts is None:
+        return ()
+    contacts = setup.contacts
+    words = [
+        f"{place} {1e3 * depth:.1f} mm deep in {name}"
+        for place, depth, name in zip(
+            contacts.places, contacts.depths, contacts.objects, strict=True
+        )
+    ]
+    return (f"Touching: {', '.join(words)}.",)
+
+
 def reach_cautions(setup: Setup) -> tuple[str, ...]:
     """Warn of foci that are hard to reach, to separate or to feel, before anything is solved."""
     scene = setup.scene
@@ -47,6 +61,9 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
             f"boards {first} and {second} overlap around {in_mm(point)}: two boards cannot be at "
             "one place; move one of them."
         )
+    if setup.contacts is not None and not setup.contacts.runs:
+        note = setup.contacts.foci(wavelength=scene.wavelength).note
+        cautions += [f"{note}."] if note else []
     motion = setup.motion
     if motion is not None and not motion.through_points(len(points)):
         distances = motion.strayed(scene, setup.target, setup.array.positions.mean(axis=0))

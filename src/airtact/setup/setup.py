@@ -46,6 +46,8 @@ class Setup:
     board : kind of the boards of the array, or None.
     hands : hands that are bodies or define named points, in the obstacles' frame.
     riding : for each focus its named point and its distance from the surface [m], or None.
+    objects : virtual objects.
+    contacts : contacts of the bodies with the objects if they are the foci, or None.
     tracker : pose of the tracker of a live hand, from its frame to the obstacles'.
     left_out : planes behind the boards. No sound reaches them, so the scene omits them.
     path, text : the scene file and its content, if the setup comes from one.
@@ -82,6 +84,8 @@ class Setup:
     board: str | None = None
     hands: "tuple[at.Hand, ...]" = ()  # by this name, so that hands are imported when used
     riding: tuple[tuple[str, float] | None, ...] = ()
+    objects: "tuple[at.VirtualObject, ...]" = ()
+    contacts: "at.touch.Contacts | None" = None
     tracker: Pose = field(default_factory=Pose.identity)
     left_out: tuple[Plane, ...] = ()
     path: Path | None = None
@@ -156,6 +160,7 @@ class Setup:
             ", ".join(self.bodies) or "no bodies",
             counted(len(self.array), "transducer", "transducers"),
             counted(len(self.foci), "focus", "foci"),
+            counted(len(self.objects), "object", "objects") if self.objects else "",
             f"method {self.method}",
         )
 

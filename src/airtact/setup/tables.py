@@ -237,6 +237,109 @@ class ObstacleTable(Table, frozen=True):
     pose: PoseTable | None = None
 
 
+class BoxTable(Table, frozen=True):
+    """A box along the axes.
+
+    Attributes
+    ----------
+    sides : lengths along x, y and z [m].
+    centre : centre of the box [m].
+    """
+
+    sides: Triple
+    centre: Triple = (0.0, 0.0, 0.0)
+
+
+class CylinderTable(Table, frozen=True):
+    """A cylinder with flat ends.
+
+    Attributes
+    ----------
+    start, end : ends of the axis [m].
+    radius : radius of the cylinder [m].
+    """
+
+    start: Triple
+    end: Triple
+    radius: Positive
+
+
+class ButtonTable(Table, frozen=True):
+    """A disc that is pressed down.
+
+    Attributes
+    ----------
+    centre : centre of the disc at rest [m].
+    radius : radius of the disc [m].
+    travel : distance that it can be pressed [m].
+    normal : direction from which it is pressed.
+    """
+
+    centre: Triple
+    radius: Positive
+    travel: Positive
+    normal: Triple = (0.0, 0.0, 1.0)
+
+
+class HalfSpaceTable(Table, frozen=True):
+    """All points behind a plane.
+
+    Attributes
+    ----------
+    point : any point of the plane [m].
+    normal : direction out of the object.
+    """
+
+    point: Triple
+    normal: Triple
+
+
+class GratingTable(Table, frozen=True):
+    """Parallel ridges on an object.
+
+    Attributes
+    ----------
+    pitch : distance from ridge to ridge [m].
+    direction : direction across the ridges.
+    """
+
+    pitch: Positive
+    direction: Triple = (1.0, 0.0, 0.0)
+
+
+class ObjectTable(Table, frozen=True):
+    """A virtual object, which sound passes through and skin feels.
+
+    Attributes
+    ----------
+    sphere, capsule, box, cylinder, half_space, button : object given by formula.
+    surface : closed mesh file beside the scene file.
+    scale : length of one unit of the mesh file [m]; 1 if left out.
+    name : name of the object in results.
+    style : "points", a focus where each pad is deepest; "outline", a focus that runs along the edge
+        of the contact; "texture", as "points", stronger on the ridges of ``grating``.
+    grating : ridges fixed to the object.
+    stiffness : increase of the strength, from 0.2 to 1, per depth [1/m]; 400, of a button 0.8 /
+        ``travel``, if left out.
+    pose : pose of the object.
+    """
+
+    one_of: ClassVar = ("sphere", "capsule", "box", "cylinder", "half_space", "button", "surface")
+    sphere: SphereTable | None = None
+    capsule: CapsuleTable | None = None
+    box: BoxTable | None = None
+    cylinder: CylinderTable | None = None
+    half_space: HalfSpaceTable | None = None
+    button: ButtonTable | None = None
+    surface: str | None = None
+    scale: Annotated[Positive | None, only_with("surface")] = None
+    name: str = ""
+    style: Literal["points", "outline", "texture"] = "points"
+    grating: Annotated[GratingTable | None, needed_by('style = "texture"')] = None
+    stiffness: Positive | None = None
+    pose: PoseTable | None = None
+
+
 class PlaneTable(Table, frozen=True):
     """A rigid plane, such as a table.
 
@@ -540,7 +643,8 @@ class SceneFile(Table, frozen=True):
     Attributes
     ----------
     array : the transducers.
-    foci : points that a person feels.
+    foci : points that a person feels; where bodies touch ``objects``, if left out.
+    objects : virtual objects; at most 64.
     medium : fluid around the bodies; air at 20 °C if left out.
     suppression : points where the sound is suppressed.
     obstacles : bodies.
@@ -555,7 +659,8 @@ class SceneFile(Table, frozen=True):
     """
 
     array: ArrayTable
-    foci: Annotated[list[FocusTable], Meta(min_length=1)]
+    foci: list[FocusTable] = []
+    objects: list[ObjectTable] = []
     medium: MediumTable = msgspec.field(default_factory=lambda: MediumTable(celsius=20.0))
     suppression: list[SuppressionTable] = []
     obstacles: Annotated[list[ObstacleTable], Meta(max_length=256)] = []
@@ -567,3 +672,11 @@ class SceneFile(Table, frozen=True):
     drive: DriveTable = DriveTable()
     uncertainty: UncertaintyTable | None = None
     tracker: PoseTable | None = None
+
+    def __post_init__(self) -> None:
+        """Raise "key_missing" if there is nothing to feel."""
+        super().__post_init__()
+        if not self.foci and not self.objects:
+            raise InvalidInput(
+                "the key foci is missing: give [[foci]] or [[objects]].", code="key_missing"
+            )

@@ -60,7 +60,7 @@ class VirtualObject:
     name: str = ""
     _: KW_ONLY
     style: Literal["points", "outline", "texture"] = "points"
-    stiffness: float = None  # pyright: ignore[reportAssignmentType]
+    stiffness: float | None = None
     texture: Grating | HeightMap | None = None
 
     def __post_init__(self) -> None:
@@ -75,12 +75,8 @@ class VirtualObject:
         of_kind(self.name, str, "the name of a virtual object", 'a text such as "ball"')
         check_choice(self.style, "the style of a virtual object", STYLES)
         near_point(self.ball[0], f"the middle of the object {self.name}".rstrip())
-        stiffness = self.stiffness
-        if stiffness is None:
-            full_at = self.shape.travel if isinstance(self.shape, Button) else 2e-3
-            stiffness = (1.0 - FIRST_STRENGTH) / full_at
-        stiffness = positive(stiffness, "the stiffness of a virtual object", "1/m")
-        object.__setattr__(self, "stiffness", stiffness)
+        if self.stiffness is not None:
+            positive(self.stiffness, "the stiffness of a virtual object", "1/m")
         if (self.texture is None) == (self.style == "texture"):
             raise InvalidInput(
                 'style = "texture" needs a texture such as at.touch.Grating(pitch), and only this '
@@ -141,7 +137,11 @@ class VirtualObject:
         self, points: Real[np.ndarray, "points 3"], depths: PointLengths
     ) -> Float64[np.ndarray, "points"]:
         """Strength (P,), 0 to 1, of touches at points (P, 3) [m] of depths (P,) [m]."""
-        rising = FIRST_STRENGTH + self.stiffness * np.maximum(depths, 0.0)
+        stiffness = self.stiffness
+        if stiffness is None:
+            full_at = self.shape.travel if isinstance(self.shape, Button) else 2e-3
+            stiffness = (1.0 - FIRST_STRENGTH) / full_at
+        rising = FIRST_STRENGTH + stiffness * np.maximum(depths, 0.0)
         strengths = np.minimum(rising, 1.0)
         if self.texture is None:
             return strengths

@@ -4,6 +4,7 @@
 
 const FAINT = 0.1; // share of the largest pressure below which a difference fades to grey
 const SHEET = 0x735c40; // colour of a rigid plane
+const OBJECT = 0x2f7fb8; // colour of a virtual object
 const SLOW = 60; // ms between frames above which a drag is drawn more coarsely
 
 // Colour of a pressure, or of the ratio of two pressures, from the square roots of pressure / largest.
@@ -150,8 +151,18 @@ class Viewer {
     }
     this.elements = this.discs();
     this.sheets = facts.sheets.map((corners) => this.sheet(corners));
+    this.objects = facts.objects.map((name) => this.virtualObject(name));
     for (const drawn of [this.slice, this.edge, this.elements]) drawn.frustumCulled = false;
-    this.scene.add(this.slice, this.edge, this.surface, this.elements, ...this.sheets);
+    this.scene.add(this.slice, this.edge, this.surface, this.elements, ...this.sheets, ...this.objects);
+  }
+
+  // A virtual object: its front and back are translucent, so that the skin inside stays visible.
+  virtualObject(name) {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", this.numbersOf(this.array(`object ${name} vertices`), 3));
+    geometry.setIndex(this.numbersOf(this.array(`object ${name} triangles`), 1));
+    const glass = { transparent: true, opacity: 0.18, depthWrite: false, side: THREE.DoubleSide };
+    return new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: OBJECT, ...glass }));
   }
 
   // A rigid plane: a translucent sheet from the front, and only its edge from behind, so that it tints no pressure.

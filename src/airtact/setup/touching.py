@@ -1,0 +1,87 @@
+"""The virtual objects of a scene file, and where its bodies touch them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import airtact as at
+from airtact.acoustics.scene import Obstacle
+from airtact.errors import InvalidInput, about
+from airtact.geometry.surface import Surface
+from airtact.setup.bodies import built, pose_of
+from airtact.setup.tables import ObjectTable, SceneFile
+
+
+def touched(
+    file: SceneFile,
+    folder: Path,
+    bodies: Sequence[str],
+    obstacles: Sequence[Obstacle],
+    hands: "Mapping[str, at.Hand]",
+) -> "tuple[tuple[at.VirtualObject, ...], at.touch.Contacts | None]":
+    """Build the objects of a scene file and find the contacts, unless the file has foci.
+
+    Parameters
+    ----------
+    bodies, obstacles : bodies and their names.
+    hands : hands by the names of their bodies.
+
+    Raises
+    ------
+    InvalidInput
+        "empty" if there are no foci and nothing touches; as ``at.contact``.
+    """
+    if not file.objects:
+        return (), None
+    # Importing the package takes time, so only scenes with objects do.
+    from airtact.touch.objects import objects_of
+
+    objects = []
+    for index, table in enumerate(file.objects):
+        with about(f"objects[{index}]"):
+            objects.append(_object(table, folder))
+    with about("objects"):
+        things = objects_of(objects)
+        if file.foci:
+            return things, None
+        skins: dict[str, at.Hand | Surface] = {}
+        for name, obstacle in zip(bodies, obstacles, strict=True):
+            # A scanned hand is its mesh; its joints only name places.
+            modelled = name in hands and obstacle.surface.primitive is not None
+            skins[name] = hands[name] if modelled else obstacle.surface
+        contacts = at.contact(skins, things)
+        if not len(contacts):
+            points = contacts.skin.points
+            near = {thing.name: -float(thing.exact_depth(points).max()) for thing in things}
+            name = min(near, key=lambda name: near[name])
+            raise InvalidInput(
+                f"no body touches an object: the nearest, {name}, is {1e3 * near[name]:.2g} mm "
+                "from the skin. Move one of them, or give [[foci]].",
+                code="empty",
+            )
+        return things, contacts
+
+
+def _object(table: ObjectTable, folder: Path) -> "at.VirtualObject":
+    if table.sphere is not None:
+        shape = built(at.sphere, table.sphere)
+    elif table.capsule is not None:
+        shape = built(at.capsule, table.capsule)
+    elif table.box is not None:
+        shape = built(at.touch.Box, table.box)
+    elif table.cylinder is not None:
+        shape = built(at.touch.Cylinder, table.cylinder)
+    elif table.half_space is not None:
+        shape = built(at.touch.HalfSpace, table.half_space)
+    elif table.button is not None:
+        shape = built(at.touch.Button, table.button)
+    else:
+        assert table.surface is not None
+        shape = at.load_surface(folder / table.surface, table.scale)
+    return at.VirtualObject(
+        shape,
+        None if table.pose is None else pose_of(table.pose),
+        table.name,
+        style=table.style,
+        stiffness=table.stiffness,
+        texture=None if table.grating is None else built(at.touch.Grating, table.grating),
+    )
