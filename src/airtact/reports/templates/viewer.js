@@ -161,7 +161,7 @@ class Viewer {
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", this.numbersOf(this.array(`object ${name} vertices`), 3));
     geometry.setIndex(this.numbersOf(this.array(`object ${name} triangles`), 1));
-    const glass = { transparent: true, opacity: 0.18, depthWrite: false, side: THREE.DoubleSide };
+    const glass = { transparent: true, opacity: 0.3, depthWrite: false, side: THREE.DoubleSide };
     return new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: OBJECT, ...glass }));
   }
 
