@@ -43,7 +43,8 @@ def load_surface(
     sharp_degrees : angle between neighbouring triangles above which their edge remains sharp; the
         rest of the surface is curved.
     union : replace parts that overlap, such as those of a CAD export, by the surface around all of
-        them, on a grid of 1/256 of the body's length. Edges are rounded on that scale.
+        them, on a grid of 1/256 of the body's length. Edges are cut off on that scale, and edges that
+        turn by more than 30 degrees stay sharp.
     progress : called with a description of each step when it begins.
 
     Raises
@@ -68,6 +69,8 @@ def load_surface(
         if union:
             scaled, triangles, note = united_parts(scaled, triangles)
             united = (note,)
+            # The grid cuts an edge off by chamfers of about 45°, which must not be curved.
+            sharp_degrees = min(sharp_degrees, 30.0)
         sound = repaired(scaled, triangles, largest_hole)
         report_step("curving the surface")
         mesh = QuadraticMesh(fixed(sound.vertices), sound.triangles, sharp_degrees=sharp_degrees)
