@@ -43,8 +43,8 @@ def load_surface(
     sharp_degrees : angle between neighbouring triangles above which their edge remains sharp; the
         rest of the surface is curved.
     union : replace parts that overlap, such as those of a CAD export, by the surface around all of
-        them, on a grid of 1/256 of the body's length. Edges are cut off on that scale, and edges that
-        turn by more than 30 degrees stay sharp.
+        them, on a grid of 1/256 of the body's length. Edges are cut off on that scale, and those
+        that turn by more than 30 degrees stay sharp.
     progress : called with a description of each step when it begins.
 
     Raises
