@@ -93,9 +93,8 @@ def _scene(path: Path) -> Any:
             return trimesh.Scene(trimesh.Trimesh(vertices, triangles, process=False))
         if suffix == ".glb":  # the JSON is the first chunk: glTF 2.0, section 4.4
             _check_accessors(json.loads(content[20:][: int.from_bytes(content[12:16], "little")]))
-        settings: dict[str, Any] = {"process": False}
         return trimesh.load_scene(
-            io.BytesIO(content), file_type=suffix[1:], skip_materials=True, **settings
+            io.BytesIO(content), file_type=suffix[1:], skip_materials=True, process=False
         )
 
 

@@ -56,10 +56,8 @@ class Workspace:
 
 def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
     """Return the hand of a frame, or a short reason why there is none."""
-    if frame.lost:
-        return "lost"
     if frame.landmarks is None:
-        return "no landmarks"
+        return "lost" if frame.lost else "no landmarks"
     try:
         return hand_in(scene, frame.landmarks)
     except InvalidInput as fault:

@@ -8,7 +8,7 @@ from threading import Event, Lock, Thread
 
 import numpy as np
 
-from airtact.errors import InvalidInput, between, positive
+from airtact.errors import InvalidInput, between, check_choice, positive
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.hands.hand import Hand
 from airtact.hands.tracking.frame import HandFrame
@@ -173,10 +173,7 @@ class ReceivedHands(HandSource):
         self, kind: str, port: int, tracker: Pose | None = None, every: bool = False
     ) -> None:
         receivers = {"websocket": WebSocketReceiver, "osc": OscReceiver}
-        if kind not in receivers:
-            raise InvalidInput(
-                f"{kind!r} is not a kind of socket: give websocket or osc.", code="unknown_name"
-            )
+        check_choice(kind, "the kind of socket", list(receivers))
         super().__init__(kind, tracker, every)
         self._receiver = receivers[kind](self.stream, port)
         scheme = "ws://" if kind == "websocket" else "OSC at "

@@ -130,13 +130,12 @@ class Library:
         if not self._solutions:
             self._distances = np.empty((self._capacity, *solution.distances.shape))
             self._directions = np.empty((self._capacity, *solution.directions.shape))
-        same_gap = 0.25e-3  # poses that differ by less are nearly the same [m]
-        same_turn = 0.02  # and by less than this [rad]
         index = len(self._solutions)
         if index:
             gap, turned = self._changes(solution.distances, solution.directions)
-            nearest = int(np.argmin(gap / same_gap + turned / same_turn))
-            if gap[nearest] < same_gap and turned[nearest] < same_turn:
+            # Poses that differ by less than 0.25 mm and 0.02 rad are nearly the same.
+            nearest = int(np.argmin(gap / 0.25e-3 + turned / 0.02))
+            if gap[nearest] < 0.25e-3 and turned[nearest] < 0.02:
                 index = nearest
             elif index == self._capacity:
                 index = self._oldest
