@@ -49,7 +49,7 @@ class Case:
 
     def __init__(self, surface: at.Surface) -> None:
         self.scene = at.Scene(PAPER_AIR, [at.sound_hard(surface)])
-        self.ready = at.FiniteElement(symmetry=()).factorised(self.scene)
+        self.ready = at.FiniteElement().factorised(self.scene)
         nodes, chance = surface.vertices, np.random.default_rng(5)
         self.reach = float(np.linalg.norm(nodes, axis=1).max())
         chosen = nodes[chance.choice(len(nodes), 3, replace=False)]
@@ -83,7 +83,7 @@ def test_contact_where_panels_stand_off_each_other_agrees_with_finite_elements()
     """Two vertices beside panels that lie 1 and 11 micrometres off the one that is touched."""
     tip = fingertip()
     scene, points = hard(at.Surface(tip.vertices, tip.triangles)), far_points(30)
-    ready = at.FiniteElement(symmetry=()).factorised(scene)
+    ready = at.FiniteElement().factorised(scene)
     for vertex in tip.vertices[[70, 110]]:
         sources = one_each(vertex[None])
         found = at.BoundaryElement().radiate(scene, sources).at(points)
@@ -118,7 +118,7 @@ def test_a_body_turned_and_moved_scatters_the_same(case):
     pose = at.Pose.turn(np.array([1.0, 2.0, -1.0]), 0.7, translation=(0.02, -0.01, 0.005))
     moved = at.Scene(PAPER_AIR, [at.sound_hard(case.scene.obstacles[0].surface.moved(pose))])
     rest = case.ready.radiate(case.scene, one_each(case.sources)).at(far_points(20))
-    field = at.FiniteElement(symmetry=()).radiate(moved, one_each(pose.apply(case.sources)))
+    field = at.FiniteElement().radiate(moved, one_each(pose.apply(case.sources)))
     assert relative(field.at(pose.apply(far_points(20))), rest).max() < 0.012
 
 
@@ -128,7 +128,7 @@ def test_water_keeps_power_and_an_impedance_absorbs_it(kind):
         at.filled(capsule(), WATER) if kind == "water" else at.impedance(capsule(), 1.5 + 0.5j)
     )
     scene = at.Scene(PAPER_AIR, [obstacle])
-    ready = at.FiniteElement(order=4, symmetry=()).factorised(scene)
+    ready = at.FiniteElement(order=4).factorised(scene)
     source = np.array([[0.0, 0.004, 0.03]])
     left, crossed = power_through(ready.radiate(scene, one_each(source)), 0.016)
     assert abs(left) < 5e-3 * crossed if kind == "water" else left < -0.1 * crossed

@@ -34,7 +34,7 @@ SCENE = hard(BALL)
 @pytest.fixture(scope="module", params=["series", "boundary element", "finite element"])
 def solver(request) -> at.acoustics.Solver:
     if request.param == "finite element":
-        return at.FiniteElement(order=4, symmetry=()).factorised(SCENE)
+        return at.FiniteElement(order=4).factorised(SCENE)
     return at.SphereSeries() if request.param == "series" else at.BoundaryElement()
 
 

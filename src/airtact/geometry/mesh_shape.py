@@ -177,14 +177,23 @@ def _new_panels(mesh: QuadraticMesh, edge: float, away: float) -> QuadraticTrian
     )
     expected = mesh.area / (np.sqrt(3) / 4 * edge**2)
     new = remeshed(base, np.min(limits, axis=0), edge, expected, wall)
-    return _cut_where_it_helps(mesh, _on_surface(mesh, new, edge), edge, away)
+    corners, middles = placed_on(mesh, new, edge)
+    panels = mesh.levelled(np.concatenate([corners[new.triangles], middles], axis=1))
+    return _cut_where_it_helps(mesh, panels, edge, away)
 
 
-def _on_surface(mesh: QuadraticMesh, new: RidgedMesh, edge: float) -> QuadraticTriangles:
-    corners = mesh.project(new.vertices)
+def placed_on(
+    surface: QuadraticMesh | Shape, new: RidgedMesh, edge: float
+) -> tuple[PointVectors, EdgeVectors]:
+    """Move the vertices of a mesh near a surface onto it, and find points of it between them.
+
+    Return the vertices (V, 3) [m] and the points at the middles of edges 01, 12, 20 (T, 3, 3) [m].
+    Both ends and the middle of a sharp edge lie on a sharp edge of the surface.
+    """
+    corners = surface.project(new.vertices)
     on_ridge = np.unique(new.ridges)
     if len(on_ridge):
-        corners[on_ridge] = mesh.project_on_sharp_edges(new.vertices[on_ridge])
+        corners[on_ridge] = surface.project_on_sharp_edges(new.vertices[on_ridge])
     # A far projection belongs to another part of the surface, and is ignored.
     outlying = np.linalg.norm(corners - new.vertices, axis=1) > 0.3 * edge
     corners[outlying] = new.vertices[outlying]
@@ -192,13 +201,11 @@ def _on_surface(mesh: QuadraticMesh, new: RidgedMesh, edge: float) -> QuadraticT
         np.sort(edge_ends(new.triangles).reshape(-1, 2), axis=1), axis=0, return_inverse=True
     )
     straight = corners[edges].mean(axis=1)
-    middles = mesh.project(straight)
+    middles = surface.project(straight)
     if len(on_ridge):
         along = are_among(edges, new.ridges)
-        middles[along] = mesh.project_on_sharp_edges(straight[along])
-    return mesh.levelled(
-        np.concatenate([corners[new.triangles], middles[inverse.ravel()].reshape(-1, 3, 3)], axis=1)
-    )
+        middles[along] = surface.project_on_sharp_edges(straight[along])
+    return corners, middles[inverse.ravel()].reshape(-1, 3, 3)
 
 
 def _cut_where_it_helps(

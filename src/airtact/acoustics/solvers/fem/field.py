@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Complex128
+from jaxtyping import Bool
 
 from airtact import _kernels
 from airtact.acoustics.scene import CONTACT, Scene
 from airtact.acoustics.solvers.arrays import (
     Coefficients,
     Mask,
+    NodeValues,
     Points,
     Pressures,
     SourcePoints,
@@ -19,16 +20,10 @@ from airtact.acoustics.solvers.arrays import (
     Vectors,
 )
 from airtact.acoustics.solvers.fem.libraries import ngsolve_library
-from airtact.acoustics.solvers.fem.symmetry import TOLERANCE, images, parities, signs
 from airtact.acoustics.solvers.fem.system import System
 from airtact.acoustics.solvers.fem.weak_form import QuadraturePoints
-from airtact.acoustics.solvers.open_air import (
-    monopole_pressure,
-)
-from airtact.acoustics.solvers.problem import (
-    RadiatedField,
-    SurfaceField,
-)
+from airtact.acoustics.solvers.open_air import monopole_pressure
+from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import in_mm
 
@@ -69,27 +64,21 @@ class Solution:
     ----------
     system : the equation that was solved.
     outer : monopoles whose free field is added.
-    parts : (unknowns, S) coefficients of the finite elements on the mirrors' positive side, for
-        each parity that is not negligible.
+    coefficients : (unknowns, S) of the finite elements.
     """
 
     system: System
     outer: PointSources
-    parts: dict[tuple[int, ...], Coefficients]
+    coefficients: Coefficients
 
     def total(self, points: Points) -> Pressures:
         """Total pressure at points (P, 3) [λ] in the box, by interpolation in the tetrahedra."""
-        folded, image = self.system.folded(points)
-        mapped = self.system.mesh_points(*self.system.holding(folded))
+        mapped = self.system.mesh_points(*self.system.holding(points))
         pressure = self.outer.pressure(points, self.system.wavenumber)
-        if not len(points):
-            return pressure
         function = ngsolve_library().GridFunction(self.system.space)
-        for parity, part in self.parts.items():
-            for column in range(part.shape[1]):
-                function.vec.FV().NumPy()[:] = part[:, column]
-                values = np.asarray(function(mapped)).ravel()
-                pressure[:, column] += signs(parity)[image] * values
+        for column in range(pressure.shape[1]):
+            function.vec.FV().NumPy()[:] = self.coefficients[:, column]
+            pressure[:, column] += np.asarray(function(mapped)).ravel()
         return pressure
 
     def scattered(self, points: Points, clear: bool = False) -> Pressures:
@@ -109,61 +98,32 @@ class Solution:
         monopole_weights = np.concatenate(
             [w_s[surface.body] * surface.areas, w_v[interior.body] * interior.areas]
         )[:, None]
-        scattered = np.zeros((len(points), self.outer.strengths.shape[1]), dtype=np.complex128)
-        on_surface = self.at_nodes(surface)
-        inside = self.at_nodes(interior)
-        for number, image in enumerate(images(system.mirrors, points)):
-            pressure = np.concatenate([on_surface[number], inside[number]])
-            # Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r
-            scattered += _kernels.surface_integral(
-                image,
-                positions,
-                normals,
-                monopole_weights * pressure,
-                dipole_weights * pressure,
-                system.wavenumber,
-            )
-        return scattered
+        pressure = np.concatenate([self.at_nodes(surface), self.at_nodes(interior)])
+        # Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r
+        return _kernels.surface_integral(
+            points,
+            positions,
+            normals,
+            monopole_weights * pressure,
+            dipole_weights * pressure,
+            system.wavenumber,
+        )
 
-    def at_nodes(
-        self, nodes: QuadraturePoints
-    ) -> list[Complex128[np.ndarray, "nodes excitations"]]:
-        """Total pressure at quadrature points and at each of their images."""
-        parts = {parity: nodes.pressure(part) for parity, part in self.parts.items()}
-        totals = []
-        for number, points in enumerate(images(self.system.mirrors, nodes.points)):
-            total = self.outer.pressure(points, self.system.wavenumber)
-            for parity, pressure in parts.items():
-                total += signs(parity)[number] * pressure
-            totals.append(total)
-        return totals
+    def at_nodes(self, nodes: QuadraturePoints) -> NodeValues:
+        """Total pressure at quadrature points."""
+        incident = self.outer.pressure(nodes.points, self.system.wavenumber)
+        return incident + nodes.pressure(self.coefficients)
 
 
 def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
     """Solve for the field scattered from ``outer`` monopoles, and ``inner`` point loads."""
-    every = parities(system.mirrors)
-    right = np.zeros((len(every), system.unknowns, outer.strengths.shape[1]), dtype=np.complex128)
+    right = np.zeros((system.unknowns, outer.strengths.shape[1]), dtype=np.complex128)
     if len(outer.positions):
-        # The part of a source with a parity is the sum of its images with that parity's signs.
-        for number, positions in enumerate(images(system.mirrors, outer.positions)):
-            scattered = system.right_hand_side(positions, outer.strengths)
-            for row, parity in enumerate(every):
-                right[row] += signs(parity)[number] / len(every) * scattered
-    folded, image = system.folded(inner.positions)
-    number, weights = system.holding(folded)
+        right += system.right_hand_side(outer.positions, outer.strengths)
+    number, weights = system.holding(inner.positions)
     for source, strengths in enumerate(inner.strengths):
-        load = system.point_load(int(number[source]), weights[source])
-        for row, parity in enumerate(every):
-            sign = signs(parity)[image[source]]
-            right[row] += sign / len(every) * load[:, None] * strengths
-    # Monopoles on a mirror have no odd part about it, so that part needs no factorisation.
-    negligible = 1e-10 * np.linalg.norm(right)
-    parts = {
-        parity: system.factor(parity).solve(side)
-        for parity, side in zip(every, right, strict=True)
-        if np.linalg.norm(side[system.free[parity]]) > negligible
-    }
-    return Solution(system, outer, parts)
+        right += system.point_load(int(number[source]), weights[source])[:, None] * strengths
+    return Solution(system, outer, system.factor.solve(right))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -194,13 +154,12 @@ class FiniteField(RadiatedField):
         """Total pressure at the quadrature points of the surfaces."""
         length = self.scene.wavelength
         nodes = self.system.surface
-        mirrors = self.system.mirrors
-        pressure = np.concatenate(self._scattering.at_nodes(nodes)) / length
-        points = np.concatenate(images(mirrors, nodes.points)) * length
-        # Mirrors reverse normals too, so their tips are mirrored.
-        tips = np.concatenate(images(mirrors, nodes.points + nodes.normals)) * length
-        areas = np.tile(nodes.areas, 2 ** len(mirrors)) * length**2
-        return SurfaceField(points, (tips - points) / length, areas, pressure)
+        return SurfaceField(
+            nodes.points * length,
+            nodes.normals,
+            nodes.areas * length**2,
+            self._scattering.at_nodes(nodes) / length,
+        )
 
     @cached_property
     def _scattering(self) -> Solution:
@@ -238,7 +197,7 @@ class FiniteField(RadiatedField):
                 continue
             image = 2 * self.system.nearest_on_surface(source.positions) - source.positions
             depth = float(nearest.surface.depth(image * length)[0])
-            if depth > -0.9 * max(depths) - TOLERANCE * length:
+            if depth > -0.9 * max(depths) - 1e-3 * length:
                 mirrored.append(PointSources(image, source.strengths))
         return mirrored
 

@@ -1,18 +1,16 @@
 """Tetrahedra from Netgen, in a box around the bodies and in the perfectly matched layer around it.
 
-Netgen meshes the flat faces, to which the triangles of the bodies are added. A deformation curves
-the tetrahedra next to the bodies. Lengths are in wavelengths, so that Netgen's tolerances do not
-depend on the frequency.
+Netgen meshes the faces of the boxes, to which the triangles of the bodies are added. A deformation
+curves the tetrahedra next to the bodies. Lengths are in wavelengths, so that Netgen's tolerances do
+not depend on the frequency.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
+from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
 from airtact.acoustics.scene import Scene
@@ -24,7 +22,6 @@ from airtact.acoustics.solvers.fem.libraries import (
     netgen_libraries,
 )
 from airtact.acoustics.solvers.fem.surface_mesh import SurfaceMesh, surface_mesh
-from airtact.acoustics.solvers.fem.symmetry import Mirror
 from airtact.errors import InvalidInput, in_mm
 
 # Netgen's limit on the growth of edges
@@ -55,23 +52,18 @@ class Box:
 
     Attributes
     ----------
-    low, high : (3,) corners of the air [m]; the box ends at mirrors.
-    layer : thickness of the perfectly matched layer around it, except at mirrors [m].
-    mirrors : planes of the lower sides of the box.
+    low, high : (3,) corners of the air [m].
+    layer : thickness of the perfectly matched layer around it [m].
     """
 
     low: Float64[np.ndarray, "3"]
     high: Float64[np.ndarray, "3"]
     layer: float
-    mirrors: tuple[Mirror, ...]
 
     @property
     def outer_low(self) -> Float64[np.ndarray, "3"]:
         """(3,) lower corner of the perfectly matched layer [m]."""
-        low = self.low - self.layer
-        for mirror in self.mirrors:
-            low[mirror.axis] = self.low[mirror.axis]
-        return low
+        return self.low - self.layer
 
     @property
     def outer_high(self) -> Float64[np.ndarray, "3"]:
@@ -192,17 +184,7 @@ def meshed(
     # Retry with smaller triangles until Netgen fills the box and no tetrahedron is folded.
     for shrinking in (0.8, 0.5, 0.3):
         edge = shrinking * size * scene.wavelength
-        surface = surface_mesh(shapes, edge, box.mirrors)
-        sides = surface.vertices[surface.triangles]
-        lengths = np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2)
-        if lengths.min() < SAME_POINT * scene.wavelength:
-            # Netgen crashes if two vertices coincide at two mirrors.
-            fault = InvalidInput(
-                f"triangles of {1e3 * edge:.3g} mm collapse where mirrors cut a body; increase "
-                "elements_per_wavelength.",
-                code="mesh_faulty",
-            )
-            continue
+        surface = surface_mesh(shapes, edge)
         with muted(), heeding_interrupts():
             mesh = _tetrahedra(surface, box, filled, scene.wavelength, size)
         if not _fills_box(mesh, box, surface, filled, scene.wavelength):
@@ -235,32 +217,28 @@ def _tetrahedra(
 ) -> NetgenMesh:
     """Fill a box with straight tetrahedra of edges up to ``size`` [λ], as Netgen's mesh.
 
-    The boundaries are named ``surface0``, ``surface1`` ... for the bodies and ``wall0``, ``wall2``,
-    ``wall4`` for mirrors across x, y, z; the materials ``air``, ``layer`` and ``body0``, ``body1``
-    ... Tetrahedra are missing if Netgen fails.
+    The boundaries of the bodies are named ``surface0``, ``surface1`` ... and the materials ``air``,
+    ``layer`` and ``body0``, ``body1`` ... Tetrahedra are missing if Netgen fails.
     """
-    meshing, _ = netgen_libraries()
-    vertices, flat, regions = _flat_faces(surface, box, filled, wavelength, size)
-    added = surface.vertices / wavelength
-    # Along a cut both meshes have the same vertices, which must be merged.
-    distance, nearest = KDTree(vertices).query(added)
-    same = distance < SAME_POINT
-    number = np.where(same, nearest, len(vertices) + np.cumsum(~same) - 1)
-    mesh = meshing.Mesh()
-    mesh.AddPoints(np.concatenate([vertices, added[~same]]))
-    groups = []
-    for inside, outside, face in np.unique(regions, axis=0).tolist():
-        name = f"between{face}" if outside else f"wall{face}"
-        triangles = flat[(regions == [inside, outside, face]).all(axis=1)]
-        groups.append((inside, outside, name, triangles))
-    corners = number[surface.triangles]
-    for body in np.unique(surface.body):
-        inner = BODY + int(body) if filled[body] else 0
-        groups.append((AIR, inner, f"surface{body}", corners[surface.body == body][:, ::-1]))
-    for index, (inside, outside, name, triangles) in enumerate(groups, start=1):
-        mesh.Add(meshing.FaceDescriptor(surfnr=index, domin=inside, domout=outside, bc=index))
-        mesh.SetBCName(index - 1, name)
-        data = np.ascontiguousarray(triangles, dtype=np.int32)
+    meshing, occ = netgen_libraries()
+    inner, outer = (
+        occ.Box(occ.Pnt(*(low / wavelength)), occ.Pnt(*(high / wavelength)))
+        for low, high in ((box.low, box.high), (box.outer_low, box.outer_high))
+    )
+    mesh = occ.OCCGeometry(occ.Glue([inner, outer - inner])).GenerateMesh(
+        maxh=size, grading=GRADING, perfstepsend=meshing.MeshingStep.MESHSURFACE
+    )
+    first = len(mesh.Points())
+    faces = len(mesh.FaceDescriptors())
+    mesh.AddPoints(surface.vertices / wavelength)
+    for body in np.unique(surface.body).tolist():
+        index = faces + 1 + body
+        inside = BODY + body if filled[body] else 0
+        mesh.Add(meshing.FaceDescriptor(surfnr=index, domin=AIR, domout=inside, bc=index))
+        mesh.SetBCName(index - 1, f"surface{body}")
+        # Towards the air the triangles are clockwise.
+        triangles = surface.triangles[surface.body == body][:, ::-1]
+        data = np.ascontiguousarray(first + triangles, dtype=np.int32)
         mesh.AddElements(dim=2, index=index, data=data, base=0)
     mesh.SetMaterial(AIR, "air")
     mesh.SetMaterial(LAYER, "layer")
@@ -270,136 +248,6 @@ def _tetrahedra(
     # With faster growth, tetrahedra in filled bodies would reach twice the edge.
     mesh.GenerateVolumeMesh(maxh=size, grading=0.3 if any(filled) else GRADING)
     return mesh
-
-
-def _flat_faces(
-    surface: SurfaceMesh, box: Box, filled: Sequence[bool], wavelength: float, size: float
-) -> tuple[
-    Float64[np.ndarray, "vertices 3"],
-    Int64[np.ndarray, "triangles 3"],
-    Int64[np.ndarray, "triangles 3"],
-]:
-    """Mesh the faces of box, layer and mirrors, without the cuts of hollow bodies.
-
-    Return vertices [λ], outward triangles, and for each triangle both materials and its face.
-    """
-    meshing, occ = netgen_libraries()
-    low = box.low / wavelength
-    high = box.high / wavelength
-    outer_low = box.outer_low / wavelength
-    outer_high = box.outer_high / wavelength
-    closed = [mirror.axis for mirror in box.mirrors]
-    faces = []
-    for axis, side in product(range(3), (0, 1)):
-        if side == 1 or axis not in closed:
-            plane = (low, high)[side][axis]
-            outer_plane = (outer_low, outer_high)[side][axis]
-            inner = _rectangle(axis, plane, low, high)
-            outer = _rectangle(axis, outer_plane, outer_low, outer_high)
-            faces.append(_named(inner, AIR, LAYER, side, axis))
-            faces.append(_named(outer, LAYER, 0, side, axis))
-    cut_middles = []
-    for mirror in box.mirrors:
-        plane = mirror.position / wavelength
-        inner = _rectangle(mirror.axis, plane, low, high)
-        outer = _rectangle(mirror.axis, plane, outer_low, outer_high)
-        faces.append(_named(outer - inner, LAYER, 0, 0, mirror.axis))
-        for chain in _outlines(surface, mirror):
-            corners = _loop(surface.vertices[chain], mirror, box.mirrors) / wavelength
-            middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
-            cut_middles.append(middles[: len(chain) - 1])
-            section = _polygon(corners)
-            inner = inner - section
-            body = int(surface.body[(surface.triangles == chain[0]).any(axis=1)][0])
-            if filled[body]:
-                faces.append(_named(section, BODY + body, 0, 0, mirror.axis))
-        faces.append(_named(inner, AIR, 0, 0, mirror.axis))
-    glued = occ.Glue(faces)
-    if cut_middles:
-        # Netgen must not split the edges along the cuts, which the triangles of bodies share.
-        cuts = KDTree(np.concatenate(cut_middles))
-        for edge in glued.edges:
-            if cuts.query([edge.center.x, edge.center.y, edge.center.z])[0] < SAME_POINT:
-                edge.partition = np.empty(0)
-    mesh = occ.OCCGeometry(glued).GenerateMesh(
-        maxh=size, grading=GRADING, perfstepsend=meshing.MeshingStep.MESHSURFACE
-    )
-    vertices = np.array(mesh.Coordinates(), dtype=np.float64)
-    elements = mesh.Elements2D().NumPy()
-    triangles = elements["nodes"].astype(np.int64) - 1
-    names = [[int(word) for word in face.bcname.split()] for face in mesh.FaceDescriptors()]
-    inside, outside, side, axis = np.array(names, dtype=np.int64)[elements["index"] - 1].T
-    corners = vertices[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    # Netgen may orient a face inwards or outwards.
-    wrong = (normals[np.arange(len(axis)), axis] > 0) != (side == 1)
-    triangles[wrong] = triangles[wrong][:, ::-1]
-    return vertices, triangles, np.stack([inside, outside, 2 * axis + side], axis=1)
-
-
-def _named(face: Any, inside: int, outside: int, side: int, axis: int) -> Any:
-    face.faces.name = f"{inside} {outside} {side} {axis}"
-    return face
-
-
-def _rectangle(
-    axis: int, plane: float, low: Real[np.ndarray, "3"], high: Real[np.ndarray, "3"]
-) -> Any:
-    first, second = (index for index in range(3) if index != axis)
-    corners = np.full((4, 3), plane)
-    corners[:, first] = np.array([low, high, high, low])[:, first]
-    corners[:, second] = np.array([low, low, high, high])[:, second]
-    return _polygon(corners)
-
-
-def _polygon(corners: Real[np.ndarray, "corners 3"]) -> Any:
-    _, occ = netgen_libraries()
-    points = [occ.Pnt(*corner) for corner in corners]
-    ends = zip(points, points[1:] + points[:1], strict=True)
-    return occ.Face(occ.Wire([occ.Segment(start, end) for start, end in ends]))
-
-
-def _outlines(surface: SurfaceMesh, mirror: Mirror) -> list[Int64[np.ndarray, "vertices"]]:
-    """Chains of vertices along which the surfaces are cut at a mirror, each body's in order."""
-    triangles = surface.triangles
-    vertices = surface.vertices
-    ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    keys = np.sort(ends, axis=1) @ [len(vertices), 1]
-    _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
-    # The border of the cut surface has one triangle at each edge.
-    on_mirror = (vertices[ends][:, :, mirror.axis] == mirror.position).all(axis=1)
-    following = dict(ends[(count[inverse] == 1) & on_mirror].tolist())
-    chains = []
-    while following:
-        starts = set(following) - set(following.values())
-        chain = [next(iter(starts or following))]
-        while chain[-1] in following:
-            chain.append(following.pop(chain[-1]))
-        chains.append(np.array(chain))
-    return chains
-
-
-def _loop(
-    chain: Real[np.ndarray, "vertices 3"], mirror: Mirror, mirrors: Sequence[Mirror]
-) -> Float64[np.ndarray, "corners 3"]:
-    """Close a chain that ends at other mirrors, without the repeated vertex of a closed chain."""
-    if np.array_equal(chain[0], chain[-1]):
-        return chain[:-1]
-    first, last = (
-        {
-            crossed
-            for crossed in mirrors
-            if crossed is not mirror and end[crossed.axis] == crossed.position
-        }
-        for end in (chain[0], chain[-1])
-    )
-    if first & last:
-        return chain
-    # Two mirrors cut the body: the outline turns at the line that they share.
-    corner = chain[0].copy()
-    for crossed in first | last:
-        corner[crossed.axis] = crossed.position
-    return np.concatenate([chain, corner[None]])
 
 
 def _straight(
@@ -438,7 +286,6 @@ def _fills_box(
     expected = float((box.outer_high - box.outer_low).prod())
     hollow = ~np.array(filled)[surface.body]
     if hollow.any():
-        # Relative to a point on all mirrors, the cuts at mirrors add no volume.
-        flat = surface.vertices[surface.triangles[hollow]] - box.low
+        flat = surface.vertices[surface.triangles[hollow]]
         expected -= float(np.linalg.det(flat).sum()) / 6
     return bool(abs(volume / expected - 1) < 1e-6)

@@ -1,6 +1,5 @@
 """FiniteElement: the paper's equation (8) in a box around the bodies, on NGSolve."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -10,7 +9,6 @@ from airtact.acoustics.scene import Scene, check_no_planes, check_sources
 from airtact.acoustics.solvers.fem.factorisation import check_memory, chosen_method
 from airtact.acoustics.solvers.fem.field import FiniteField, solved_from_afar, touching_warnings
 from airtact.acoustics.solvers.fem.mesh import Box, meshed
-from airtact.acoustics.solvers.fem.symmetry import AXES, mirrors_of
 from airtact.acoustics.solvers.fem.system import System, assembled
 from airtact.acoustics.solvers.fem.weak_form import LAYER_THICKNESS
 from airtact.acoustics.solvers.problem import Solver, SolveReport
@@ -35,7 +33,7 @@ class FiniteElement(Solver):
 
     Curved tetrahedra of high order fill a tight box around the bodies. A perfectly matched layer
     (PML) around the box absorbs outgoing sound. The pressure outside follows from the pressure on
-    the bodies by the Kirchhoff-Helmholtz integral. The paper's pinch without symmetry has 170,000
+    the bodies by the Kirchhoff-Helmholtz integral. The paper's pinch has 170,000
     unknowns; a solve takes 7 s with the package ``mkl`` (``pip install 'airtact[mkl]'``,
     recommended) and 27 s without it, on two cores.
 
@@ -45,8 +43,6 @@ class FiniteElement(Solver):
         higher and lower orders, which halves the cost for the same accuracy. Below order 4 or 1.5
         elements per wavelength, all have the same order.
     elements_per_wavelength : wavelength divided by the nominal edge of the tetrahedra.
-    symmetry : axes across which the scene is mirror symmetric, such as ``("x", "y")``, through the
-        middle of the bodies; "found" uses all symmetries. Sources need not be symmetric.
     factorisation : "pardiso" of MKL, in single precision with refinement in double;
         "sparsecholesky" of NGSolve; "found" uses "pardiso" if the package ``mkl`` is installed,
         else "sparsecholesky".
@@ -70,7 +66,6 @@ class FiniteElement(Solver):
 
     order: int = 5
     elements_per_wavelength: float = 1.7
-    symmetry: Sequence[str] | Literal["found"] = "found"
     factorisation: Literal["found", "sparsecholesky", "pardiso"] = "found"
     progress: Progress | None = field(default=None, compare=False, repr=False)
 
@@ -81,14 +76,6 @@ class FiniteElement(Solver):
                 code="out_of_range",
             )
         between(self.elements_per_wavelength, 0.5, 20, "elements_per_wavelength", "", "2 is usual.")
-        if self.symmetry != "found" and (
-            isinstance(self.symmetry, str) or set(self.symmetry) - set(AXES)
-        ):
-            raise InvalidInput(
-                f"symmetry is {self.symmetry!r}, but it must be 'found' or axes such as ('x', "
-                "'y').",
-                code="unknown_name",
-            )
         check_choice(self.factorisation, "factorisation", ("found", "sparsecholesky", "pardiso"))
 
     @classmethod
@@ -107,8 +94,8 @@ class FiniteElement(Solver):
         Raises
         ------
         InvalidInput
-            There are no bodies, a source is inside a body, the bodies are not symmetric as stated,
-            a body cannot be meshed, or memory is insufficient.
+            There are no bodies, a source is inside a body, a body cannot be meshed, or memory is
+            insufficient.
         """
         check_sources(scene, sources)
         return self.factorised(scene).radiate(scene, sources)
@@ -129,15 +116,11 @@ class FiniteElement(Solver):
             )
         method = chosen_method(self.factorisation)
         clock = Clock(self.progress)
-        # Each mirror halves the unknowns. Asymmetric sources need a factorisation for each parity.
-        mirrors = mirrors_of(scene, None if self.symmetry == "found" else tuple(self.symmetry))
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
         points = np.concatenate([shape.extreme_points() for shape in shapes])
         low = points.min(axis=0) - MARGIN * scene.wavelength
         high = points.max(axis=0) + MARGIN * scene.wavelength
-        for mirror in mirrors:
-            low[mirror.axis] = mirror.position
-        box = Box(low, high, LAYER_THICKNESS * scene.wavelength, mirrors)
+        box = Box(low, high, LAYER_THICKNESS * scene.wavelength)
         check_memory(box, scene.wavelength, self.order, self.elements_per_wavelength, method)
         with clock.step("meshing"):
             mesh, surface, tetrahedra = meshed(scene, box, self.elements_per_wavelength)
@@ -164,7 +147,6 @@ class FiniteElement(Solver):
             settings={
                 "order": self.order,
                 "elements_per_wavelength": self.elements_per_wavelength,
-                "mirrors": "".join(AXES[mirror.axis] for mirror in mirrors) or "none",
                 "tetrahedra": len(tetrahedra.corners),
                 "factorisation": method,
             },

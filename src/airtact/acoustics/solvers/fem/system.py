@@ -1,13 +1,12 @@
 """The assembled equation of a scene on curved tetrahedra, its factors and right-hand sides."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from math import factorial
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Int64, Real, Shaped
+from jaxtyping import Complex128, Float64, Int64, Real, Shaped
 from scipy.spatial import KDTree
 
 from airtact import _kernels
@@ -32,7 +31,6 @@ from airtact.acoustics.solvers.fem.libraries import (
 )
 from airtact.acoustics.solvers.fem.mesh import EDGES, SAME_POINT, Box, Tetrahedra
 from airtact.acoustics.solvers.fem.surface_mesh import SurfaceMesh
-from airtact.acoustics.solvers.fem.symmetry import Mirror, images, parities
 from airtact.acoustics.solvers.fem.weak_form import (
     MAX_RULE_ORDER,
     QuadraturePoints,
@@ -48,11 +46,10 @@ from airtact.geometry.mesh.quadratic_triangles import points_at
 
 @dataclass(frozen=True, eq=False, repr=False)
 class System:
-    """The assembled equation of a scene at one order, on the positive side of its mirrors.
+    """The assembled equation of a scene at one order.
 
     Attributes
     ----------
-    mirrors : planes at which the box ends [λ].
     panels : the bodies' surfaces as meshed [λ].
     mesh, space, form : NGSolve's mesh, unknowns, and assembled matrix without the unknowns inside
         tetrahedra, which are eliminated.
@@ -61,11 +58,9 @@ class System:
     coarse_surface : fewer quadrature points on the surfaces, enough for receivers a wavelength off.
     weights : (3, bodies) w_d, w_s and w_v of the weak form.
     method : solver that factorises the matrix, "pardiso" or "sparsecholesky".
-    factors : the factorised matrix for each parity excited so far.
     """
 
     scene: Scene
-    mirrors: tuple[Mirror, ...]
     tetrahedra: Tetrahedra
     panels: PanelTree
     order: int
@@ -77,7 +72,6 @@ class System:
     coarse_surface: QuadraturePoints
     weights: Complex128[np.ndarray, "3 bodies"]
     method: str
-    factors: dict[tuple[int, ...], Factor] = field(default_factory=dict)
 
     @property
     def unknowns(self) -> int:
@@ -90,29 +84,10 @@ class System:
         return complex(self.scene.wavenumber * self.scene.wavelength)
 
     @cached_property
-    def free(self) -> dict[tuple[int, ...], Bool[np.ndarray, "unknowns"]]:
-        """Unknowns that may be nonzero for an excitation of each parity about the mirrors."""
-        return {parity: self._free(parity, shared=False) for parity in parities(self.mirrors)}
-
-    def _free(self, parity: Sequence[int], shared: bool) -> Bool[np.ndarray, "unknowns"]:
-        """Unknowns of one parity; an odd parity about a mirror excludes those on it.
-
-        ``shared`` selects those that tetrahedra share.
-        """
-        dofs = self.space.FreeDofs(shared)
-        free = type(dofs)(dofs)  # a copy
-        for mirror, odd in zip(self.mirrors, parity, strict=True):
-            if odd:
-                free &= ~self.space.GetDofs(self.mesh.Boundaries(f"wall{2 * mirror.axis}"))
-        return np.array(free, dtype=np.bool_)
-
-    def factor(self, parity: tuple[int, ...]) -> Factor:
-        """Factorised matrix for a parity, made when it is first needed."""
-        # Factorising takes most of the time and memory, and many sources excite only one parity.
-        if parity not in self.factors:
-            free = self._free(parity, shared=True)
-            self.factors[parity] = factorised(self.form, free, self.order, self.method)
-        return self.factors[parity]
+    def factor(self) -> Factor:
+        """The factorised matrix, made when it is first needed."""
+        free = np.array(self.space.FreeDofs(True), dtype=np.bool_)  # those that tetrahedra share
+        return factorised(self.form, free, self.order, self.method)
 
     def right_hand_side(self, positions: SourcePoints, strengths: Strengths) -> Coefficients:
         """Right-hand side for the pressure scattered from monopoles at positions [λ]."""
@@ -150,19 +125,8 @@ class System:
         load[list(self.space.GetDofNrs(element))] = 4 * np.pi * shape
         return load
 
-    def folded(self, points: Points) -> tuple[Vectors, Indices]:
-        """Mirror points to the positive side of all mirrors; also return the image numbers."""
-        folded = np.array(points, dtype=np.float64)
-        image = np.zeros(len(points), dtype=np.int64)
-        for mirror in self.mirrors:
-            beyond = folded[:, mirror.axis] < mirror.position
-            folded[beyond] = mirror.image(folded[beyond])
-            # The bits of the index are the mirrors, the first one highest, as in `parities`.
-            image = 2 * image + beyond
-        return folded, image
-
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
-        """Tetrahedron of each folded point [λ], and barycentric coordinates in it.
+        """Tetrahedron of each point [λ], and barycentric coordinates in it.
 
         Raise "misplaced" for points in no tetrahedron.
         """
@@ -179,11 +143,8 @@ class System:
 
     def nearest_on_surface(self, points: Points) -> Vectors:
         """Nearest points (P, 3) [λ] of the meshed surfaces."""
-        folded, image = self.folded(points)
-        panel, reference, _ = self.panels.closest(folded)
-        nearest, _ = points_at(self.panels.quadratic_triangles[panel], reference)
-        # The nearest point of the whole surface is the image of the nearest meshed point.
-        return np.stack(images(self.mirrors, nearest))[image, np.arange(len(image))]
+        panel, reference, _ = self.panels.closest(points)
+        return points_at(self.panels.quadratic_triangles[panel], reference)[0]
 
     def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
         """Barycentric coordinates in tetrahedra as NGSolve's points."""
@@ -232,9 +193,6 @@ def assembled(
         form.Assemble()
         return System(
             scene=scene,
-            mirrors=tuple(
-                Mirror(mirror.axis, mirror.position / scene.wavelength) for mirror in box.mirrors
-            ),
             tetrahedra=tetrahedra,
             panels=panel_tree(panels),
             order=order,

@@ -74,8 +74,6 @@ def _layer_form(
     ngsolve = ngsolve_library()
     low = box.low / wavelength
     high = box.high / wavelength
-    for mirror in box.mirrors:
-        low[mirror.axis] = -1e5  # no layer begins beyond a mirror
     axes = (ngsolve.x, ngsolve.y, ngsolve.z)
     stretches = []  # derivatives of the complex coordinates along x, y and z
     for x, bottom, top in zip(axes, low.tolist(), high.tolist(), strict=True):
