@@ -1,5 +1,4 @@
-from .drawings import svg_path as svg_path
-from .drawings import text as text
+from .lettering import text as text
 from .planes import Plane as Plane
 from .scene import Obstacle as Obstacle
 from .solvers.bem.factorised.factorised_bodies import FactorisedBodies as FactorisedBodies

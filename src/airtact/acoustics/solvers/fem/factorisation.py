@@ -152,7 +152,7 @@ class Pardiso(Factor):
         raise NotConverged(
             f"Pardiso leaves a residual of {worst:.2g} of the right-hand side after "
             f"{MAX_REFINEMENTS} refinements, more than {self._residual:.2g}: the matrix is nearly "
-            "singular; use factorisation 'sparsecholesky'.",
+            "singular; use another order, or uninstall mkl to factorise in double precision.",
             code="not_converged",
         )
 
@@ -235,27 +235,10 @@ def pardiso_library() -> str | None:
     return next((str(file.locate()) for file in files if "mkl_rt" in file.name), None)
 
 
-def chosen_method(method: str) -> str:
-    """Factorisation to use for "found", "sparsecholesky" or "pardiso".
-
-    Raise "extra_missing" if "pardiso" is requested and ``mkl`` is not installed.
-    """
-    installed = pardiso_library() is not None
-    if method == "found":
-        return "pardiso" if installed else "sparsecholesky"
-    if method == "pardiso" and not installed:
-        raise InvalidInput(
-            "factorisation 'pardiso' needs the package mkl: pip install 'airtact[mkl]', or use "
-            "'sparsecholesky'.",
-            code="extra_missing",
-        )
-    return method
-
-
 def factorised(
     form: AssembledForm, free: Bool[np.ndarray, "unknowns"], order: int, method: str
 ) -> Factor:
-    """Factorise the assembled matrix of elements of an order with the named method."""
+    """Factorise the assembled matrix of elements of an order by "pardiso" or "sparsecholesky"."""
     if method == "sparsecholesky":
         return SparseCholesky(form, free)
     # largest residual after refinement, relative to the right-hand side

@@ -117,31 +117,25 @@ class Tetrahedra:
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
         """Tetrahedron of each point (P, 3) [λ], -1 for none, and barycentric coordinates.
 
-        The tetrahedra with the nearest centres are tried first, then more for the points that are
-        outside all of them.
+        The tetrahedra with the nearest centres are tried in turn, until one holds the point.
         """
         best = np.full(len(points), -1, dtype=np.int64)
         weights = np.zeros((len(points), 4))
         depth = np.full(len(points), -np.inf)
-        tried = 0
-        for candidates in (4, 12, 40, 160, 640):
-            count = min(candidates, len(self.corners))
-            outside = np.flatnonzero(depth < INSIDE)
-            if not len(outside) or tried == count:
+        outside = np.arange(len(points))
+        for rank in range(1, min(640, len(self.corners)) + 1):
+            outside = outside[depth[outside] < INSIDE]
+            if not len(outside):
                 break
-            nearest = np.asarray(self._tree.query(points[outside], k=count)[1])
-            for column in nearest.reshape(len(outside), count).T[tried:]:
-                still = depth[outside] < INSIDE
-                index = outside[still]
-                number = column[still]
-                candidate = self._weights(number, points[index])
-                smallest = candidate.min(axis=1)
-                deeper = smallest > depth[index]
-                chosen = index[deeper]
-                best[chosen] = number[deeper]
-                weights[chosen] = candidate[deeper]
-                depth[chosen] = smallest[deeper]
-            tried = count
+            nearest = np.asarray(self._tree.query(points[outside], k=rank)[1])
+            number = nearest.reshape(len(outside), rank)[:, -1]
+            candidate = self._weights(number, points[outside])
+            smallest = candidate.min(axis=1)
+            deeper = smallest > depth[outside]
+            chosen = outside[deeper]
+            best[chosen] = number[deeper]
+            weights[chosen] = candidate[deeper]
+            depth[chosen] = smallest[deeper]
         # The meshed surface deviates by micrometres from the true one, so a point next to a
         # tetrahedron belongs to it.
         best[depth < -0.05] = -1

@@ -1,19 +1,18 @@
 """FiniteElement: the paper's equation (8) in a box around the bodies, on NGSolve."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
 from airtact.acoustics.scene import Scene, check_no_planes, check_sources
-from airtact.acoustics.solvers.fem.factorisation import check_memory, chosen_method
+from airtact.acoustics.solvers.fem.factorisation import check_memory, pardiso_library
 from airtact.acoustics.solvers.fem.field import FiniteField, solved_from_afar, touching_warnings
 from airtact.acoustics.solvers.fem.mesh import Box, meshed
 from airtact.acoustics.solvers.fem.system import System, assembled
 from airtact.acoustics.solvers.fem.weak_form import LAYER_THICKNESS
 from airtact.acoustics.solvers.problem import Solver, SolveReport
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import InvalidInput, between, check_choice, of_kind
+from airtact.errors import InvalidInput, between, of_kind
 from airtact.timing import Clock, Progress
 
 CITATIONS = (
@@ -43,9 +42,6 @@ class FiniteElement(Solver):
         higher and lower orders, which halves the cost for the same accuracy. Below order 4 or 1.5
         elements per wavelength, all have the same order.
     elements_per_wavelength : wavelength divided by the nominal edge of the tetrahedra.
-    factorisation : "pardiso" of MKL, in single precision with refinement in double;
-        "sparsecholesky" of NGSolve; "found" uses "pardiso" if the package ``mkl`` is installed,
-        else "sparsecholesky".
     progress : callback that gets the name of each step as it begins.
 
     Raises
@@ -66,7 +62,6 @@ class FiniteElement(Solver):
 
     order: int = 5
     elements_per_wavelength: float = 1.7
-    factorisation: Literal["found", "sparsecholesky", "pardiso"] = "found"
     progress: Progress | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -76,7 +71,6 @@ class FiniteElement(Solver):
                 code="out_of_range",
             )
         between(self.elements_per_wavelength, 0.5, 20, "elements_per_wavelength", "", "2 is usual.")
-        check_choice(self.factorisation, "factorisation", ("found", "sparsecholesky", "pardiso"))
 
     @classmethod
     def reaching(cls, accuracy: float) -> "FiniteElement":
@@ -114,7 +108,8 @@ class FiniteElement(Solver):
             raise InvalidInput(
                 "the scene has no obstacles; use FreeField for open air.", code="empty"
             )
-        method = chosen_method(self.factorisation)
+        # MKL's Pardiso in single precision, refined in double, or NGSolve's own factorisation
+        method = "pardiso" if pardiso_library() else "sparsecholesky"
         clock = Clock(self.progress)
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
         points = np.concatenate([shape.extreme_points() for shape in shapes])
@@ -188,7 +183,7 @@ class FactorisedScene(Solver):
             )
         check_sources(scene, sources)
         words = "factorising and solving"
-        if self.settings.factorisation == "found" and self.system.method == "sparsecholesky":
+        if self.system.method == "sparsecholesky":
             words += " (a sixth of the time with pip install 'airtact[mkl]')"
         with self.clock.step("factorising and solving", words):
             solution = solved_from_afar(self.system, scene, sources)
