@@ -11,10 +11,10 @@ import pytest
 import trimesh
 
 import airtact as at
-from airtact.files.meshes import MAX_FILE_TRIANGLES, read_node_positions
+from airtact.files.meshes import MAX_FILE_TRIANGLES
 from damage import damaged, read_or_rejected, seeds
 from faults import raises_code
-from geometry.mesh.meshes import box_mesh, torus_mesh
+from geometry.mesh.meshes import torus_mesh
 
 CORNERS = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]], dtype="<f4")
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], dtype="<i4")
@@ -98,20 +98,6 @@ def test_a_harmful_or_damaged_file_is_rejected(name, tmp_path):
         at.load_surface(folder / name)
 
 
-def test_a_file_of_many_nodes_is_read(tmp_path):
-    vertices, triangles = box_mesh((0.01, 0.02, 0.03))
-    path = tmp_path / "nodes.glb"
-    scene = trimesh.Scene()
-    scene.add_geometry(trimesh.Trimesh(vertices, triangles, process=False), node_name="box")
-    for index in range(200):
-        scene.graph.update(frame_to=f"empty {index}", frame_from="world")
-    path.write_bytes(scene.export(file_type="glb"))
-    assert at.load_surface(path).volume == pytest.approx(
-        trimesh.Trimesh(vertices, triangles).volume, rel=1e-5
-    )
-    assert "empty 199" in read_node_positions(path)
-
-
 def test_a_sparse_binary_file_of_many_triangles_is_rejected(tmp_path):
     path, count = tmp_path / "many.stl", MAX_FILE_TRIANGLES + 1
     with path.open("wb") as file:
@@ -155,16 +141,6 @@ def test_dialects_of_ascii_stl_are_read(old, new, tmp_path):
     (tmp_path / "dialect.stl").write_bytes(text.replace(old, new).encode())
     volume = at.load_surface(tmp_path / "plain.stl").volume
     assert at.load_surface(tmp_path / "dialect.stl").volume == pytest.approx(volume)
-
-
-def test_a_surface_that_crosses_itself_is_rejected_when_it_is_read(tmp_path):
-    boxes = [
-        trimesh.Trimesh(*box_mesh(*corners), process=False)
-        for corners in ((), ((0.01,) * 3, (0.05,) * 3))
-    ]
-    trimesh.util.concatenate(boxes).export(tmp_path / "crossed.ply")
-    with raises_code("mesh_faulty"):
-        at.load_surface(tmp_path / "crossed.ply")
 
 
 @pytest.fixture(scope="module")

@@ -150,19 +150,6 @@ def test_caps_are_merged(height, mesh):
     assert apart(mesh_of(result), mesh) < 5e-7
 
 
-def test_many_slivers_are_repaired_at_once(rng):
-    v, t = ball(5, 0.01)
-    picked = rng.permutation(len(t))[:800]
-    a, b, c = t[picked].T
-    n = len(v) + np.arange(800)
-    height = 10.0 ** rng.uniform(-9, -4, (800, 1))
-    new = (1 - height) * (0.6 * v[a] + 0.4 * v[b]) + height * v[c]
-    added = np.concatenate([np.stack(ends, axis=1) for ends in ((a, b, n), (b, c, n), (c, a, n))])
-    result = accepted(np.vstack([v, new]), np.vstack([np.delete(t, picked, axis=0), added]))
-    assert apart(mesh_of(result), (v, t)) < 5e-6
-    assert volume(*mesh_of(result)) == pytest.approx(volume(v, t), rel=1e-6)
-
-
 # --- cracks ---------------------------------------------------------------------------------------
 
 
@@ -172,17 +159,6 @@ def test_vertices_on_an_edge_of_the_other_side_are_joined():
     v = np.vstack([v, *(v[a] + share * (v[b] - v[a]) for share in (0.3, 0.5, 0.9))])
     fan = np.array([[a, 8, c], [8, 9, c], [9, 10, c], [10, b, c]])
     result = accepted(v, np.vstack([np.delete(t, 4, axis=0), fan]))
-    assert volume(*mesh_of(result)) == pytest.approx(volume(*BOX), rel=1e-12)
-
-
-def test_a_crack_with_other_vertices_on_each_side_is_closed():
-    v, t = BOX
-    a, b, c = t[4]
-    over = next(k for k in range(12) if k != 4 and {a, b} <= set(t[k]))
-    d = (set(t[over]) - {a, b}).pop()
-    v = np.vstack([v, v[a] + 0.3 * (v[b] - v[a]), v[a] + 0.6 * (v[b] - v[a])])
-    sides = [[a, 8, c], [8, b, c], [b, 9, d], [9, a, d]]
-    result = accepted(v, np.vstack([np.delete(t, [4, over], axis=0), sides]))
     assert volume(*mesh_of(result)) == pytest.approx(volume(*BOX), rel=1e-12)
 
 
@@ -216,13 +192,6 @@ def test_a_hole_gets_a_lid_whatever_side_is_out(number, turned):
     result = accepted(v, np.delete(t, near(v, t, v[7])[:number], axis=0)[:, ::turned])
     assert apart(mesh_of(result), BALL) < 3e-5
     assert volume(*mesh_of(result)) == pytest.approx(volume(*BALL), rel=1e-5)
-
-
-def test_a_corner_is_cut_by_less_than_the_hole():
-    v, t = fine_box(0.5)
-    at_corner = np.linalg.norm(v[t] - [5e-3, 6e-3, 7e-3], axis=2) < 1e-9
-    result = accepted(v, t[~at_corner.any(axis=1)])
-    assert apart(mesh_of(result), (v, t)) < 0.6e-3
 
 
 def test_wider_holes_are_filled_when_asked_for():
@@ -287,16 +256,6 @@ def moebius_strip() -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([(middle - across).T, (middle + across).T]), np.array(strip)
 
 
-def tube_with_a_wall_inside() -> tuple[np.ndarray, np.ndarray]:
-    v, t = tube(0.005, 0.02)
-    here = np.arange(24)
-    lids = [
-        np.stack([np.full(24, len(v) + i), k + here, k + (here + 1) % 24], axis=1)
-        for i, k in enumerate((0, 240, 696))
-    ]
-    return np.vstack([v, [[0, 0, 0], v[240] * [0, 0, 1], [0, 0, 0.02]]]), np.vstack([t, *lids])
-
-
 def beside(low) -> tuple[np.ndarray, np.ndarray]:
     low = np.array(low)
     return joined(box_mesh((0, 0, 0), (0.01,) * 3), box_mesh(low, low + 0.01))
@@ -313,11 +272,10 @@ PILLOW = (
     [
         ((BALL[0], np.zeros((0, 3), dtype=np.int64)), "empty", []),
         ((1e3 * BALL[0], BALL[1][5:]), "too_many", ["16 m"]),  # before its holes
-        (moebius_strip(), "mesh_faulty", ["80 triangles"]),
+        (moebius_strip(), "mesh_not_oriented", []),
         (beside((0.01, 0.01, 0.01)), "mesh_faulty", ["1 vertex", "(10.00, 10.00, 10.00) mm"]),
-        (beside((0.01, 0.01, 0)), "mesh_faulty", ["1 edge", " 4 ", "(10.00, 10"]),
-        (beside((0.01, 0, 0)), "mesh_faulty", ["4 edges", " 3 "]),
-        (tube_with_a_wall_inside(), "mesh_faulty", ["24 edges", " 3 "]),
+        (beside((0.01, 0.01, 0)), "mesh_not_oriented", ["1 edge", "(10.00, 10"]),
+        (beside((0.01, 0, 0)), "mesh_not_oriented", ["4 edges"]),
         (PILLOW, "mesh_faulty", ["1 closed piece", "0 cm³"]),
         (joined(BALL, (0.012 + 1e-3 * np.eye(3), np.array([[0, 1, 2]]))), "mesh_faulty", ["0 cm³"]),
     ],

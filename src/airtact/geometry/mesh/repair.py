@@ -31,7 +31,6 @@ from airtact.geometry.mesh.topology import (
     check_size,
     components,
     cone_volumes,
-    edge_ends,
     edge_keys,
     edge_twins,
     shells,
@@ -102,6 +101,8 @@ def repaired(
             break
     else:
         triangles = _oriented(vertices, triangles, notes)
+        if (edge_twins(triangles) == -2).any():
+            check_closed(vertices, triangles)  # rejects fins and one-sided pieces
         triangles = _without_holes(vertices, triangles, largest_hole, notes)
     twins = check_closed(vertices, triangles)
     _check_no_bow_ties(vertices, triangles, twins)
@@ -301,7 +302,7 @@ def _without_holes(
 
 def _rims(triangles: Triangles) -> list[Indices]:
     """Vertices around each hole, in the direction of the lid's triangles."""
-    border = np.flatnonzero(edge_twins(triangles).ravel() < 0)
+    border = np.flatnonzero(edge_twins(triangles).ravel() == -1)
     # The rim runs opposite to the triangles beside it. Holes that meet in a vertex are separated.
     starts = np.roll(triangles, -1, axis=1).ravel()[border].tolist()
     ends = triangles.ravel()[border].tolist()
@@ -332,12 +333,19 @@ def _oriented(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Tri
     """Reverse as few triangles as possible so that neighbours have the same orientation.
 
     The graph has two nodes for each triangle, one for each orientation. Every node is linked to the
-    consistent nodes of its neighbours. An orientable piece has two mirrored components. A one-sided
-    piece has one component, and raises ``InvalidInput``.
+    consistent nodes of its neighbours. An orientable piece has two mirrored components. One-sided
+    pieces and edges of more than two triangles remain for ``check_closed`` to reject.
     """
-    triangle, neighbour, agree = _neighbours(vertices, triangles)
     count = len(triangles)
-    mirrored = np.where(agree, neighbour, neighbour + count)
+    keys = edge_keys(triangles).ravel()
+    order = np.argsort(keys, kind="stable")
+    _, starts, sizes = np.unique(keys[order], return_index=True, return_counts=True)
+    pair = starts[sizes == 2]
+    first = order[pair]
+    second = order[pair + 1]
+    agree = triangles.ravel()[first] != triangles.ravel()[second]
+    triangle = first // 3
+    mirrored = second // 3 + np.where(agree, 0, count)
     label = components(
         np.concatenate([triangle, triangle + count]),
         np.concatenate([mirrored, (mirrored + count) % (2 * count)]),
@@ -345,16 +353,6 @@ def _oriented(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Tri
     )
     plain = label[:count]
     turned = label[count:]
-    one_sided = np.flatnonzero(plain == turned)
-    if len(one_sided):
-        where = vertices[triangles[one_sided[0]]].mean(axis=0)
-        belong = counted(len(one_sided), "triangle belongs", "triangles belong")
-        raise InvalidInput(
-            f"{belong} to a one-sided piece, such as a Moebius strip, the first near "
-            f"{in_mm(where)}: it has no inside; remove it.",
-            where,
-            code="mesh_faulty",
-        )
     unturned = np.bincount(plain, minlength=2 * count)
     flip = (unturned[plain] < unturned[turned]) | (
         (unturned[plain] == unturned[turned]) & (plain > turned)
@@ -369,32 +367,6 @@ def _oriented(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Tri
         vertices[triangles[flip.argmax()]],
     )
     return np.where(flip[:, None], triangles[:, ::-1], triangles)
-
-
-def _neighbours(
-    vertices: Vertices, triangles: Triangles
-) -> tuple[Indices, Indices, Bool[np.ndarray, "n"]]:
-    """Pairs of triangles that share an edge, and whether they are oriented consistently."""
-    keys = edge_keys(triangles).ravel()
-    order = np.argsort(keys, kind="stable")
-    _, starts, sizes = np.unique(keys[order], return_index=True, return_counts=True)
-    crowded = np.flatnonzero(sizes > 2)
-    if len(crowded):
-        worst = crowded[order[starts[crowded]].argmin()]
-        edge = edge_ends(triangles).reshape(-1, 2)[order[starts[worst]]]
-        where = vertices[edge].mean(axis=0)
-        raise InvalidInput(
-            f"{counted(len(crowded), 'edge has', 'edges have')} more than two triangles, the first "
-            f"{sizes[worst]} of them near {in_mm(where)}: bodies or fins meet there; separate or "
-            "remove them, or load it with union=True.",
-            where,
-            code="mesh_faulty",
-        )
-    pair = starts[sizes == 2]
-    first = order[pair]
-    second = order[pair + 1]
-    agree = triangles.ravel()[first] != triangles.ravel()[second]
-    return first // 3, second // 3, agree
 
 
 def _turned_outward(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Triangles:
@@ -428,17 +400,11 @@ def _turned_outward(vertices: Vertices, triangles: Triangles, notes: list[str]) 
 
 def _check_no_bow_ties(vertices: Vertices, triangles: Triangles, twins: Twins) -> None:
     """Check that no parts of a closed mesh are joined by a single vertex."""
-    # Corners around a vertex form one ring, or several if parts only touch there. Jumps of doubled
-    # length find the lowest corner of each ring.
-    jump = (3 * (twins // 3) + (twins + 1) % 3).ravel()
-    lowest = np.arange(len(jump))
-    while True:
-        lower = np.minimum(lowest, lowest[jump])
-        if np.array_equal(lower, lowest):
-            break
-        lowest = lower
-        jump = jump[jump]
-    first_of_ring = lowest == np.arange(len(lowest))
+    # Corners around a vertex form one ring, or several if parts only touch there. Edge c starts at
+    # corner c, and its twin ends there.
+    corner = np.arange(triangles.size)
+    ring = components(corner, (3 * (twins // 3) + (twins + 1) % 3).ravel(), len(corner))
+    first_of_ring = np.unique(ring, return_index=True)[1]
     rings = np.bincount(triangles.ravel()[first_of_ring], minlength=len(vertices))
     tied = np.flatnonzero(rings > 1)
     if len(tied):

@@ -150,8 +150,8 @@ def check_closed(vertices: AnyVertices, triangles: AnyTriangles) -> Twins:
             -2,
             "edge is",
             "edges are",
-            "run in one direction by more than one triangle (neighbours turned opposite ways, or "
-            "a fin)",
+            "run in one direction by more than one triangle (neighbours turned opposite ways, a "
+            "fin, or bodies that share an edge)",
             "mesh_not_oriented",
         ),
         (
