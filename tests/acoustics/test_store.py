@@ -1,22 +1,15 @@
 """What was solved once is found again, whole and never in place of something else."""
 
-import json
 import os
-import resource
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
 import airtact as at
 from airtact.acoustics.store import SUFFIX, name_of, unpacked
-from airtact.cli import main
-from airtact.setup.solving import solve_foci
-from airtact.timing import Clock
 from faults import raises_code
-from paths import SCENES
 
 AIR = at.Medium(343.1, 1.293)
 SOLVER = at.BoundaryElement(accuracy=0.3)
@@ -161,21 +154,6 @@ def test_a_damaged_entry_is_solved_again(tmp_path: Path) -> None:
     assert was_read(at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE))
 
 
-def test_a_full_disk_is_said_and_loses_nothing(tmp_path: Path) -> None:
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    stored = at.Stored(SOLVER, tmp_path)
-    resource.setrlimit(
-        resource.RLIMIT_FSIZE, (8192, limits[1])
-    )  # as a disk that is full after 8 kB
-    try:
-        found = stored.radiate(SCENE, SOURCE)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert found.report.warnings
-    assert list(tmp_path.iterdir()) == []
-    assert np.array_equal(found.at(POINTS), SOLVER.radiate(SCENE, SOURCE).at(POINTS))
-
-
 def test_the_oldest_used_entries_go(tmp_path: Path) -> None:
     """What killed writers left goes first."""
     at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE)
@@ -237,18 +215,3 @@ def test_what_cannot_be_stored_is_solved_and_said(tmp_path, solver, folder, most
 def test_what_a_store_refuses(arguments: tuple, code: str) -> None:
     with raises_code(code):
         at.Stored(*arguments)
-
-
-def test_a_rendered_scene_is_not_solved_twice(tmp_path: Path) -> None:
-    path = SCENES / "ball.toml"
-    solve_foci(at.read_scene(path), Clock(lambda step: None), tmp_path / "kept")
-    assert (
-        main(
-            ["render", str(path), "--out", str(tmp_path / "out"), "--store", str(tmp_path / "kept")]
-        )
-        == 0
-    )
-    with h5py.File(tmp_path / "out/drive.h5") as file:
-        report = file["report"][()].decode()
-    assert set(json.loads(report)["seconds"]) == READ
-    assert len(entries(tmp_path / "kept")) == 2  # the beacons' field and the judge's

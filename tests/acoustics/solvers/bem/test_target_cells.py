@@ -6,7 +6,6 @@ import pytest
 import airtact as at
 from airtact import _kernels
 from airtact.acoustics.solvers.bem.target_cells import GRIDS, cells_of, monopole_layer
-from faults import raises_code
 from references import relative, relative_columns
 from worlds import WAVELENGTH, hard
 
@@ -98,30 +97,6 @@ def test_a_picture_beside_a_ball_is_its_closed_form(pictured):
     assert np.array_equal(np.isnan(found).any(axis=1)[clear], ~outside[clear])
     assert np.array_equal(field.valid(points)[clear], outside[clear])
     assert relative_columns(found[outside], exact[outside]).max() < 0.03
-
-
-def test_a_picture_agrees_with_its_points_one_by_one(pictured):
-    series, field, points = pictured
-    some = np.flatnonzero(field.valid(points))[::61]  # too few for cells
-    together, apart = field.at(points)[some], field.at(points[some])
-    size = np.linalg.norm(apart, axis=0)
-    assert np.linalg.norm((together - apart)[:, 0]) < 2e-3 * size[0]  # the same solutions, in cells
-    assert (
-        np.linalg.norm((together - apart)[:, 1]) < 0.03 * size[1]
-    )  # the direct one instead of the mean of both
-    np.testing.assert_allclose(
-        field.at(points)[3], series.at(points[3:4])[0], rtol=0.03
-    )  # on the skin, off the plane
-
-
-def test_without_the_direct_solution_a_picture_is_known_away_from_the_surface_only(pictured):
-    _, field, points = pictured
-    lean = at.BoundaryElement(accuracy=0.03, estimate=False).radiate(field.scene, field.sources)
-    away = points + [0, 15e-3, 0]
-    exact = lean.at(away[:100])
-    assert np.linalg.norm(lean.at(away)[:100] - exact) < 2e-3 * np.linalg.norm(exact)
-    with raises_code("not_supported"):
-        lean.at(points)
 
 
 def test_a_point_of_a_picture_beside_a_source_is_as_by_itself():

@@ -175,27 +175,6 @@ def test_the_scattered_pressure_is_that_of_the_series(name):
     assert np.isnan(field.scattered_at(sources.positions[:2])).any(axis=1).all()
 
 
-@pytest.mark.parametrize("name", list(BODIES))
-def test_velocity_is_that_of_the_series(name):
-    ready = factorised(name)
-    scene = ready.scene
-    sources = one_each(np.array([[0.02, 0.006, 0.01], [-0.004, 0.012, -0.03]]))
-    field = ready.radiate(scene, sources)
-    exact = at.SphereSeries().radiate(scene, sources)
-    ways = directions(20, 3)
-    positions = {"on": ways * 0.005000001, "beside": ways * 0.0062, "away": ways * 0.011}
-    if name in ("water", "light gas"):
-        positions["inside"] = ways * 0.0035
-        positions["on"] = ways * 0.0051
-    for where, points in positions.items():
-        found, true = field.velocity(points), exact.velocity(points)
-        off = np.linalg.norm(found - true, axis=(0, 1)) / np.linalg.norm(true, axis=(0, 1))
-        assert off.max() < {"on": 0.06, "beside": 0.03, "inside": 0.05, "away": 0.01}[where], (
-            where,
-            off,
-        )
-
-
 def test_sources_that_touch_soft_bodies_are_warned_of():
     sources = one_each(np.array([[0, 0, 0.02], [0, 0, 0.005]]))
     for name in ("impedance", "water"):

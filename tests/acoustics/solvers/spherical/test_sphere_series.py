@@ -188,27 +188,6 @@ def test_sphere_of_the_same_fluid_is_not_there(absorption):
     np.testing.assert_allclose(field.at(points), open_air.at(points), rtol=1e-9)
 
 
-def test_absorption_outside_weakens_the_echo():
-    lossy = at.Medium(343.1, 1.293, absorption=2.0)
-    source, point = np.array([[0.0, 0.0, 0.3]]), np.array([[0.0, 0.1, 0.3]])
-    echoes = []
-    for medium in (AIR, lossy):
-        field = radiate(at.sound_hard(ball()), source, medium)
-        echoes.append(abs(field.scattered_at(point))[0, 0])
-    way = (0.3 - 0.01) + (np.hypot(0.1, 0.3) - 0.01)
-    assert echoes[1] / echoes[0] == pytest.approx(np.exp(-2.0 * way), rel=0.01)
-
-
-def test_excitations_are_linear_in_the_strengths_and_blocks_do_not_show(monkeypatch):
-    sources = np.array([[0.0, 0.0, 0.012], [0.03, 0.0, 0.0], [0.0, 0.2, 0.1]])
-    points = np.vstack([0.01 * directions(7, 0), 0.05 * directions(6, 1)])
-    one_by_one = radiate(at.sound_hard(ball()), sources).at(points)
-    weights = np.array([[1.0, 2j], [0.5, -1.0], [1j, 0.0]])
-    monkeypatch.setattr("airtact.acoustics.solvers.spherical.sphere_series.PAIRS_PER_BLOCK", 5)
-    together = radiate(at.sound_hard(ball()), sources, strengths=weights).at(points)
-    np.testing.assert_allclose(together, one_by_one @ weights, rtol=1e-7)
-
-
 def test_the_surface_has_the_area_the_pressure_and_the_field_at_it():
     field = radiate(at.sound_hard(ball(centre=CENTRE)), CENTRE + [0.0, 0.0, 0.05])
     surface = field.on_surface

@@ -56,14 +56,6 @@ def test_bodies_at_rest_and_moved_scatter_as_when_solved_as_a_whole(factorised):
         assert relative(found, fine.radiate(scene, beacons(foci)).at(AROUND)) < 0.01
 
 
-def test_points_far_away_take_fewer_monopoles_for_the_same_field(factorised):
-    field, beside = factorised.radiate(hard(*BALLS), beacons()), np.array([[0, 9e-3, 0]])
-    far, near = field.at(AROUND), field.at(np.concatenate([AROUND, beside]))[:-1]
-    assert 0 < relative(far, near) < factorised.report.settings["skeleton_error"]
-    for body in factorised.bodies:
-        assert len(body.far.positions) < 1.3 * len(body.rows)
-
-
 def test_a_focus_on_the_surface_radiates_with_its_image(factorised):
     touching = np.array([[-5e-3, 0, 0]])
     exact = at.BoundaryElement(accuracy=0.001).radiate(hard(*BALLS), beacons(touching)).at(AROUND)
