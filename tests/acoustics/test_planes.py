@@ -39,7 +39,6 @@ def test_a_plane_mirrors_points():
         ("out_of_range", lambda: at.plane((0, 0, 0), (0, 0, 0))),
         ("wrong_shape", lambda: at.plane((0, 0), (0, 0, 1))),
         ("not_finite", lambda: at.plane((0, 0, np.nan), (0, 0, 1))),
-        ("not_supported", lambda: at.plane((0, 0, 0), (0, 0, 1), ratio=5)),
         ("wrong_kind", lambda: at.Scene(AIR, [], planes=TABLE)),
         ("wrong_kind", lambda: at.Scene(AIR, [], planes=[3])),
         (

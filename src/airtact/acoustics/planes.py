@@ -63,7 +63,7 @@ class Plane:
         return bool(np.linalg.norm(turned - self.normal) < 1e-9 and abs(height) < ON_PLANE)
 
 
-def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -> Plane:
+def plane(point: Vector, normal: Vector) -> Plane:
     """Make a rigid plane, such as a table or a wall.
 
     ∂p/∂n = 0 on the plane, and all sound is in front of it. The images of sources and bodies in the
@@ -74,13 +74,11 @@ def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -
     ----------
     point : (3,) any point of the plane [m].
     normal : (3,) direction to the side with the sound, of any length.
-    ratio : None. A plane with an impedance Z/(ρc) is rejected, because images are exact for rigid
-        planes only.
 
     Raises
     ------
     InvalidInput
-        A normal of length 0, NaN or infinity, or a ratio.
+        A normal of length 0, NaN or infinity.
 
     Examples
     --------
@@ -95,12 +93,6 @@ def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -
         raise InvalidInput(
             "the normal of a plane has length 0; give the direction to its front.",
             code="out_of_range",
-        )
-    if ratio is not None:
-        raise InvalidInput(
-            f"a plane of impedance ratio {ratio} is not supported; leave ratio out for a rigid "
-            "plane.",
-            code="not_supported",
         )
     return Plane(point, fixed(normal / length))
 
