@@ -151,7 +151,7 @@ def check_closed(vertices: AnyVertices, triangles: AnyTriangles) -> Twins:
             "edge is",
             "edges are",
             "run in one direction by more than one triangle (neighbours turned opposite ways, a "
-            "fin, or bodies that share an edge)",
+            "fin, or parts that share an edge, which union=True joins)",
             "mesh_not_oriented",
         ),
         (
