@@ -75,12 +75,6 @@ def test_below_full_scale_the_energies_are_equal() -> None:
     assert gain in said
 
 
-def test_unequal_requests_are_counted_as_shares() -> None:
-    result = compared(at.Target(POINTS, np.array([400.0, 200.0])))
-    assert headline(result, emitted(0.1)).startswith("Hand-aware: ")
-    assert " % of the request at the weakest focus." in headline(result, emitted(0.1))
-
-
 @pytest.mark.parametrize(
     ("bodies", "word"),
     [

@@ -48,12 +48,6 @@ def test_foci_that_get_what_their_shares_ask_are_uniform() -> None:
     assert (uneven.worst, uneven.uniformity) == (300.0, pytest.approx(1.0 - 300.0 / 900.0))
 
 
-def test_foci_that_get_alike_are_uniform_and_silent_ones_are_not() -> None:
-    assert given_pressures(5.0, 5j, -5.0).uniformity == 1.0
-    assert given_pressures(5.0, 0.0).uniformity == 0.0
-    assert given_pressures(0.0, 0.0).uniformity == 0.0
-
-
 def test_an_evaluation_reads_as_a_table() -> None:
     text = str(given_pressures(300.0, 400j, asked=np.array([600.0, 0.0])))
     lines = text.splitlines()

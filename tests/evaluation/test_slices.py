@@ -74,14 +74,6 @@ def test_foci_far_apart_get_a_stack_of_planes():
     np.testing.assert_allclose(slices.pressures.ravel(), exact, rtol=0.05)
 
 
-def test_many_drives_are_not_refined(scene):
-    field = at.SphereSeries().radiate(scene, at.Monopoles(SOURCES.positions, np.ones((2, 3 + 1))))
-    window = plane_through(FOCI, scene.obstacles[0].surface.vertices, scene.wavelength)
-    few, many = (slices_around(field, list(range(count)), FOCI, window) for count in (3, 3 + 1))
-    assert few.depth.size > 7 * many.depth.size
-    np.testing.assert_allclose(few.pressures[::2, ::2, ::2, 0], many.pressures[..., 0], rtol=1e-9)
-
-
 def test_surfaces_carry_the_pressure_on_them(scene, solved):
     computed = surface_pressure(solved, [1])
     assert computed is not None

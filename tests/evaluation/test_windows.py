@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airtact.evaluation.windows import box_around, close_up, plane_through
+from airtact.evaluation.windows import box_around, plane_through
 
 WAVELENGTH = 8.6e-3
 NOBODY = np.empty((0, 3))
@@ -37,13 +37,6 @@ def test_any_foci_lie_in_the_window_and_the_plane_if_there_is_one(count, seed):
     np.testing.assert_allclose(window.right @ window.up, 0.0, atol=1e-12)
 
 
-def test_foci_in_a_line_without_bodies_still_have_a_plane():
-    foci = np.outer([0.0, 1.0, 3.0], [0.0, 0.0, 0.01])
-    window = plane_through(foci, NOBODY, WAVELENGTH)
-    np.testing.assert_allclose(window.height_of(foci), 0.0, atol=1e-12)
-    assert window.labels == ("x [mm]", "z [mm]")
-
-
 def test_the_points_of_a_window_are_a_grid_from_its_lower_left_corner():
     window = plane_through(np.array([[0.01, 0.02, 0.03]]), NOBODY, WAVELENGTH)
     rows, columns = window.shape
@@ -58,24 +51,6 @@ def test_the_points_of_a_window_are_a_grid_from_its_lower_left_corner():
     # Along an axis of the frame a picture shows the frame's own coordinates.
     assert (left + right) / 2 == pytest.approx(10.0)
     assert (bottom + top) / 2 == pytest.approx(30.0)
-
-
-def test_a_slanted_plane_is_measured_from_its_middle():
-    foci = np.array([[0.0, 0.0, 0.0], [0.03, 0.03, 0.0], [0.0, 0.0, 0.02]])
-    window = plane_through(foci, NOBODY, WAVELENGTH)
-    assert window.labels == ("across [mm]", "z [mm]")
-    left, right, bottom, top = window.extent
-    assert left == pytest.approx(-right)
-    assert (bottom + top) / 2 == pytest.approx(10.0)
-
-
-def test_a_close_up_has_the_skin_below():
-    focus, outward = np.array([0.01, 0.0, 0.0]), np.array([0.0, 3.0, 4.0])
-    window = close_up(focus, outward, WAVELENGTH)
-    np.testing.assert_allclose(window.up, [0, 0.6, 0.8])
-    np.testing.assert_allclose(
-        window.seen(focus[None] + 1e-3 * window.up) - window.seen(focus[None]), [[0, 1]], atol=1e-9
-    )
 
 
 def test_a_box_reaches_past_the_foci_with_x_fastest():

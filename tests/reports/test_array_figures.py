@@ -49,14 +49,6 @@ def test_the_faces_of_the_box_follow_one_another_to_the_right():
         assert np.ptp(face.seen[:, 1]) > np.ptp(face.seen[:, 0])
 
 
-def test_an_array_without_faces_is_seen_as_one():
-    random = np.random.default_rng(0)
-    normals = random.normal(size=(30, 3)) * 0.1 + [0, 0, 1]
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    (face,) = unfold(random.normal(size=(30, 3)), normals)
-    assert len(face.elements) == 30
-
-
 def test_a_uniform_amplitude_is_not_drawn():
     array = ARRAYS["flat"]
     figure = draw_phases(array.positions, array.normals, np.exp(1j * np.arange(996.0)))

@@ -5,12 +5,10 @@ import pytest
 from matplotlib.figure import Figure
 
 import airtact as at
-from airtact.evaluation.windows import AXES, Window, close_up
+from airtact.evaluation.windows import AXES, Window
 from airtact.reports.field_figure import (
-    DIFFERENCES,
     FAINT,
     Cut,
-    draw_close_ups,
     draw_difference,
     draw_field,
     draw_solid,
@@ -109,28 +107,3 @@ def test_points_without_a_field_are_left_to_the_grey_of_the_body():
     assert not image.get_array().mask[~np.isnan(field).reshape(UPRIGHT.shape)].any()
     (body,) = outlines(figure.axes[0])
     np.testing.assert_allclose(np.linalg.norm(body, axis=1), 10.0, atol=0.1)
-
-
-def test_close_ups_are_a_grid_of_foci_and_drives_around_zero():
-    foci = np.array([[0.0, 0.0, 0.02], [0.03, 0.0, 0.0], [0.0, 0.05, 0.0]])
-    cuts = []
-    for focus in foci:
-        window = close_up(focus, focus, 8.6e-3)
-        field = monopole(window.points, focus + 1e-3 * window.normal)
-        cuts.append(
-            Cut(window, {"considered": field, "ignored": 0.5 * field}, np.full(len(field), -1.0))
-        )
-    figure = draw_close_ups(cuts, ["a", "b", "c"], 1200.0)
-    images = drawn_images(figure)
-    assert [image.get_clim() for image in images] == [(0.0, 1200.0)] * 6 + [
-        DIFFERENCES.get_clim()
-    ] * 3
-    for image in images[6:]:
-        np.testing.assert_allclose(image.get_array(), 20.0 * np.log10(2.0))
-    for image in images[:6]:
-        left, right, bottom, top = image.get_extent()
-        assert left == pytest.approx(-right)
-        assert bottom == pytest.approx(-top)
-        middle = np.unravel_index(np.argmax(image.get_array()), image.get_array().shape)
-        assert middle == (image.get_array().shape[0] // 2, image.get_array().shape[1] // 2)
-    assert [axes.get_title() for axes in figure.axes[:3]] == ["a", "b", "c"]

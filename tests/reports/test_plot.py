@@ -98,16 +98,6 @@ def test_phases_of_one_board_stand_where_its_transducers_do() -> None:
     }
 
 
-def test_the_faces_of_a_box_stand_side_by_side() -> None:
-    axes = at.plot.phases(ARRAY, at.Drive(np.full(996, 0.5 + 0j)), show="amplitude")
-    (discs,) = axes.collections
-    assert len(discs.get_offsets()) == 996
-    assert len(axes.texts) == 4
-    assert bar_of(axes).get_xlabel() == "amplitude [of full scale]"
-    left = np.sort(discs.get_offsets()[:, 0])
-    assert np.sum(np.diff(left) > 20.0) == 3
-
-
 def test_a_scene_holds_bodies_transducers_and_foci(drive) -> None:
     axes = at.plot.scene(SCENE, ARRAY, drive, TARGET)
     assert axes.name == "3d"

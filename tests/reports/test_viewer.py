@@ -69,8 +69,7 @@ def test_a_drag_turns_the_scene_and_a_wheel_comes_nearer(report):
     report.mouse.move(*stage(report))
     report.mouse.down()
     x, y = stage(report)
-    for step in range(60):
-        report.mouse.move(x + 3 * step, y + step)
+    report.mouse.move(x + 180, y + 60, steps=6)
     report.mouse.up()
     pictures.append(still(report))
     report.mouse.wheel(0, -400)
@@ -196,14 +195,14 @@ def test_three_js_is_found_whole_with_its_licence(view):
 
 def test_the_first_slice_hides_no_focus(view):
     """It goes through the focus farthest from the viewer, to half a step."""
-    foci = view.points + np.outer([0.0, 4e-3], view.slices.axes[2])
+    foci = view.setup.target.points + np.outer([0.0, 4e-3], view.slices.axes[2])
     seen = replace(view, setup=replace(view.setup, target=at.Target(foci)))
     facts = json.loads(viewer_values(seen)["facts"])
     towards = towards_viewer(*np.degrees(facts["views"]["first"]["seen"]))
     normal = np.array(facts["slices"]["axes"][2])
     corner = facts["slices"]["corner"][2]
     height = corner + facts["slices"]["start"][2] * facts["slices"]["steps"][2]
-    before = (1e3 * seen.points @ normal - height) * np.sign(normal @ towards)
+    before = (1e3 * seen.setup.target.points @ normal - height) * np.sign(normal @ towards)
     assert np.ptp(before) == pytest.approx(4.0)
     assert before.min() == pytest.approx(0.0, abs=0.5 * facts["slices"]["steps"][2])
 
@@ -225,7 +224,7 @@ def test_a_plane_is_a_sheet_seen_from_its_front(browser, tmp_path):
     still(page)
     box = page.locator(".stage").bounding_box()
     words = set()
-    for share in np.linspace(0.1, 0.9, 60):
+    for share in np.linspace(0.1, 0.9, 25):
         page.mouse.move(box["x"] + share * box["width"], box["y"] + 0.6 * box["height"])
         words.add(page.inner_text("output").split(" at ")[0] if page.is_visible("output") else "")
     assert "rigid plane" in words

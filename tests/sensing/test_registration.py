@@ -78,7 +78,8 @@ def test_dead_receivers_are_left_out() -> None:
 
 
 def test_a_pose_is_found_while_the_emitting_board_rings() -> None:
-    codes = at.sensing.random_codes(996, 8, seed=4, parts=np.repeat(np.arange(4), 249))
+    boards = np.repeat(np.arange(4), 249)
+    codes = at.sensing.random_codes(996, 8, seed=4) * (boards[:, None] == np.arange(8) % 4)
     seen = BOX.seen_from(TRUE)
     echoes = at.simulate_echoes(solved(), capsules(), seen, codes, noise=30.0)
     echoes = replace(echoes, valid=codes == 0.0)
@@ -125,7 +126,7 @@ def test_echoes_of_something_else_are_rejected() -> None:
 
 
 def test_a_turn_that_changes_nothing_is_named() -> None:
-    scene = at.Scene(AIR, [at.sound_hard(at.sphere(8e-3, 2e-3))], frequency=40e3)
+    scene = at.Scene(AIR, [at.sound_hard(at.sphere(3e-3, 1e-3))], frequency=40e3)
     scattering = at.scattering_matrix(at.SphereSeries(), scene)
     echoes = at.simulate_echoes(scattering, scene, BOX, CODES[:, :2])
     with raises_code("pose_not_found"):

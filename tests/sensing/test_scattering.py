@@ -86,19 +86,6 @@ def test_echoes_of_random_codes_are_those_of_direct_solves() -> None:
 
 
 @pytest.mark.slow
-def test_echoes_of_two_fingers_are_those_of_direct_solves() -> None:
-    scene = at.Scene(
-        AIR, [at.sound_hard(surface) for surface in at.pinch(gap=0.012).surfaces], frequency=40e3
-    )
-    codes = at.sensing.random_codes(996, 2, seed=3)
-    array = BOX.seen_from(TRUE)
-    exact = at.simulate_echoes(
-        at.BoundaryElement(accuracy=0.003, estimate=False), scene, array, codes
-    ).pressures
-    by_matrix = at.scattering_matrix(at.BoundaryElement(accuracy=0.005, estimate=False), scene)
-    assert relative(at.simulate_echoes(by_matrix, scene, array, codes).pressures, exact) < 0.007
-
-
 def test_waves_that_hardly_reach_the_bodies_need_no_solve() -> None:
     rod = at.Scene(
         AIR,

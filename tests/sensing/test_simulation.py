@@ -54,11 +54,3 @@ def test_what_cannot_be_simulated_is_rejected() -> None:
     for wrong in ({"noise": 1e4}, {"seed": -1}):
         with raises_code("out_of_range"):
             echoes(**wrong)
-
-
-def test_parts_of_an_array_emit_in_turn() -> None:
-    parts = np.repeat(np.arange(4), 249)
-    codes = at.sensing.random_codes(996, 8, seed=2, parts=parts)
-    assert np.array_equal((codes[:, 1] != 0), parts == 1)
-    with raises_code("sizes_differ"):
-        at.sensing.random_codes(996, 8, parts=parts[:3])

@@ -92,14 +92,6 @@ def test_bodies_of_another_boundary_are_not_merged(read):
         read("merge_bodies = true\n", MEDIUM, ARRAY, BALL, other, FOCUS)
 
 
-def test_the_offset_is_off_the_surface(read):
-    pinch = "[[obstacles]]\npinch = { gap = 0.02 }\n"
-    focus = '[[foci]]\nat = "finger.pad"\noffset = 2e-3\n'
-    np.testing.assert_allclose(
-        read(MEDIUM, ARRAY, pinch, focus).target.points, [[8e-3, 0, 0]], atol=1e-12
-    )
-
-
 def test_pressures_and_method_are_passed_on(read):
     setup = read(
         MEDIUM, ARRAY, BALL, FOCUS, "pressure = 700.0\n", '[drive]\nmethod = "phase_conjugate"\n'
@@ -107,13 +99,6 @@ def test_pressures_and_method_are_passed_on(read):
     np.testing.assert_array_equal(setup.target.pressures, [700.0])
     assert setup.synthesise is at.drives.METHODS["phase_conjugate"]
     assert setup.method == "phase_conjugate"
-
-
-def test_pistons(read):
-    element = read(
-        MEDIUM, ARRAY, "piston_radius = 4.5e-3\nsensitivity = 2.0\n", BALL, FOCUS
-    ).array.element
-    assert (element.radius, element.sensitivity) == (4.5e-3, 2.0)
 
 
 def test_boards_stand_where_their_poses_say(read):
@@ -395,12 +380,6 @@ def test_a_setup_offers_all_that_playing_its_drive_needs(read):
         )
 
 
-def test_a_scene_may_have_more_boards_than_one_link_takes(read):
-    poses = ", ".join(f"{{ translation = [{0.2 * index}, 0.0, -0.1] }}" for index in range(3))
-    array = f'[array]\nlayout = "boards"\nboard = "sonicsurface"\nposes = [{poses}]\n'
-    assert len(read(MEDIUM, array, FOCUS).poses) == 3
-
-
 def test_an_unknown_point_of_a_body_names_the_nearest(read):
     pinch = "[[obstacles]]\npinch = {}\n"
     sentence = 'foci[0]: at = "thumb.pat" is not a named point of a body; did you mean thumb.pad?'
@@ -422,12 +401,6 @@ def test_a_file_that_cannot_be_read_is_rejected(tmp_path):
     (tmp_path / "bytes.toml").write_bytes(b"frequency = 1\n\xff")
     with raises_code("file_unreadable"):
         at.read_scene(tmp_path / "bytes.toml")
-
-
-def test_open_air_is_solved_in_closed_form(read):
-    assert isinstance(read(MEDIUM, ARRAY, FOCUS).solver, at.FreeField)
-    with raises_code("not_supported"):
-        read(MEDIUM, ARRAY, BALL, FOCUS, '[solver]\nname = "free_field"')
 
 
 @pytest.mark.parametrize(
@@ -527,14 +500,6 @@ def test_a_pose_moves_a_body_and_the_foci_that_ride_on_it(read) -> None:
             other.surface.vertices, one.surface.vertices @ quarter.T + shift, atol=1e-12
         )
     assert -after.scene.depth(after.target.points)[0] == pytest.approx(0.5e-3, abs=1e-9)
-
-
-def test_a_pose_may_turn_by_more_than_a_whole_turn(read) -> None:
-    once, more = (
-        read(MEDIUM, ARRAY, PINCH, POSE.replace("90.0", degrees), PAD)
-        for degrees in ("90.0", "450.0")
-    )
-    np.testing.assert_allclose(more.target.points, once.target.points, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import pytest
 
 import airtact as at
-from airtact.setup.parsing import nearest, parse_scene
+from airtact.setup.parsing import parse_scene
 from airtact.setup.tables import SceneFile
 from faults import raises_code
 
@@ -93,20 +93,9 @@ def test_a_wrong_value_is_named_with_its_path(text, sentence):
     assert str(fault.value) == sentence
 
 
-def test_an_unknown_value_of_a_choice_names_the_nearest():
-    text = LEAST + '[[obstacles]]\npinch = {}\nboundary = "sound_hart"'
-    with raises_code("unknown_name"):
-        parse_scene(text)
-
-
 def test_what_is_not_toml_is_rejected_with_its_line():
     with raises_code("file_unreadable", "medium = = 3"):
         parse_scene("frequency = 4e4\nmedium = = 3\n")
-
-
-def test_without_a_near_word_all_are_listed():
-    assert nearest("zzz", {"b": 1, "a": 2}) == "there is a, b."
-    assert nearest("aplha", ["alpha", "beta"], "x.") == "did you mean x.alpha?"
 
 
 def test_the_air_of_a_scene_is_of_20_degrees_where_none_is_given(tmp_path):

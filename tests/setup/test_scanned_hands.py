@@ -49,17 +49,6 @@ def test_joints_beside_a_scan_name_its_pads_as_its_rig_would(read, bare) -> None
     np.testing.assert_allclose(setup.target.points[0], point + 0.5e-3 * normal, atol=1e-5)
 
 
-def test_a_pose_moves_the_places_of_a_scan(read) -> None:
-    pose = "[obstacles.pose]\naxis = [0.0, 0.0, 1.0]\ndegrees = 90.0\ntranslation = [0.0, 0.01, 0.002]\n"
-    box = '[array]\nlayout = "flat_boards"\nrows = 1\ncolumns = 1\n[array.pose]\ntranslation = [0.0, 0.0, -0.3]\n'
-    before, after = read(AIR, box, SCAN, INDEX), read(AIR, box, SCAN, pose, INDEX)
-    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    np.testing.assert_allclose(
-        after.target.points, before.target.points @ quarter.T + [0.0, 0.01, 0.002], atol=1e-9
-    )
-    assert after.scene.depth(after.target.points)[0] == pytest.approx(-0.5e-3, abs=2e-6)
-
-
 def test_a_scan_in_other_units_has_its_places_in_metres(read, tmp_path) -> None:
     scene = trimesh.load_scene(GENERIC_HAND, process=False)
     scene.apply_scale(1e3)

@@ -1,6 +1,5 @@
 """A function at many points: rows in order, faults as rows, results that are kept and found again."""
 
-import json
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -132,15 +131,6 @@ def test_a_result_is_named_by_point_function_and_arguments() -> None:
     assert len(set(named)) == len(named)
 
 
-def test_a_file_without_a_fault_column_is_computed_again(threads, tmp_path) -> None:
-    at.sweep(square, POINTS[:1], threads, tmp_path)
-    (file,) = tmp_path.glob(f"*{SUFFIX}")
-    file.write_text(
-        json.dumps({"name": file.name.removesuffix(SUFFIX), "row": {}}), encoding="utf-8"
-    )
-    assert at.sweep(square, POINTS[:1], threads, tmp_path)[0]["square"] == 25
-
-
 def ends_the_program(point):
     sys.exit(3)
 
@@ -182,12 +172,6 @@ def test_points_of_the_wrong_kind_are_rejected(points, code, threads, as_outside
     with pytest.raises(at.InvalidInput) as fault:
         at.sweep(square, points, threads)
     assert fault.value.code == code
-
-
-def test_an_executor_of_the_wrong_kind_is_rejected(as_outside_the_tests) -> None:
-    with pytest.raises(at.InvalidInput, match="the executor is 'four'") as fault:
-        at.sweep(square, POINTS, "four")
-    assert fault.value.code == "wrong_kind"
 
 
 def test_no_more_processes_than_points_and_memory_allow(monkeypatch) -> None:

@@ -53,13 +53,6 @@ def test_a_rendering_reports_what_is_kept_nine_of_ten_times(read, tmp_path) -> N
     assert kept.lowest_tenth[0] > kept.lowest_tenth[1]
     assert np.quantile(kept.pressures[0], 0.1) == pytest.approx(kept.lowest_tenth[0])
     assert kept.sentence() in result.remarks
-    assert [shift_map.pressures.shape for shift_map in kept.maps] == [(2, 17 * 17)] * 2
-    # With no shift at all, which is the middle, a drive gives what is expected.
-    np.testing.assert_allclose(
-        [shift_map.pressures[:, 17 * 8 + 8] for shift_map in kept.maps],
-        [kept.expected] * 2,
-        rtol=1e-6,
-    )
     at.write_report(result, tmp_path)
     assert "not as expected" in (tmp_path / "report.html").read_text(encoding="utf-8")
     contenders = at.compare(setup).contenders

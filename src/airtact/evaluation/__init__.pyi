@@ -2,7 +2,6 @@ from .comparison import HELD_EQUAL as HELD_EQUAL
 from .comparison import Comparison as Comparison
 from .field import drive_sources as drive_sources
 from .held_out import HeldOut as HeldOut
-from .held_out import ShiftMap as ShiftMap
 from .metrics import Evaluation as Evaluation
 from .microphone import Microphone as Microphone
 from .radiation import RadiationMap as RadiationMap

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Real
@@ -18,12 +17,12 @@ from airtact.evaluation.metrics import beyond_linear, not_modelled
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 
+# The normalisations of a comparison, and what each holds equal
 HELD_EQUAL = {
     "equal peak": "the strongest element of every drive is at full scale",
     "equal energy": "Σ|d|² is the same for every drive, the largest that all reach at full scale",
     "phase only": "every drive keeps its phases and puts every element that emits at full scale",
 }
-"""The normalisations of a comparison, and what each holds equal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +54,6 @@ class Comparison:
         )
 
     def _strongest(self) -> tuple[float, str]:
-        """Return the largest pressure at the weakest focus at equal peak, and its drive's name."""
         # Full scale is the limit of the hardware, so equal peak decides.
         weakest = self.weakest("equal peak")
         best = int(np.argmax(weakest))
@@ -167,24 +165,22 @@ class Comparison:
             for focus, (x, y, z) in enumerate(self.target.points.tolist())
         ]
 
-    def _repr_html_(self) -> str:
-        """Return the table of ``print`` for notebooks."""
-        return f"<pre>{escape(str(self))}</pre>"
-
     def __str__(self) -> str:
         foci = counted(len(self.target.points), "focus", "foci")
-        rows = [[f"weakest of {foci} [Pa]", *self.pressures], *self._weakest_rows()]
+        rows = [[f"weakest of {foci} [Pa]", *self.pressures], *([name] for name in self.names)]
+        for held_equal in self.pressures:
+            weakest = self.weakest(held_equal)
+            reference = weakest[0] if weakest[0] > 0.0 else np.nan
+            for row, pressure in zip(rows[1:], weakest, strict=True):
+                row.append(f"{pressure:.0f} ({pressure / reference:.2f})")
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = [
             "  ".join([name.ljust(widths[0]), *map(str.rjust, texts, widths[1:])])
             for name, *texts in rows
         ]
-        return "\n".join([*lines, *self._notes()])
-
-    def _notes(self) -> list[str]:
         pressure, name = self._strongest()
         report = self.report
-        return [
+        lines += [
             f"At equal peak, the limit of the hardware, {name!r} is the strongest, {pressure:.0f} "
             "Pa at the weakest focus.",
             "In brackets: ratio to the first drive. table() lists every focus.",
@@ -193,16 +189,7 @@ class Comparison:
             f"{not_modelled(report)}",
             *map(as_sentence, [*beyond_linear(self.pressures["equal peak"]), *report.warnings]),
         ]
-
-    def _weakest_rows(self) -> list[list[str]]:
-        """Return for each drive its name and its weakest focus under each normalisation."""
-        rows = [[name] for name in self.names]
-        for held_equal in self.pressures:
-            weakest = self.weakest(held_equal)
-            reference = weakest[0] if weakest[0] > 0.0 else np.nan
-            for row, pressure in zip(rows, weakest, strict=True):
-                row.append(f"{pressure:.0f} ({pressure / reference:.2f})")
-        return rows
+        return "\n".join(lines)
 
 
 def compare(

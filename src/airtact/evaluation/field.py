@@ -1,13 +1,12 @@
 """The field of a drive from a forward solve: all elements emit, and the bodies scatter."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Real
+from jaxtyping import Complex128, Float64, Real
 
 from airtact.acoustics.scene import Scene, check_outside
-from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport, SurfaceField
+from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.sources import Monopoles, check_off_sources
 from airtact.drives.drive import Drive, check_drive
 from airtact.errors import InvalidInput, counted, of_kind, points_of
@@ -96,48 +95,6 @@ def radiate_drives(
             check_outside(scene, positions, word)
             check_off_sources(positions, sources)
     return solver.reporting(progress).radiate(scene, sources)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class _ScaledExcitation(RadiatedField):
-    """One excitation of a solved field, times a factor."""
-
-    solved: RadiatedField
-    column: int
-    factor: float
-
-    @property
-    def on_surface(self) -> SurfaceField:
-        surface = self.solved.on_surface
-        return replace(surface, pressure=self._chosen(surface.pressure))
-
-    def _chosen(self, values: np.ndarray) -> np.ndarray:
-        return self.factor * values[..., [self.column]]
-
-    def _at(self, points: Float64[np.ndarray, "points 3"]) -> np.ndarray:
-        return self._chosen(self.solved.at(points))
-
-    def _scattered_at(self, points: Float64[np.ndarray, "points 3"]) -> np.ndarray:
-        return self._chosen(self.solved.scattered_at(points))
-
-    def _valid(self, points: Float64[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        return self.solved.valid(points)
-
-    def _velocity(self, points: Float64[np.ndarray, "points 3"]) -> np.ndarray:
-        return self._chosen(self.solved.velocity(points))
-
-    def error_at(self, points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "1"]:
-        return self.solved.error_at(points)[[self.column]]
-
-    def report_at(self, points: Float64[np.ndarray, "points 3"]) -> SolveReport:
-        return self.solved.report_at(points)
-
-
-def field_of_drive(solved: RadiatedField, column: int, factor: float) -> RadiatedField:
-    """Return the field of one excitation of a solved field, its sources times a factor."""
-    strengths = factor * solved.sources.strengths[:, [column]]
-    sources = Monopoles(solved.sources.positions, strengths)
-    return _ScaledExcitation(solved.scene, sources, solved.report, solved, column, factor)
 
 
 def field_map(

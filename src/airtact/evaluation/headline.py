@@ -94,24 +94,23 @@ def shortfalls(
 
 
 def _counted(comparison: Comparison, held_equal: str) -> Float64[np.ndarray, "drives counted"]:
-    """(D, F) pressure divided by weight, at the foci with a request."""
     weights = comparison.target.weights
     asked = weights > 0.0
     return comparison.pressures[held_equal][:, asked] / weights[asked]
 
 
 def _per_cent(share: float) -> str:
-    """Write a share in per cent, with a space before the sign (ISO 80000-1)."""
+    # Write a share in per cent, with a space before the sign (ISO 80000-1).
     return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
 
 
 def _signed(share: float) -> str:
-    """Write a gain or loss in per cent, with a typographic minus."""
     return f"{100 * share:+.0f} %".replace("-", "\u2212")
 
 
 def _amount(weakest: float, target: Target) -> str:
-    """Write a pressure, or its fraction of the request if the foci request different pressures."""
+    # Write a pressure, or its fraction of the request if the foci request different
+    # pressures.
     weights = target.weights[target.weights > 0.0]
     if target.pressures is not None and not np.allclose(weights, weights[0]):
         return f"{weakest:.0%} of the request".replace("%", " %")

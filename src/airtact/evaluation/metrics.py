@@ -1,7 +1,6 @@
 """The pressure at every focus under a drive, from a solver that did not make the drive."""
 
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -16,11 +15,11 @@ from airtact.evaluation.field import radiate_drives
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 
+# Limits of a computed pressure without planes or reflecting boards (section 3.1 of the paper)
 NOT_MODELLED = (
     "The array's own boards, the table and the walls do not reflect, and the elements' sensitivity "
     "is not calibrated."
 )
-"""Limits of a computed pressure without planes or reflecting boards (section 3.1 of the paper)."""
 
 
 def not_modelled(report: SolveReport) -> str:
@@ -83,25 +82,9 @@ class Evaluation:
         return one_line(self, counted(len(self.pressures), "focus", "foci"), *self._summary(".0f"))
 
     def _summary(self, form: str) -> tuple[str, str]:
-        """Return the weakest focus and the mean in words."""
         if self.target.pressures is None:
             return f"weakest focus {self.worst:{form}} Pa", f"mean {self.mean:{form}} Pa"
         return f"weakest focus {self.worst:.1%} of the request", f"mean {self.mean:.1%}"
-
-    def _rows(self) -> list[list[str]]:
-        """Return number, position, pressure, request and its share of each focus, as texts."""
-        asked = self.target.pressures
-        columns = zip(1e3 * self.target.points, self.magnitudes, self.shares, strict=True)
-        return [
-            [
-                str(index),
-                *(f"{coordinate:.2f}" for coordinate in point),
-                f"{magnitude:.1f}",
-                "-" if asked is None else f"{asked[index]:.1f}",
-                "-" if np.isnan(share) else f"{share:.1%}",
-            ]
-            for index, (point, magnitude, share) in enumerate(columns)
-        ]
 
     @property
     def magnitudes(self) -> Float64[np.ndarray, "foci"]:
@@ -148,23 +131,26 @@ class Evaluation:
         low = self.counted.min()
         return float(1.0 - (high - low) / (high + low)) if high > 0.0 else 0.0
 
-    def _repr_html_(self) -> str:
-        """Return the table of ``print`` for notebooks."""
-        return f"<pre>{escape(str(self))}</pre>"
-
     def __str__(self) -> str:
         lines = ["focus   x [mm]    y [mm]    z [mm]   pressure [Pa] request [Pa]    share"]
-        for index, x, y, z, pressure, asked, share in self._rows():
-            lines.append(f"{index:>5}{x:>9} {y:>9} {z:>9} {pressure:>15} {asked:>12} {share:>8}")
-        lines.append(f"{', '.join(self._summary('.1f'))}, uniformity {self.uniformity:.3f}")
-        warnings = [*beyond_linear(self.magnitudes), *self.report.warnings]
-        return "\n".join([*lines, self._source(), *map(as_sentence, warnings)])
-
-    def _source(self) -> str:
+        asked = self.target.pressures
+        columns = zip(1e3 * self.target.points, self.magnitudes, self.shares, strict=True)
+        for index, ((x, y, z), magnitude, share) in enumerate(columns):
+            request = "-" if asked is None else f"{asked[index]:.1f}"
+            reached = "-" if np.isnan(share) else f"{share:.1%}"
+            lines.append(
+                f"{index:>5}{x:>9.2f} {y:>9.2f} {z:>9.2f} {magnitude:>15.1f} {request:>12} "
+                f"{reached:>8}"
+            )
         report = self.report
-        return (
-            f"peak pressures by {report.solver}, estimated error {report.estimated_error:.2g}, "
-            f"residual {report.residual:.1e}. {not_modelled(report)}"
+        return "\n".join(
+            [
+                *lines,
+                f"{', '.join(self._summary('.1f'))}, uniformity {self.uniformity:.3f}",
+                f"peak pressures by {report.solver}, estimated error {report.estimated_error:.2g}, "
+                f"residual {report.residual:.1e}. {not_modelled(report)}",
+                *map(as_sentence, [*beyond_linear(self.magnitudes), *report.warnings]),
+            ]
         )
 
 

@@ -19,8 +19,8 @@ from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import sphere
 from airtact.timing import Progress, no_progress
 
+# The solver to check; its accuracy is the limit for every error
 SOLVER = BoundaryElement(accuracy=0.01)
-"""The solver to check; its accuracy is the limit for every error."""
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.errors import in_short
 from airtact.evaluation.windows import Window
 
+# Largest number of points at which the field is evaluated for all planes together
 MAX_POINTS = 36_000
-"""Largest number of points at which the field is evaluated for all planes together."""
 
+# Thickness of the layer at a hard surface in which the pressure is a parabola [wavelengths]
 WALL = 0.25
-"""Thickness of the layer at a hard surface in which the pressure is a parabola [wavelengths]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ def slices_around(
 
 
 def _counts(size: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
-    """Count points along the axes of a size [wavelengths]; also return if all steps are equal."""
+    # Count points along the axes of a size [wavelengths]; also return if all steps are equal.
     # An odd number, so that one plane is in the middle.
     counts = 2 * np.ceil(size * 5.0 / 2.0).astype(int) + 1
     if counts.prod() <= MAX_POINTS:
@@ -110,7 +110,7 @@ def _counts(size: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
 def _finer(
     values: Inexact[np.ndarray, "planes rows columns"], times: tuple[int, int, int]
 ) -> Complex128[np.ndarray, "more_planes more_rows more_columns"]:
-    """Put ``times`` − 1 values between neighbours along each axis by cubic splines."""
+    # Put ``times`` − 1 values between neighbours along each axis by cubic splines.
     from scipy.interpolate import make_interp_spline
 
     out = np.asarray(values, dtype=np.complex128)
@@ -126,7 +126,7 @@ def _pressure(
     points: Float64[np.ndarray, "points 3"],
     depth: Float64[np.ndarray, "points"],
 ) -> Complex128[np.ndarray, "points excitations"]:
-    """Complex pressure at points, from the parabola near hard walls; NaN deep inside bodies."""
+    # Complex pressure at points, from the parabola near hard walls; NaN deep inside bodies.
     if any(obstacle.boundary != "sound_hard" for obstacle in field.scene.obstacles):
         return field.at(points)
     surface = field.on_surface
@@ -157,7 +157,7 @@ def _pressure(
 def _carried_inside(
     pressure: Complex128[np.ndarray, "planes rows columns excitations"],
 ) -> Complex128[np.ndarray, "planes rows columns excitations"]:
-    """Replace NaN by the nearest pressure, because splines would ring at the edge of bodies."""
+    # Replace NaN by the nearest pressure, because splines would ring at the edge of bodies.
     from scipy.ndimage import distance_transform_edt
 
     unknown = np.isnan(pressure[..., 0])

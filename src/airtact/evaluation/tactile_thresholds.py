@@ -6,16 +6,15 @@ import numpy as np
 
 Modulation = Literal["amplitude", "spatiotemporal"]
 
+# Smallest perceptible peak pressure [Pa], for amplitude modulation at 200 Hz or a moving focus.
+# From T. Howard et al. 2019.
 THRESHOLDS: dict[str, float] = {"amplitude": 557.0, "spatiotemporal": 334.0}
-"""Smallest perceptible peak pressure [Pa], for amplitude modulation at 200 Hz or a moving focus.
 
-From T. Howard et al. 2019."""
-
+# The note for a drive that is not modulated
 CONSTANT_FORCE_NOTE = (
     'Skin hardly feels a constant force: give [drive.modulation] with kind = "am" in the scene '
     "file, or play the drive with --modulate am:200."
 )
-"""The note for a drive that is not modulated."""
 
 
 def sensation(pressure: float, modulation: Modulation | None, depth: float = 1.0) -> str:

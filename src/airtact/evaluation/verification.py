@@ -218,7 +218,6 @@ def _farther(
     centres: Float64[np.ndarray, "centres 3"],
     distance: float,
 ) -> Bool[np.ndarray, "points"]:
-    """Whether points are farther than a distance [m] from all centres."""
     return np.asarray(KDTree(centres).query(points)[0]) > distance
 
 

@@ -8,8 +8,8 @@ from jaxtyping import Float64, Real
 
 from airtact.acoustics.scene import Scene
 
+# Unit vectors of the frame by name
 AXES = dict(zip("xyz", np.eye(3), strict=True))
-"""Unit vectors of the frame by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,30 +132,13 @@ def _round_foci(foci: np.ndarray, right: np.ndarray, up: np.ndarray, wavelength:
     return Window(centre, right, up, float(width), float(height), float(step))
 
 
-def close_up(
-    focus: Real[np.ndarray, "3"], outward: Real[np.ndarray, "3"], wavelength: float
-) -> Window:
-    """Return a window of three wavelengths around a focus, with ``outward`` pointing up."""
-    up = _direction(np.asarray(outward, dtype=np.float64))
-    _, right = _independent([up, AXES["y"], AXES["z"], AXES["x"]])
-    right = right * np.sign(right[np.argmax(np.abs(right))])
-    return Window(
-        np.array(focus, dtype=np.float64),
-        right,
-        up,
-        3 * wavelength,
-        3 * wavelength,
-        wavelength / 18,
-    )
-
-
 def _direction(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
     length = np.linalg.norm(vector)
     return vector / length if length > 0 else np.zeros(3)
 
 
 def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Take the first two directions that are well apart, and make them perpendicular."""
+    # Take the first two directions that are well apart, and make them perpendicular.
     first = next(axis for axis in candidates if np.linalg.norm(axis) > 0.5)
     across = (axis - axis @ first * first for axis in candidates)
     return first, _direction(next(axis for axis in across if np.linalg.norm(axis) > 0.3))

@@ -30,11 +30,11 @@ from airtact.reports.solids import (
     towards_viewer,
 )
 
+# Colour of bodies
 GREY = 0.9, 0.873, 0.846, 1.0
-"""Colour of bodies."""
 
+# Colour of transducers without a drive
 UNDRIVEN = 0.62, 0.70, 0.78, 1.0
-"""Colour of transducers without a drive."""
 
 PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/2", np.pi: "π"}
 
@@ -121,7 +121,8 @@ def is_uniform(amplitudes: Complex[np.ndarray, "elements"]) -> bool:
 def _panels(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"], count: int
 ) -> tuple[int, int, float, float]:
-    """Rows and columns of ``count`` pictures of all faces, and width and height of one [inches]."""
+    # Rows and columns of ``count`` pictures of all faces, and width and height of one
+    # [inches].
     spans = np.array([np.ptp(face.seen, axis=0) + 0.03 for face in unfold(positions, normals)])
     width = spans[:, 0].sum()
     height = spans[:, 1].max()
@@ -133,7 +134,6 @@ def _panels(
 
 
 def _label(axis: Axis, direction: Float64[np.ndarray, "3"], fallback: str) -> None:
-    """Label an axis with the axis of the frame that it follows, or with ``fallback``."""
     for name, unit in AXES.items():
         if abs(direction @ unit) > 1 - 1e-6:
             axis.set_label_text(f"{name} [mm]")
@@ -202,7 +202,7 @@ def _lay_out(
     normals: Real[np.ndarray, "elements 3"],
     colours: Real[np.ndarray, "elements 4"],
 ) -> int:
-    """Draw the transducers as coloured discs, face by face; return the number of faces."""
+    # Draw the transducers as coloured discs, face by face; return the number of faces.
     faces = unfold(positions, normals)
     size = 1e3 * min(spacing(positions[face.elements]) for face in faces) * 0.94
     left = 0.0
@@ -317,7 +317,6 @@ def _add_discs(
     phases: np.ndarray | None,
     viewer: np.ndarray,
 ) -> Float64[np.ndarray, "elements corners 3"]:
-    """Add a disc for each transducer, and return them [mm]."""
     radius = 0.47 * min(spacing(positions[face.elements]) for face in unfold(positions, normals))
     # Polygons of 14 corners instead of circles. The helper must not be parallel to the normal.
     helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])

@@ -30,14 +30,14 @@ from airtact.reports.solids import (
     space_axes,
 )
 
+# Largest number of triangles with edges drawn; a finer mesh would be black
 MAX_TRIANGLES_WITH_EDGES = 8000
-"""Largest number of triangles with edges drawn; a finer mesh would be black."""
 
 SHARP = (0.75, 0.11, 0.11, 1.0)
 
 
 def _two_views(height: float, views: tuple[View, View]) -> tuple[Figure, list[Axes3D]]:
-    """Make a figure of a height [inches] with two orthographic views side by side."""
+    # Make a figure of a height [inches] with two orthographic views side by side.
     # The padding leaves room for 3-D labels.
     figure = Figure(figsize=(13.0, height), layout=ConstrainedLayoutEngine(w_pad=0.35, h_pad=0.12))
     panels = [space_axes(figure, view, (1, 2, 1 + side)) for side, view in enumerate(views)]
@@ -110,7 +110,7 @@ def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:
 def _hexagons(
     quadratic_triangles: QuadraticTriangles,
 ) -> Float64[np.ndarray, "panels 6 3"]:
-    """Corners and edge midpoints of panels, in order around each panel [mm]."""
+    # Corners and edge midpoints of panels, in order around each panel [mm].
     return 1e3 * quadratic_triangles[:, [0, 3, 1, 4, 2, 5]]
 
 

@@ -64,7 +64,6 @@ def write_methods_page(
 
 
 def _standing(contest: MethodComparison) -> str:
-    """Describe how the best method compares with the others."""
     equal = _equal_to_best(contest)
     if not equal:
         return "gives the weakest focus most"
@@ -72,7 +71,6 @@ def _standing(contest: MethodComparison) -> str:
 
 
 def _equal_to_best(contest: MethodComparison) -> str:
-    """Return the names of the other methods that are as good as the best."""
     names = [contender.name for contender in contest.equally_good]
     return ", ".join(name for name in names if name != contest.best.name)
 

@@ -25,8 +25,8 @@ TEMPLATES = Environment(
     lstrip_blocks=True,
 )
 
+# Pixels of a picture per pixel of the page, for screens with high resolution
 PIXELS = 1.35
-"""Pixels of a picture per pixel of the page, for screens with high resolution."""
 
 
 TEMPLATES.filters["sentence"] = as_sentence

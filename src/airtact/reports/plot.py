@@ -5,7 +5,7 @@ a run has the same plots. Lengths are in millimetres. Matplotlib is imported on 
 """
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -68,7 +68,13 @@ def field(
     InvalidInput
         If there are no foci, a name or index is unknown, or ``over`` has no comparison.
     """
-    plotted: FieldResult = _checked_result(result, FieldResult)
+    scale = 1.0
+    if isinstance(result, Rendering):
+        scale = result.drive.peak
+        result = result.verification
+    plotted: FieldResult = of_kind(
+        result, FieldResult, "the plotted result", "what render() or evaluate() returned"
+    )
     field_of_result = plotted if isinstance(plotted, RadiatedField) else plotted.field
     if field_of_result is None:
         raise InvalidInput(
@@ -89,7 +95,7 @@ def field(
         # At most 100,000 points.
         step = max(width / 300, min(width / 150, wavelength / 8))
         window = replace(window, width=width, height=width, step=step)
-    pressures = field_of_result.at(window.points)
+    pressures = scale * field_of_result.at(window.points)
     shown = {str(drive): pressures[:, column]}
     if over is not None:
         if not isinstance(plotted, Comparison):
@@ -214,7 +220,14 @@ def pads(
     InvalidInput
         If the normalisation is unknown.
     """
-    plotted: Evaluation | Comparison = _checked_result(result, Evaluation | Comparison)
+    if isinstance(result, Rendering):
+        result = result.evaluation
+    plotted: Evaluation | Comparison = of_kind(
+        result,
+        Evaluation | Comparison,
+        "the plotted result",
+        "what render() or evaluate() returned",
+    )
     axes = _axes(ax)
     if isinstance(plotted, Comparison):
         pressures = dict(zip(plotted.names, plotted.under(held_equal), strict=True))
@@ -223,13 +236,6 @@ def pads(
     else:
         draw_foci(axes, {"": plotted.magnitudes}, plotted.target.pressures)
     return axes
-
-
-def _checked_result(result: Any, kinds: Any) -> Any:
-    """Return the result to plot; for a rendering, its evaluation."""
-    if isinstance(result, Rendering):
-        result = result.evaluation
-    return of_kind(result, kinds, "the plotted result", "what render() or evaluate() returned")
 
 
 def _axes(ax: Axes | None) -> Axes:

@@ -1,20 +1,15 @@
 """Plots of numbers: methods with their bound, a scan and its prediction."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from airtact.evaluation.held_out import ShiftMap
 from airtact.evaluation.scan import Overlay
-from airtact.reports.field_figure import COLOURS, draw_values
+from airtact.reports.field_figure import COLOURS
 
 BAR = "#5a2a83"
 BOUND = "#c2410c"
@@ -59,31 +54,6 @@ def draw_shares(
     axes.set(xlim=(0.0, None), ylim=(0.0, 1.0))
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="lower right", frameon=False)
-    return figure
-
-
-def draw_shifts(maps: Sequence[ShiftMap], names: Sequence[str], deviation: float) -> Figure:
-    """Map the pressure of the weakest focus over shifts of the hand: a column per drive.
-
-    Rows are planes. All maps have one scale. A ring shows the standard deviation [m] of the shift
-    if it is above zero.
-    """
-    figure = Figure(figsize=(2.6 * len(names) + 1.4, 2.5 * len(maps) + 0.5), layout="constrained")
-    axes = figure.subplots(len(maps), len(names), squeeze=False)
-    largest = max(float(np.nanmax(shift_map.pressures)) for shift_map in maps)
-    scale = ScalarMappable(Normalize(0.0, largest), COLOURS)
-    for row, shift_map in zip(axes, maps, strict=True):
-        shifts = shift_map.shifts
-        for panel, values in zip(row, shift_map.pressures, strict=True):
-            draw_values(panel, shifts, values, scale)
-            panel.set_xlabel(f"shift: {shifts.labels[0]}")
-            if deviation > 0.0:
-                ring: dict[str, Any] = {"fill": False, "edgecolor": "white", "linewidth": 1.2}
-                panel.add_patch(Circle((0.0, 0.0), 1e3 * deviation, **ring))
-        row[0].set_ylabel(f"shift: {shifts.labels[1]}")
-    for panel, name in zip(axes[0], names, strict=True):
-        panel.set_title(name, fontsize=11)
-    figure.colorbar(scale, ax=axes, label="peak pressure of the weakest focus [Pa]", aspect=30)
     return figure
 
 
@@ -154,7 +124,6 @@ def draw_overlay(overlay: Overlay) -> Figure:
 def _seen(
     points: Float64[np.ndarray, "points 3"],
 ) -> tuple[Float64[np.ndarray, "points axes"], tuple[str, ...]]:
-    """Project points onto their line or plane [mm], along the frame's axes if possible."""
     # A spread below 2 % of the largest spread counts as none.
     spans = np.ptp(points, axis=0)
     wide = np.flatnonzero(spans > 0.02 * spans.max())

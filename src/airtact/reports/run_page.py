@@ -1,41 +1,35 @@
 """The page of one run: drive, fields, pressures at the foci, and how they were computed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from airtact.acoustics.solvers.problem import SolveReport
-from airtact.acoustics.target_points import outward
 from airtact.drives.reach import fraction
-from airtact.drives.transfer_ensemble import TransferEnsemble
 from airtact.errors import counted, in_mm
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.metrics import not_modelled, pascals
-from airtact.evaluation.windows import Window, box_around, close_up, plane_of_scene
+from airtact.evaluation.windows import box_around, plane_of_scene
 from airtact.reports.array_figures import draw_phases, draw_scene, is_uniform
 from airtact.reports.field_figure import (
     FAINT,
     Cut,
-    draw_close_ups,
     draw_difference,
     draw_field,
     solid_depth,
 )
 from airtact.reports.page import picture, write_page
-from airtact.reports.plots import draw_shares, draw_shifts
+from airtact.reports.plots import draw_shares
 from airtact.reports.viewer import (
     SceneView,
-    off_one_plane,
     scene_view,
     viewer_alternative,
     viewer_values,
 )
 from airtact.setup.exports import write_field
 from airtact.setup.rendering import Rendering
-from airtact.setup.setup import Setup
 from airtact.timing import Clock, Progress
 
 CITATION = (
@@ -56,7 +50,7 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
         box = box_around(setup.target.points, scene.wavelength)
         pressure = run.drive.peak * run.verification.at(box.points)[run.verification.names[0]]
         write_field(files[0], box, pressure, [obstacle.surface for obstacle in scene.obstacles])
-    cuts, view = fields_of(run, clock)
+    cut, view = fields_of(run, clock)
     progress("drawing the report")
     write_page(
         files[1],
@@ -64,7 +58,7 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
         title=f"airtact: {setup.title}",
         run=run,
         **_summary(run),
-        fields=_fields(run, cuts, view),
+        fields=_fields(run, cut, view),
         **_pictures(run, view),
         **_foci(run),
         **_how(run, {**run.seconds, **clock.seconds}),
@@ -73,50 +67,29 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
     return files
 
 
-def fields_of(run: Rendering, clock: Clock) -> tuple[list[Cut], SceneView]:
+def fields_of(run: Rendering, clock: Clock) -> tuple[Cut, SceneView]:
     """Evaluate the fields in the pictures of a rendering, with all drives at equal energy."""
     setup = run.setup
     scales = [drive.factor_to_match(run.drive) for drive in run.drives.values()]
     plane = plane_of_scene(setup.scene, setup.target.points)
     with clock.step("cuts", "computing the field in the pictures"):
-        cuts = [_cut(run, window, scales) for window in _windows(setup, plane)]
+        pressures = {
+            name: pressure * scale
+            for (name, pressure), scale in zip(
+                run.verification.at(plane.points).items(), scales, strict=True
+            )
+        }
+        cut = Cut(plane, pressures, solid_depth(setup.scene, plane.points))
     with clock.step("3-D scene", "computing the field in the 3-D scene"):
         field = run.verification.field
         view = scene_view(setup, field, run.drives, scales, plane, "equal energy")
-    return cuts, view
-
-
-def _windows(setup: Setup, plane: Window) -> list[Window]:
-    """Return the plane through the foci, or one through each focus if no plane contains them."""
-    if not off_one_plane(setup):
-        return [plane]
-    foci = setup.target.points
-    pairs = zip(foci, outward(setup.scene.depth, foci), strict=True)
-    return [close_up(focus, normal, setup.scene.wavelength) for focus, normal in pairs]
-
-
-def _cut(run: Rendering, window: Window, scales: Sequence[float]) -> Cut:
-    pressures = run.verification.at(window.points)
-    scaled = {
-        name: pressure * scale
-        for (name, pressure), scale in zip(pressures.items(), scales, strict=True)
-    }
-    return Cut(window, scaled, solid_depth(run.setup.scene, window.points))
-
-
-def _error(run: Rendering, cuts: Sequence[Cut]) -> float:
-    """Largest estimated relative error of the pressures in the pictures."""
-    points = np.concatenate([cut.window.points for cut in cuts])
-    outside = points[run.setup.scene.depth(points) < 0.0]
-    # At most about 300 points for each picture, to bound the time of the estimate.
-    sample = outside[:: max(1, len(outside) // (300 * len(cuts)))]
-    return float(np.max(run.verification.field.error_at(sample), initial=0.0))
+    return cut, view
 
 
 def _summary(run: Rendering) -> dict[str, Any]:
     solve = sum(run.seconds[step] for step in ("beacons", "transfer", "drive"))
     return {
-        "transducers": _transducers(run),
+        "transducers": counted(len(run.setup.array), "transducer", "transducers"),
         "frequency": f"{run.setup.scene.frequency / 1e3:g} kHz",
         "foci": counted(len(run.setup.foci), "focus", "foci"),
         "bodies": " and ".join(run.setup.bodies),
@@ -128,10 +101,6 @@ def _summary(run: Rendering) -> dict[str, Any]:
         # Several steps may give the same warning.
         "warnings": list(dict.fromkeys(run.warnings)),
     }
-
-
-def _transducers(run: Rendering) -> str:
-    return counted(len(run.setup.array), "transducer", "transducers")
 
 
 def _pictures(run: Rendering, view: SceneView) -> dict[str, Any]:
@@ -151,7 +120,7 @@ def _pictures(run: Rendering, view: SceneView) -> dict[str, Any]:
         "sees them when turning right (compare Fig. 5 of the paper). Rounding to "
         f"{len(levels.amplitudes)} levels of amplitude and {levels.phases} of phase (drive.csv) "
         f"changes the pressure at the foci by {rounding:.2%} at most.",
-        f"{shown} of {_transducers(run)}, face by face",
+        f"{shown} of {len(array)} transducers, face by face",
         wide=bool(figure.get_figwidth() > 7.0),
     )
     bodies = [obstacle.surface for obstacle in run.setup.scene.obstacles]
@@ -171,14 +140,12 @@ def _pictures(run: Rendering, view: SceneView) -> dict[str, Any]:
     return {"phases": phases, "still": still, "doubt": _doubt(run)}
 
 
-def _doubt(run: Rendering) -> list[Markup]:
-    """Draw the pressures over samples of an uncertain scene, and over shifts of the hand."""
+def _doubt(run: Rendering) -> Markup:
     doubt = run.robustness
-    if doubt is None or not isinstance(run.transfer, TransferEnsemble):
-        return []
-    off = run.transfer.uncertainty.shift
+    if doubt is None:
+        return Markup()
     count = counted(doubt.pressures.shape[1], "sample", "samples")
-    shares = picture(
+    return picture(
         draw_shares(
             dict(zip(doubt.names, doubt.pressures, strict=True)),
             dict(zip(doubt.names, doubt.expected, strict=True)),
@@ -191,42 +158,18 @@ def _doubt(run: Rendering) -> list[Markup]:
             for name, low in zip(doubt.names, doubt.lowest_tenth, strict=True)
         ),
     )
-    ring = f" The ring is one standard deviation, {1e3 * off:.3g} mm." if off else ""
-    lowest = np.nanmin([shift_map.pressures for shift_map in doubt.maps], axis=(0, 2))
-    highest = np.nanmax([shift_map.pressures for shift_map in doubt.maps], axis=(0, 2))
-    shifts = picture(
-        draw_shifts(doubt.maps, doubt.names, off),
-        "Pressure at the weakest focus of a shifted hand: along the plane of the foci (above) and "
-        f"perpendicular to it (below). All drives have equal energy.{ring}",
-        "; ".join(
-            f"{name}: {_rounded(low)} to {_rounded(high)} Pa"
-            for name, low, high in zip(doubt.names, lowest, highest, strict=True)
-        ),
-        wide=True,
-    )
-    return [shares, shifts]
 
 
-def _fields(run: Rendering, cuts: Sequence[Cut], view: SceneView) -> list[Markup]:
-    """Draw both drives and their difference, in the plane of the foci or through each focus."""
+def _fields(run: Rendering, cut: Cut, view: SceneView) -> list[Markup]:
     names = run.verification.names
     peak = view.peak
     points = run.setup.target.points
     got = view.reached
-    error = _error(run, cuts)
+    outside = cut.window.points[cut.depth < 0.0]
+    # At most about 300 points, to bound the time of the estimate.
+    sample = outside[:: max(1, len(outside) // 300)]
+    error = float(np.max(run.verification.field.error_at(sample), initial=0.0))
     estimate = f" Their estimated error is {100 * error:.1g} %." if error > 0.0 else ""
-    if len(cuts) > 1:
-        changes = zip(run.setup.foci, 20.0 * np.log10(got[:, 0] / got[:, 1]), strict=True)
-        return [
-            picture(
-                draw_close_ups(cuts, run.setup.foci, peak),
-                f"Sections through each focus, perpendicular to the surface below it.{estimate}",
-                f"Maps around each focus, up to {_rounded(peak)} Pa; in dB: "
-                + ", ".join(f"{name} {change:+.1f}" for name, change in changes),
-                wide=True,
-            )
-        ]
-    (cut,) = cuts
     # Foci of more than two pads rarely lie in one plane.
     off = 1e3 * np.abs(cut.window.height_of(points)).max()
     plane = "Plane through the foci."
@@ -276,28 +219,20 @@ def _foci(run: Rendering) -> dict[str, Any]:
         "focus_rows": list(zip(*columns, strict=True)),
         "amplitude": f"{run.drive.peak:.2f}",
         "comparison_header": ["focus", *(f"{name} [Pa]" for name in run.drives), "ratio"],
-        "comparisons": _comparisons(run) if run.setup.bodies else [],
+        "comparisons": {
+            f"{held_equal.capitalize()}: {HELD_EQUAL[held_equal]}": [
+                (
+                    name,
+                    _pascal(first),
+                    _pascal(second),
+                    f"{first / second:.3f}" if second > 0.0 else "–",
+                )
+                for name, (first, second) in zip(run.setup.foci, pressures.T, strict=True)
+            ]
+            for held_equal, pressures in run.verification.pressures.items()
+            if run.setup.bodies
+        },
     }
-
-
-def _comparisons(run: Rendering) -> list[tuple[str, list[tuple[str, ...]]]]:
-    """List captions and rows of the pressures under both drives; equal tables appear once."""
-    tables: dict[tuple[tuple[str, ...], ...], list[str]] = {}
-    for held_equal, pressures in run.verification.pressures.items():
-        rows = []
-        for name, (first, second) in zip(run.setup.foci, pressures.T, strict=True):
-            ratio = f"{first / second:.3f}" if second > 0.0 else "–"
-            rows.append((name, _pascal(first), _pascal(second), ratio))
-        tables.setdefault(tuple(rows), []).append(held_equal)
-    return [
-        (
-            "; ".join(f"{name.capitalize()}: {HELD_EQUAL[name]}" for name in names)
-            if len(tables) > 1
-            else "At equal peak, at equal energy and with phases alone the pressures are the same.",
-            list(rows),
-        )
-        for rows, names in tables.items()
-    ]
 
 
 def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
@@ -331,10 +266,6 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
             ],
             ["estimated error", *(_percent(report.estimated_error) for report in reports)],
             [
-                "distance of the panels from the given triangles",
-                *(_off_triangles(report) for report in reports),
-            ],
-            [
                 "seconds",
                 *(
                     _listed({name: f"{t:.2f}" for name, t in report.seconds.items()})
@@ -354,8 +285,8 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
             ["repaired", repairs or "nothing"],
             [
                 "array",
-                f"{_transducers(run)} of {run.setup.array.element.sensitivity:g} Pa·m (peak, "
-                "uncalibrated)",
+                f"{len(run.setup.array)} transducers of {run.setup.array.element.sensitivity:g} "
+                "Pa·m (peak, uncalibrated)",
             ],
             ["pattern", run.setup.array.element.pattern_in_words(scene.wavenumber.real)],
             ["not in the model", not_modelled(run.verification.report)],
@@ -365,16 +296,6 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
             dict.fromkeys([CITATION, *run.beacons.citations, *run.verification.report.citations])
         ),
     }
-
-
-def _off_triangles(report: SolveReport) -> str:
-    farthest = 1e3 * report.farthest_off_triangles
-    mean = 1e3 * report.mean_off_triangles
-    return (
-        f"{farthest:.2g} mm at most, {mean:.2g} mm in the mean"
-        if farthest > 1e-4
-        else "under 0.1 µm"
-    )
 
 
 def _listed(facts: Mapping[str, object]) -> str:

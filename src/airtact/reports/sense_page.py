@@ -83,7 +83,6 @@ def _facts(sensed: Sensed) -> list[tuple[str, str]]:
 
 
 def _pose(sensed: Sensed) -> dict[str, Any]:
-    """List each coordinate of the pose with its standard deviation and bound."""
     located = sensed.located
     deviations = [np.sqrt(np.diag(located.covariance)), np.sqrt(np.diag(located.bound))]
     changes = sensed.shifts
@@ -109,7 +108,6 @@ def _pose(sensed: Sensed) -> dict[str, Any]:
 
 
 def _moved(sensed: Sensed) -> Markup:
-    """Draw the hand and the foci before and after the correction."""
     setup = sensed.setup
     fitted = sensed.fitted
     pose = sensed.located.pose
@@ -188,7 +186,7 @@ def draw_moved(
         axes.plot(*plane.seen(foci[1]).T, markersize=6, **dot)
         left, right, bottom, top = plane.extent
         axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-        axes.set(xlabel=plane.labels[0], ylabel=plane.labels[1], title=_title(plane))
+        axes.set(xlabel=plane.labels[0], ylabel=plane.labels[1])
     handles = [
         Line2D([], [], color=BEFORE, linestyle="--", label="body of the scene"),
         Line2D([], [], label="focus of the scene", **ring),
@@ -197,10 +195,3 @@ def draw_moved(
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
     return figure
-
-
-def _title(plane: Window) -> str:
-    axis = int(np.argmax(np.abs(plane.normal)))
-    if abs(plane.normal[axis]) < 1.0 - 1e-9:
-        return "through the middle of the foci"
-    return f"{'xyz'[axis]} = {1e3 * plane.centre[axis]:.1f} mm".replace("-", "−")

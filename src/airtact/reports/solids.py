@@ -14,22 +14,23 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from airtact.acoustics.planes import Plane
 from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
 
+# Direction of the viewer: azimuth around z, elevation above the xy plane [degrees]
 View = tuple[float, float]
-"""Direction of the viewer: azimuth around z, elevation above the xy plane [degrees]."""
 
+# No walls behind the axes and a faint grid
 PLAIN: Any = {
     **{f"axes3d.{axis}axis.panecolor": (1.0, 1.0, 1.0, 0.0) for axis in "xyz"},
     "grid.color": "0.9",
     "grid.linewidth": 0.6,
 }
-"""No walls behind the axes and a faint grid."""
 
+# Colour of the backs of triangles, which are visible where a surface is open or inverted
 INSIDE = (0.91, 0.45, 0.16, 1.0)
-"""Colour of the backs of triangles, which are visible where a surface is open or inverted."""
 
+# Translucent colour of a plane
 SHEET = (0.45, 0.36, 0.25, 0.22)
-"""Translucent colour of a plane."""
 
+# Style of the dots of foci
 FOCI: Any = {
     "c": "#e8590c",
     "edgecolors": "white",
@@ -37,7 +38,6 @@ FOCI: Any = {
     "depthshade": False,
     "zorder": 4,
 }
-"""Style of the dots of foci."""
 
 
 def towards_viewer(azimuth: float, elevation: float) -> Float64[np.ndarray, "3"]:

@@ -1,6 +1,5 @@
 """The page of a sweep: varied values, pressures at the foci, and failed points."""
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,29 +15,6 @@ from airtact.reports.page import picture, write_page
 from airtact.reports.plots import draw_varied
 
 Row = dict[str, str | float | int | bool | None]
-
-LENGTHS = (
-    *("gap", "offset", "radius", "translation", "centre", "point", "start", "end", "edge"),
-    *("spacing", "height", "width", "scale", "largest_hole", "piston_radius", "size"),
-    *("position", "own_position", "board_position", "along_skin"),
-)
-"""Keys of a scene file that hold a length; the page shows them in millimetres."""
-
-UNITS = {
-    **dict.fromkeys(("degrees", "sharp_degrees", "within", "phase"), "°"),
-    **dict.fromkeys(("rotation", "own_rotation", "board_rotation"), "°"),
-    **dict.fromkeys(("celsius", "temperature"), "°C"),
-    **dict.fromkeys(("pressure", "pressures"), "Pa"),
-    "frequency": "Hz",
-    "sound_speed": "m/s",
-    "velocity": "m/s",
-    "density": "kg/m³",
-    "absorption": "Np/m",
-    "age": "s",
-    "sensitivity": "Pa·m",
-}
-"""Units of other keys. Keys without a unit hold a share or a number."""
-
 
 GAIN = "pressure at the weakest focus, relative to a drive that ignores the bodies"
 
@@ -70,24 +46,12 @@ class Swept:
         values = [row.get(column) for row in self.rows]
         return np.array([v if isinstance(v, int | float) else np.nan for v in values], dtype=float)
 
-    def unit(self, column: str) -> str:
-        """Return the unit of a column on the page; empty if it has none."""
-        if column == "estimated_error":
-            return "%"
-        if column not in self.varied:
-            return "Pa" if column.endswith("_Pa") else ""
-        key = re.sub(r"[\[\]\d]+$", "", column.split(".")[-1])
-        return "mm" if key in LENGTHS else UNITS.get(key, "")
-
     def label(self, column: str) -> str:
-        """Return the name of a column with its unit."""
-        unit = self.unit(column)
-        name = column.removesuffix("_Pa").replace("_", " ") if column not in self.varied else column
-        return f"{name} [{unit}]" if unit else name
-
-    def factor(self, column: str) -> float:
-        """Return the factor from the values of a column to its unit on the page."""
-        return {"mm": 1e3, "%": 100.0}.get(self.unit(column), 1.0)
+        """Return the name of a column as the page shows it; varied keys keep their path."""
+        if column in self.varied:
+            return column
+        name = column.removesuffix("_Pa").replace("_", " ")
+        return f"{name} [Pa]" if column.endswith("_Pa") else name
 
 
 def write_sweep_page(path: Path, swept: Swept) -> None:
@@ -119,15 +83,14 @@ def write_sweep_page(path: Path, swept: Swept) -> None:
         ],
         faults=[[code, str(number), first[code]] for code, number in counts.most_common()],
         columns=[swept.label(name) for name in columns],
-        cells=[[_words(row.get(name), swept.factor(name)) for name in columns] for row in listed],
+        cells=[[_words(row.get(name)) for name in columns] for row in listed],
         caption=f"The first {len(listed)} points. sweep.csv has {more:,} more." if more else "",
         not_modelled=NOT_MODELLED,
     )
 
 
 def _pictures(swept: Swept, values: Float64[np.ndarray, "points"], quantity: str) -> list[Markup]:
-    """Draw a quantity against the columns that differ between points."""
-    columns = {swept.label(name): swept.factor(name) * swept.numbers(name) for name in swept.varied}
+    columns = {name: swept.numbers(name) for name in swept.varied}
     axes = {
         name: numbers
         for name, numbers in columns.items()
@@ -147,7 +110,7 @@ def _pictures(swept: Swept, values: Float64[np.ndarray, "points"], quantity: str
     ]
 
 
-def _words(value: str | float | None, factor: float) -> str:
+def _words(value: str | float | None) -> str:
     if value is None:
         return ""
-    return f"{factor * value:.5g}" if isinstance(value, float) else str(value)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

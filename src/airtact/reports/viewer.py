@@ -58,11 +58,6 @@ class SceneView:
     held_equal: str
 
     @property
-    def points(self) -> Float64[np.ndarray, "foci 3"]:
-        """Positions of the foci [m]."""
-        return self.setup.target.points
-
-    @property
     def peak(self) -> float:
         """Largest pressure in the scene [Pa], the end of the colour scale of all drives."""
         air = self.slices.pressures[self.slices.depth < 0.0]
@@ -78,7 +73,7 @@ class SceneView:
     @property
     def sheets(self) -> list[Float64[np.ndarray, "4 3"]]:
         """Corners of the drawn part of each plane [m], anticlockwise as seen from its front."""
-        everything = np.concatenate([self.solid, self.points])
+        everything = np.concatenate([self.solid, self.setup.target.points])
         return [sheet_of(plane, everything) for plane in self.setup.scene.planes]
 
 
@@ -200,7 +195,6 @@ def _packed(data: bytes) -> str:
 
 
 def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
-    """Return the facts of a scene, and the bytes of its arrays."""
     places = {}
     data = bytearray()
     for name, values in _arrays(view).items():
@@ -226,7 +220,7 @@ def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
         "foci": [
             {"name": name, "position": _rounded(1e3 * point), "asked": words, "got": _rounded(got)}
             for name, point, words, got in zip(
-                view.setup.foci, view.points, asked, view.reached, strict=True
+                view.setup.foci, view.setup.target.points, asked, view.reached, strict=True
             )
         ],
         "paths": [[_rounded(1e3 * point) for point in path] for path in paths_of(view.setup)],
@@ -276,10 +270,10 @@ def _bytes(pressure: Float64[np.ndarray, "*points"], peak: float) -> np.ndarray:
 def _planes(view: SceneView) -> dict[str, Any]:
     slices = view.slices
     counts = slices.depth.shape[::-1]
-    focus = (view.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
+    focus = (view.setup.target.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
     # The slice goes through the focus farthest from the viewer, because it would hide other foci.
     seen = _first_direction(view)
-    heights = ((view.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
+    heights = ((view.setup.target.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
     # The axis may point towards the viewer or away.
     focus[2] = heights.min() if slices.axes[2] @ seen > 0.0 else heights.max()
     start = [int(np.clip(round(at), 0, count - 1)) for at, count in zip(focus, counts, strict=True)]
@@ -294,7 +288,6 @@ def _planes(view: SceneView) -> dict[str, Any]:
 
 
 def _views(view: SceneView) -> dict[str, Any]:
-    """Return the centre, radius [mm] and direction of the first view, the foci and the array."""
     slices = view.slices
     spans = slices.steps * (np.array(slices.depth.shape[::-1]) - 1)
     middle = slices.corner + (spans / 2.0) @ slices.axes
@@ -311,7 +304,9 @@ def _views(view: SceneView) -> dict[str, Any]:
     array = _framed(np.concatenate([view.solid, *view.sheets]), front)
     views = {"first": array, "array": array, "foci": (middle, close, towards)}
     if _surrounds(view) and view.surfaces is not None:
-        views["first"] = _framed(np.concatenate([view.surfaces.vertices, view.points]), first)
+        views["first"] = _framed(
+            np.concatenate([view.surfaces.vertices, view.setup.target.points]), first
+        )
     return {
         name: {
             "middle": _rounded(1e3 * centre),
@@ -325,7 +320,7 @@ def _views(view: SceneView) -> dict[str, Any]:
 def _framed(
     points: Float64[np.ndarray, "points 3"], seen: Float64[np.ndarray, "3"]
 ) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
-    """Return the centre and radius [m] of the view that shows points from a direction."""
+    # Return the centre and radius [m] of the view that shows points from a direction.
     across = unit(np.cross([0.0, 0.0, 1.0], seen))
     axes = np.stack([across, np.cross(seen, across), seen])
     projected = points @ axes.T
@@ -338,17 +333,19 @@ def _framed(
 
 
 def _surrounds(view: SceneView) -> bool:
-    """Whether the array surrounds the foci, so that its near side would hide them."""
+    # Whether the array surrounds the foci, so that its near side would hide them.
     return bool(np.linalg.norm(view.setup.array.normals.mean(axis=0)) < 0.3)
 
 
 def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
-    """Direction of the viewer, from which the skin at the foci, array and slice are visible."""
+    # Direction of the viewer, from which the skin at the foci, array and slice are visible.
     scene = view.setup.scene
     radiated = view.setup.array.normals.mean(axis=0)
     if _surrounds(view):
         return towards_viewer(*_side(view.slices.axes[2], view.setup.array.normals))
-    facing = outward(scene.depth, view.points).mean(axis=0) if scene.obstacles else radiated
+    facing = (
+        outward(scene.depth, view.setup.target.points).mean(axis=0) if scene.obstacles else radiated
+    )
     if np.linalg.norm(facing) < 0.3:
         facing = -radiated
     facing = unit(facing)
@@ -363,7 +360,7 @@ def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
 def _side(
     normal: Float64[np.ndarray, "3"], radiated: Real[np.ndarray, "elements 3"]
 ) -> tuple[float, float]:
-    """First azimuth and elevation of the view of the slice [degrees], from the array's side."""
+    # First azimuth and elevation of the view of the slice [degrees], from the array's side.
     towards = -radiated.mean(axis=0)
     # Sound from above is shown from below, so that the array does not hide the field.
     below = towards[2] < -0.3

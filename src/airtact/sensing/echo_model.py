@@ -103,14 +103,15 @@ class EchoModel:
         return self.scattering.scene.wavenumber.real
 
     def _incident(self, twist: Twist) -> Waves:
-        """Regular waves about the moved centre, with the additional orders of the translation."""
+        # Regular waves about the moved centre, with the additional orders of the
+        # translation.
         # A translation by d mixes orders up to about k d apart.
         spare = 1 + int(np.ceil(self._wavenumber * np.linalg.norm(twist[:3])))
         count = wave_count(self.scattering.order + spare)
         return moved(twist, self.emitted[:count], self._wavenumber)
 
     def _scattered(self, incident: Waves) -> Waves:
-        """Outgoing waves, with zeros for the orders above those of the scattering matrix."""
+        # Outgoing waves, with zeros for the orders above those of the scattering matrix.
         out = np.zeros_like(incident)
         count = len(self.scattering.matrix)
         out[:count] = self.scattering.single @ incident[:count]
@@ -129,7 +130,7 @@ class EchoModel:
 def _array_waves(
     scattering: ScatteringMatrix, array: PhasedArray, order: int
 ) -> Complex64[np.ndarray, "waves elements"]:
-    """Regular waves of each element at unit drive about the bodies, without the sensitivity."""
+    # Regular waves of each element at unit drive about the bodies, without the sensitivity.
     faces = array.face_points - scattering.centre
     nearest = np.linalg.norm(faces, axis=2).min(axis=1)
     element = int(nearest.argmin())

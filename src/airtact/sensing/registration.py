@@ -359,32 +359,26 @@ def _check_determined(
     receivers: int,
     transmissions: int,
 ) -> None:
-    """Raise "pose_not_found" if a motion or the opening hardly changes the echoes."""
     values, vectors = np.linalg.eigh(units[:, None] * information * units)
     if values[0] > smallest**2 * values[-1]:
         return
     effect = np.sqrt(max(values[0], 0.0) / values[-1])
     motion = vectors[:, 0]
-    shift = float(np.linalg.norm(motion[:3]))
-    turn = float(np.linalg.norm(motion[3:6]))
-    opens = float(np.linalg.norm(motion[6:])) > 0.1
+    shift, turn = np.linalg.norm(motion[:6].reshape(2, 3), axis=1)
     x, y, z = pose.rotate(motion[3:6] if turn > shift else motion[:3]) / max(shift, turn, 1e-12)
-    parts = ["a change of the opening"] if opens else []
-    if not opens or max(shift, turn) > 0.1:
-        kind = "a rotation about" if turn > shift else "a translation along"
-        parts.append(f"{kind} ({x:.2f}, {y:.2f}, {z:.2f})")
+    kind = "a rotation about" if turn > shift else "a translation along"
+    opening = " together with a change of the opening" if np.abs(motion[6:]).sum() > 0.1 else ""
     raise InvalidInput(
         f"{counted(receivers, 'receiver', 'receivers')} and "
-        f"{counted(transmissions, 'transmission', 'transmissions')} do not determine the "
-        f"{'pose and the opening' if opens else 'pose'}: {' together with '.join(parts)} changes "
-        f"the echoes only {effect:.1g} times as much as other motions. Give more receivers or "
-        "transmissions, or bodies without that symmetry.",
+        f"{counted(transmissions, 'transmission', 'transmissions')} do not determine the pose: "
+        f"{kind} ({x:.2f}, {y:.2f}, {z:.2f}){opening} changes the echoes only {effect:.1g} times "
+        "as much as other motions. Give more receivers or transmissions, or bodies without that "
+        "symmetry.",
         code="pose_not_found",
     )
 
 
 def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -> PhasedArray:
-    """Check the arguments of ``locate`` and return the array in the frame of the bodies."""
     of_kind(start, Pose, "the start", "Pose(rotation, translation)")
     of_kind(echoes, Echoes, "the echoes", "Echoes(codes, pressures)")
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")

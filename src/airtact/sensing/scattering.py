@@ -16,6 +16,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Complex64, Complex128, Float64
 from numpy.polynomial import chebyshev
+from scipy.interpolate import BarycentricInterpolator
 
 from airtact.acoustics.scene import Scene, check_no_planes
 from airtact.acoustics.solvers.problem import Solver, SolveReport
@@ -202,7 +203,7 @@ def _order(reach: float, accuracy: float) -> int:
 def _quadrature(
     order: int,
 ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points"]]:
-    """Quadrature on the unit sphere that is exact for products of two waves up to an order."""
+    # Quadrature on the unit sphere that is exact for products of two waves up to an order.
     # Gauss-Legendre in cos θ and equal steps in φ integrate products up to 2 order + 1 exactly.
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
@@ -238,7 +239,7 @@ def reaching_patterns(
 
 
 def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
-    """Random points on the triangles of the surfaces, and the same number below them [m]."""
+    # Random points on the triangles of the surfaces, and the same number below them [m].
     random = np.random.default_rng(0)
     corners = np.concatenate([body.surface.corners for body in scene.obstacles])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -290,20 +291,28 @@ class ScatteringFamily:
 
     def at(self, value: float) -> ScatteringMatrix:
         """Return the matrix at a value, with the report and scene of the first one."""
-        return self._sum(chebyshev.chebvander(self._scaled(value), len(self.matrices) - 1)[0])
+        return replace(self.matrices[0], matrix=self._polynomial(value))
 
     def derivative(self, value: float) -> ScatteringMatrix:
         """Return the derivative of the scattering matrix by the parameter."""
-        terms = np.eye(len(self.matrices))
-        by_scaled = np.asarray(
-            chebyshev.chebval(self._scaled(value), chebyshev.chebder(terms, axis=0))
-        )
-        return self._sum(2.0 / (self.high - self.low) * by_scaled)
+        return replace(self.matrices[0], matrix=self._polynomial.derivative(value))
+
+    @cached_property
+    def _polynomial(self) -> BarycentricInterpolator:
+        matrices = np.stack([solved.matrix for solved in self.matrices])
+        return BarycentricInterpolator(_nodes(self.low, self.high, len(matrices)), matrices)
 
     @cached_property
     def error(self) -> float:
         """Relative error of the interpolation, from the decay of the Chebyshev coefficients."""
-        sizes = np.linalg.norm(self._coefficients, axis=1)
+        matrices = np.stack([solved.matrix for solved in self.matrices])
+        count = len(matrices)
+        coefficients = chebyshev.chebfit(
+            chebyshev.chebpts1(count),
+            matrices.reshape(len(matrices), -1),
+            len(matrices) - 1,
+        )
+        sizes = np.linalg.norm(coefficients, axis=1)
         # The first omitted coefficient continues the geometric decay of the last two.
         return float(sizes[-1] ** 2 / max(sizes[-2] * sizes[0], 1e-300))
 
@@ -319,20 +328,9 @@ class ScatteringFamily:
         squares = [np.linalg.norm(product + product.T) ** 2 for product in products]
         return float(np.linalg.norm(change) / np.sqrt(np.mean(squares)))
 
-    def _scaled(self, value: float) -> float:
-        return (2.0 * value - self.low - self.high) / (self.high - self.low)
 
-    @cached_property
-    def _coefficients(self) -> Complex128[np.ndarray, "values entries"]:
-        """Coefficients of Chebyshev polynomials of each entry of the matrix."""
-        count = len(self.matrices)
-        terms = chebyshev.chebvander(chebyshev.chebpts1(count), count - 1) * (2.0 / count)
-        terms[:, 0] *= 0.5
-        return terms.T @ np.stack([solved.matrix.reshape(-1) for solved in self.matrices])
-
-    def _sum(self, weights: Float64[np.ndarray, "values"]) -> ScatteringMatrix:
-        first = self.matrices[0]
-        return replace(first, matrix=(weights @ self._coefficients).reshape(first.matrix.shape))
+def _nodes(low: float, high: float, count: int) -> Float64[np.ndarray, "values"]:
+    return 0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts1(count)
 
 
 def scattering_family(
@@ -389,8 +387,7 @@ def scattering_family(
             "valid; give low < high, a start between them, and 3 to 12 values.",
             code="out_of_range",
         )
-    chosen = middle + 0.5 * (high - low) * chebyshev.chebpts1(int(values))
-    scenes = [scene_of(float(value)) for value in chosen]
+    scenes = [scene_of(float(value)) for value in _nodes(low, high, values)]
     first = scenes[0]
     for scene in scenes:
         if scene.wavenumber != first.wavenumber or len(scene.obstacles) != len(first.obstacles):

@@ -24,10 +24,11 @@ from jaxtyping import Bool, Complex128, Float64, Int32, Int64
 from scipy.linalg import solve
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial.transform import Rotation
 
 from airtact.acoustics.medium import Medium
 from airtact.errors import InvalidInput, counted, of_kind, one_line
-from airtact.geometry.pose import Pose
+from airtact.geometry.pose import Pose, nearest_motion
 from airtact.sensing.echoes import Echoes, check_elements, check_not_clipped
 from airtact.sensing.transmission import Pairs, boards_of, elements_of, facing, transmission
 from airtact.transducers.calibration import save_calibration
@@ -216,7 +217,7 @@ class ArrayFit:
                 break
         assert best is not None
         start = tuple(
-            board.moved(motion_of(before, after))
+            board.moved(Pose(*nearest_motion(before.positions, after.positions)))
             for board, before, after in zip(boards, parts, best.boards, strict=True)
         )
         return self.follow(start, best.wavenumber)
@@ -226,30 +227,23 @@ class ArrayFit:
         ones = np.ones(len(self.measured), dtype=np.complex128)
         here = self._state(boards, wavenumber, ones, ones)
         units = _units(boards, wavenumber)
+        squares, slope = self.equations(here, units)
         damping = 1e-3
-        for count in range(1, 31):
-            squares, slope = self.equations(here, units)
-            while True:
-                step = -np.linalg.solve(squares + damping * np.diag(np.diag(squares)), slope)
-                motions = (step * units)[:-1].reshape(-1, 6)
-                moving = [moved(*board) for board in zip(here.boards[1:], motions, strict=True)]
-                tried = self._state(
-                    (boards[0], *moving),
-                    here.wavenumber + step[-1] * units[-1],
-                    here.reception,
-                    here.emission,
-                )
-                settled = bool(np.linalg.norm(step) < 1e-8 or damping > 1e6)
-                if tried.cost < here.cost or settled:
-                    break
-                damping *= 6.0
-            settled = settled or tried.cost > (1.0 - 1e-8) * here.cost
-            here = replace(tried if tried.cost < here.cost else here, steps=count, settled=settled)
-            if settled:
-                break
+        for count in range(1, 61):
+            step = -np.linalg.solve(squares + damping * np.diag(np.diag(squares)), slope)
+            motions = (step * units)[:-1].reshape(-1, 6)
+            moving = [moved(*board) for board in zip(here.boards[1:], motions, strict=True)]
+            faster = here.wavenumber + step[-1] * units[-1]
+            tried = self._state((boards[0], *moving), faster, here.reception, here.emission)
+            improvement = 1.0 - tried.cost / max(here.cost, 1e-300)
+            here = tried if improvement > 0.0 else here
+            if np.linalg.norm(step) < 1e-8 or damping > 1e6 or 0.0 < improvement < 1e-8:
+                return replace(here, steps=count, settled=True)
+            if improvement > 0.0:
+                squares, slope = self.equations(here, units)
             # After a successful step the next one is closer to Gauss-Newton.
-            damping *= 0.2
-        return here
+            damping *= 0.2 if improvement > 0.0 else 6.0
+        return replace(here, steps=60)
 
     def _state(
         self,
@@ -258,7 +252,6 @@ class ArrayFit:
         reception: Gains,
         emission: Gains,
     ) -> ArrayState:
-        """Fit the gains to boards and wavenumber, from initial gains."""
         size = len(boards[0])
         model = np.zeros_like(self.measured)
         slopes = {}
@@ -277,7 +270,7 @@ class ArrayFit:
         return ArrayState(boards, wavenumber, reception, emission, slopes, model, cost)
 
     def _gains(self, model: Pairs, reception: Gains, emission: Gains) -> tuple[Gains, Gains]:
-        """Find the gains by alternating least squares; unused gains stay the same."""
+        # Find the gains by alternating least squares; unused gains stay the same.
         turned = model.conj() * self.measured
         power = np.abs(model) ** 2
         for _ in range(40):
@@ -335,7 +328,8 @@ class ArrayFit:
     def _gain_equations(
         self, power: Float64[np.ndarray, "elements elements"]
     ) -> Float64[np.ndarray, "gains gains"]:
-        """Set up the equations of log magnitudes, or phases, of all gains, reception first."""
+        # Set up the equations of log magnitudes, or phases, of all gains, reception
+        # first.
         diagonal = np.concatenate([power.sum(axis=1), power.sum(axis=0)])
         typical = diagonal.mean()
         squares = np.block([[np.zeros_like(power), power], [power.T, np.zeros_like(power)]])
@@ -425,7 +419,10 @@ def calibrate(
     return Calibrated(
         array=calibrated,
         sound_speed=speed,
-        motions=tuple(motion_of(*pair) for pair in zip(parts, best.boards, strict=True)),
+        motions=tuple(
+            Pose(*nearest_motion(before.positions, after.positions))
+            for before, after in zip(parts, best.boards, strict=True)
+        ),
         emission=calibrated.gains,
         reception=reception,
         covariance=covariance * np.outer(scale, scale),
@@ -440,15 +437,10 @@ def calibrate(
 
 
 def _separated(echoes: Echoes) -> tuple[Pairs, float]:
-    """Pressures (E, E) at each receiver from each element alone, and their rms noise [Pa]."""
+    # Pressures (E, E) at each receiver from each element alone, and their rms noise [Pa].
     codes = np.asarray(echoes.codes)
-    squares = codes @ codes.conj().T
-    power = np.diag(np.diag(squares))
-    smallest = 1e-6  # ratio of eigenvalues of codes that separate the elements
-    # The eigenvalues for a thousand elements take a second; Hadamard codes do not need them.
-    orthogonal = np.abs(squares - power).max() < smallest * np.abs(power).max()
-    values = np.real(np.diag(squares)) if orthogonal else np.linalg.eigvalsh(squares)
-    separated = int(np.sum(values > smallest * values.max()))
+    values, vectors = np.linalg.eigh(codes @ codes.conj().T)
+    separated = int(np.sum(values > 1e-6 * values.max()))
     if separated < len(codes):
         raise InvalidInput(
             f"{counted(codes.shape[1], 'transmission separates', 'transmissions separate')} only "
@@ -456,14 +448,14 @@ def _separated(echoes: Echoes) -> tuple[Pairs, float]:
             f"hadamard_codes({len(codes)}).",
             code="given_twice",
         )
-    inverse = np.diag(1.0 / np.diag(squares)) if orthogonal else np.linalg.inv(squares)
+    inverse = vectors / values @ vectors.conj().T
     alone = np.zeros((len(codes), len(codes)), dtype=np.complex128)
     alone[echoes.receiving] = np.asarray(echoes.pressures) @ codes.conj().T @ inverse
     return alone, (echoes.noise or 0.0) * float(np.sqrt(np.mean(np.real(np.diag(inverse)))))
 
 
 def _facing_pairs(echoes: Echoes, boards: list[PhasedArray]) -> CountedPairs:
-    """Find which receivers face which emitters on another board; raise "signal_unusable"."""
+    # Find which receivers face which emitters on another board; raise "signal_unusable".
     size = len(boards[0])
     total = len(echoes.codes)
     pairs = np.zeros((total, total), dtype=bool)
@@ -477,7 +469,7 @@ def _facing_pairs(echoes: Echoes, boards: list[PhasedArray]) -> CountedPairs:
 
 
 def _dead(alone: Pairs, pairs: CountedPairs, noise: float) -> Int64[np.ndarray, "dead"]:
-    """Find elements that emit, or receive, less than a tenth of the median."""
+    # Find elements that emit, or receive, less than a tenth of the median.
     power = np.where(pairs, np.abs(alone) ** 2, 0.0)
     dead = []
     for axis in (0, 1):
@@ -493,13 +485,11 @@ def _check_linked(
     alone: Pairs, pairs: CountedPairs, boards: int, noise: float, dead: Int64[np.ndarray, "dead"]
 ) -> None:
     by_boards = pairs.reshape(boards, -1, boards, len(pairs) // boards).any(axis=(1, 3))
-    # The power of I + links has a non-zero entry for each board that a path leads to.
-    paths = np.linalg.matrix_power(np.eye(boards) + by_boards + by_boards.T, boards)
-    unlinked = np.flatnonzero(paths[0] == 0)
-    if len(unlinked):
+    group = connected_components(by_boards, directed=False)[1]
+    if group.any():
         raise InvalidInput(
-            f"board {unlinked[0]} of {boards} faces no other within 60 degrees, or has no working "
-            "elements, so its pose cannot be found. Remove it from the array.",
+            f"board {group.argmax()} of {boards} faces no other within 60 degrees, or has no "
+            "working elements, so its pose cannot be found. Remove it from the array.",
             code="misplaced",
         )
     silent = np.setdiff1d(np.flatnonzero(~pairs.any(axis=0)), dead)
@@ -520,7 +510,6 @@ def _check_linked(
 
 
 def _check_determined(squares: Squares, variance: float, echoes: Echoes) -> None:
-    """Raise "pose_not_found" if a combination of unknowns is not determined."""
     values, vectors = np.linalg.eigh(squares)
     # The limit is a standard deviation of 1 mm.
     if values[0] > 1e-12 * values[-1] and variance < values[0] * 1e-3**2:
@@ -542,7 +531,7 @@ def _check_determined(squares: Squares, variance: float, echoes: Echoes) -> None
 def _same_mean(
     fit: ArrayFit, state: ArrayState, dead: Int64[np.ndarray, "dead"]
 ) -> tuple[Gains, Gains]:
-    """Gains of emission and reception, scaled in each group so that their means are equal."""
+    # Gains of emission and reception, scaled in each group so that their means are equal.
     emission = state.emission.copy()
     reception = state.reception.copy()
     receives = fit.counted.any(axis=1)
@@ -560,28 +549,15 @@ def _same_mean(
     return emission, reception
 
 
-def motion_of(before: PhasedArray, after: PhasedArray) -> Pose:
-    """Find the rigid motion of a board."""
-    frames = [
-        np.stack(
-            [board.tangents[0], np.cross(board.normals[0], board.tangents[0]), board.normals[0]]
-        )
-        for board in (before, after)
-    ]
-    turn = frames[1].T @ frames[0]
-    return Pose(turn, after.positions.mean(axis=0) - turn @ before.positions.mean(axis=0))
-
-
 def moved(board: PhasedArray, motion: Float64[np.ndarray, "6"]) -> PhasedArray:
     """Translate a board [m], and rotate it about its centre [rad]."""
     middle = board.positions.mean(axis=0)
-    angle = float(np.linalg.norm(motion[3:]))
-    turn = Pose.turn(motion[3:], angle).rotation if angle > 0.0 else np.eye(3)
+    turn = Rotation.from_rotvec(motion[3:]).as_matrix()
     return board.moved(Pose(turn, middle - turn @ middle + motion[:3]))
 
 
 def _units(boards: tuple[PhasedArray, ...], wavenumber: complex) -> Step:
-    """Return steps in metres, radians and 1/m with about the same effect."""
+    # Return steps in metres, radians and 1/m with about the same effect.
     middles = np.stack([board.positions.mean(axis=0) for board in boards])
     arm = float(np.sqrt(np.mean([np.var(board.positions, axis=0).sum() for board in boards])))
     distance = float(np.linalg.norm(middles[:, None] - middles, axis=2).max())

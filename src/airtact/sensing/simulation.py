@@ -44,7 +44,6 @@ def random_codes(
     elements: int,
     transmissions: int,
     seed: int = 0,
-    parts: Integer[np.ndarray, "elements"] | None = None,
 ) -> Codes:
     """Random phases at full scale for all elements.
 
@@ -52,19 +51,15 @@ def random_codes(
     ----------
     elements, transmissions : number of elements E and of transmissions M.
     seed : seed of the random numbers, 0 or more.
-    parts : (E,) index of the part of each element, such as its board. The parts emit one after
-        another, one in each transmission, so that the others can receive meanwhile. By default all
-        elements emit together.
 
     Returns
     -------
-    (E, M) codes of magnitude 1, or 0 for silent parts.
+    (E, M) codes of magnitude 1.
 
     Raises
     ------
     InvalidInput
-        "out_of_range": ``elements``, ``transmissions`` or ``seed``; "sizes_differ": ``parts`` does
-        not have one number for each element.
+        "out_of_range": ``elements``, ``transmissions`` or ``seed``.
 
     Examples
     --------
@@ -73,17 +68,7 @@ def random_codes(
     """
     shape = _count(elements, "elements"), _count(transmissions, "transmissions")
     check_seed(seed)
-    codes = np.exp(2j * np.pi * np.random.default_rng(seed).random(shape))
-    if parts is None:
-        return codes
-    if len(parts) != elements:
-        raise InvalidInput(
-            f"{len(parts)} parts are given for {elements} elements; give one each.",
-            code="sizes_differ",
-        )
-    names = np.unique(parts)
-    emitting = names[np.arange(transmissions) % len(names)]
-    return np.where(np.asarray(parts)[:, None] == emitting, codes, 0.0)
+    return np.exp(2j * np.pi * np.random.default_rng(seed).random(shape))
 
 
 def _count(count: int, name: str, largest: int = 4096) -> int:
@@ -155,23 +140,20 @@ def simulate_echoes(
         check_own(made_by, scene)
         pressures = EchoModel.of(made_by, array, drives, receiving).echoes()
     else:
-        pressures = _solved_echoes(made_by, scene, array, drives)[receiving]
+        check_no_planes(scene, "a simulation of echoes")
+        faces = array.face_points.reshape(-1, 3)
+        weights = array.element.weights
+        gains = (array.element.sensitivity * array.gains)[:, None, None] * weights[:, None]
+        strengths = (gains * drives[:, None, :]).reshape(-1, drives.shape[1])
+        scattered = made_by.radiate(scene, Monopoles(faces, strengths)).scattered_at(faces)
+        # By reciprocity an element receives with the weights that it emits with.
+        over_faces = scattered.reshape(len(array), len(weights), -1)
+        received = array.gains[:, None] * np.einsum("q,rqm->rm", weights, over_faces)
+        pressures = received[receiving]
     deviation = None
     if noise is not None:
         pressures, deviation = noisy(pressures, noise, seed)
     return Echoes(drives, pressures, receiving, scene.frequency, deviation)
-
-
-def _solved_echoes(solver: Solver, scene: Scene, array: PhasedArray, codes: Codes) -> Codes:
-    check_no_planes(scene, "a simulation of echoes")
-    faces = array.face_points.reshape(-1, 3)
-    weights = array.element.weights
-    gains = (array.element.sensitivity * array.gains)[:, None, None] * weights[:, None]
-    strengths = (gains * codes[:, None, :]).reshape(-1, codes.shape[1])
-    # By reciprocity an element receives with the weights that it emits with.
-    scattered = solver.radiate(scene, Monopoles(faces, strengths)).scattered_at(faces)
-    over_faces = scattered.reshape(len(array), len(weights), -1)
-    return array.gains[:, None] * np.einsum("q,rqm->rm", weights, over_faces)
 
 
 def noisy(

@@ -212,7 +212,7 @@ def mixed(
 def _together(
     order: int,
 ) -> tuple[Float32[np.ndarray, "6 entries"], Int[np.ndarray, "entries"], Int[np.ndarray, "ends"]]:
-    """Entries of the six ``motions`` in a common sparse pattern, its columns and rows."""
+    # Entries of the six ``motions`` in a common sparse pattern, its columns and rows.
     # With a common pattern, a weighted sum of the matrices is a sum of their values.
     shared = csr_matrix(sum(abs(matrix) for matrix in motions(order)))
     shared.sort_indices()

@@ -110,7 +110,6 @@ def pose_of(table: PoseTable) -> Pose:
 
 
 def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
-    """Build the bodies of an obstacle, before its pose is applied."""
     if table.pinch is not None:
         fingers = at.pinch(table.pinch.gap)
         names = ("thumb", "finger")
@@ -150,7 +149,7 @@ def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
 
 
 def _scanned_hand(table: ObstacleTable, folder: Path, used: Collection[str]) -> "at.Hand | None":
-    """Read the joints of a scanned hand; None if it has none or no focus needs them."""
+    # Read the joints of a scanned hand; None if it has none or no focus needs them.
     if table.joints is not None:  # they take precedence over a rig in the file
         return at.load_hand(folder / table.joints)
     if not used:

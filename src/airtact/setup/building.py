@@ -193,7 +193,6 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
 
 
 def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedArray, str | None]:
-    """Build the array, and return the kind of its boards."""
     listed = table.layout.endswith(".csv")
     board = None if listed else table.board or "autd3"
     # Most arrays of unknown make have Murata's transducers.
@@ -297,7 +296,7 @@ def _target(
 
 
 def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "foci"]]:
-    """Return the pressures or shares of all foci; an empty mapping if no table has any."""
+    # Return the pressures or shares of all foci; an empty mapping if no table has any.
     values: dict[str, Any] = {}
     if not file.foci:
         return values

@@ -123,7 +123,6 @@ def nearest(word: str, names: Iterable[str], prefix: str = "") -> str:
 
 
 def _explained(error: msgspec.ValidationError, data: Any) -> InvalidInput:
-    """Turn msgspec's error into a message with the path, the value and its range."""
     fault, _, path = str(error).rpartition(" - at `$")
     fault = fault or path  # at the top there is no path
     path = "" if fault is path else path.strip("`.")
@@ -165,7 +164,6 @@ def _explained(error: msgspec.ValidationError, data: Any) -> InvalidInput:
 
 
 def _along(path: str, data: Any) -> tuple[Any, list[Any]]:
-    """Return the value at a path, and all parts of its declared type."""
     kinds: list[Any] = [SceneFile]
     for key, index in re.findall(r"(\w+)|\[(\d+)\]", path):
         data = data[key or int(index)]
@@ -175,7 +173,6 @@ def _along(path: str, data: Any) -> tuple[Any, list[Any]]:
 
 
 def _parts(kind: Any) -> list[Any]:
-    """Flatten a type into the parts of its unions, lists and annotations."""
     inner = typing.get_args(kind)
     return [part for each in inner for part in _parts(each)] if inner else [kind]
 
@@ -248,7 +245,7 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
 
 
 def _steps(path: str, data: Mapping[str, Any]) -> tuple[str | int, ...]:
-    """Split a path into keys and indices, and replace the kind of a body by its index."""
+    # Split a path into keys and indices, and replace the kind of a body by its index.
     if not re.fullmatch(r"[\w-]+(\.[\w-]+|\[\d+\])*", path):
         raise InvalidInput(
             f"{path!r} is not the path of a key: write tables and key such as foci[0].offset, "

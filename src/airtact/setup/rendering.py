@@ -17,12 +17,12 @@ from airtact.acoustics.target import PerFocus, Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.drive_file import SEQUENCE_FILE
 from airtact.drives.frame import Frame
+from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.reach import fraction
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import Vector, of_kind, one_line
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
-from airtact.evaluation.field import field_of_drive
 from airtact.evaluation.headline import body_word, headline, shortfalls
 from airtact.evaluation.metrics import Evaluation, beyond_linear
 from airtact.files.atomic import writable_folder
@@ -40,6 +40,7 @@ from airtact.setup.solving import (
     drive_names,
     method_words,
     named,
+    other_samples,
     solve_beacons,
     stored,
     synthesise,
@@ -114,11 +115,10 @@ class Rendering:
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """The drive as it is emitted: its pressures and field, as ``evaluate`` returns them."""
-        comparison = self.verification
-        field = field_of_drive(comparison.field, 0, self.drive.peak)
-        pressures = field.at(self.setup.target.points)[:, 0]
-        return Evaluation(self.setup.target, pressures, comparison.report, field)
+        """The pressures of the drive as it is emitted, without its field."""
+        target = self.setup.target
+        pressures = self.drive.peak * self.verification.field.at(target.points)[:, 0]
+        return Evaluation(target, pressures, self.verification.report)
 
     @property
     def control_pressures(self) -> Float64[np.ndarray, "foci"] | None:
@@ -274,10 +274,16 @@ def render(
     robustness = None
     remarks = shortfalls(setup.target, setup.foci, pressures, drive)
     if setup.uncertainty is not None:
-        from airtact.setup.robustness import kept_by_drive
+        from airtact.evaluation.held_out import held_out
 
         with clock.step("doubt", "evaluating the drive on other samples of the uncertainty"):
-            robustness = kept_by_drive(setup, field, transfer, drive)
+            compared = {setup.method.replace("_", " "): drive}
+            # It is compared with the method for samples and with the simplest method.
+            if setup.method not in FOR_SAMPLES:
+                compared["robust"] = at.robust(transfer, setup.target)
+            if setup.method != "time_reversal":
+                compared["time reversal"] = at.time_reversal(transfer, setup.target)
+            robustness = held_out(other_samples(setup, field), setup.target, compared)
         remarks = (*remarks, robustness.sentence())
     return Rendering(
         setup=setup,

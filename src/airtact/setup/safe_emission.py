@@ -12,7 +12,6 @@ from airtact.drives.drive_file import DriveFile, read_drive_file
 from airtact.drives.frame import frame_at, share_under_cap
 from airtact.drives.head_level import MAX_HEAD_LEVEL, HeadLevel
 from airtact.drives.sequence import Sequence
-from airtact.drives.transfer import TransferMatrix, rounding_error
 from airtact.emission.codecs import codec_of
 from airtact.emission.emission import Emission, Played, frames_of_period
 from airtact.emission.frame_file import write_frames
@@ -85,32 +84,18 @@ class Plan:
         )
 
     @cached_property
-    def at_foci(self) -> tuple[float, float] | None:
-        """Largest relative change of a focus by rounding, and pressure at the weakest focus [Pa].
-
-        None without a transfer matrix in the file.
-        """
+    def weakest(self) -> float | None:
+        """Pressure at the weakest focus [Pa]; None without a transfer matrix in the file."""
         stored = self.stored
         if stored.matrix is None or stored.matrix.shape[1] != stored.drives.shape[1]:
             return None
         levels = codec_of(self.board).levels
-        transfer = TransferMatrix(stored.matrix, np.nan, stored.foci)
         share = share_under_cap(stored.drives, levels, self.cap)
-        changes = []
-        for row in self.head.strongest:
-            frame = frame_at(row, levels, share)
-            if not frame.silent:
-                exact = Drive(row if levels.phase_only else share * row)
-                pressures = np.abs(transfer.pressure(exact))
-                # A frame of a sequence is made for some of the foci. The weak pressure at the
-                # other foci may change by any factor.
-                meant = pressures > 0.1 * pressures.max()
-                changes.extend(rounding_error(transfer, exact, frame)[meant])
-        frames = [frame_at(row, levels, share).drive() for row in stored.drives]
-        pressures = np.array([np.abs(transfer.pressure(drive)) for drive in frames])
+        frames = [frame_at(row, levels, share).drive().amplitudes for row in stored.drives]
         foci = len(stored.matrix) if stored.foci is None else len(stored.foci)
-        weakest = float(pressures[:, :foci].max(axis=0).min())
-        return float(max(changes, key=abs, default=0.0)), weakest
+        # Each focus counts in the frame of a sequence that is made for it.
+        pressures = np.abs(stored.matrix[:foci] @ np.stack(frames, axis=1))
+        return float(pressures.max(axis=1).min())
 
     def facts(self, link: str) -> list[tuple[str, str]]:
         """Describe the emission through a link, each fact by its name."""
@@ -122,17 +107,13 @@ class Plan:
             facts.append(("sequence", f"{len(drives)} frames at {self.rate:g} frames/s"))
         levels = "on and off" if board.amplitudes == 2 else f"{board.amplitudes} amplitudes"
         facts.append(("levels", f"{levels}, {board.phases} phases"))
-        if self.at_foci is not None:
-            held = " at equal energy" if board.amplitudes == 2 else ""
-            words = f"{self.at_foci[0]:+.2%} at the focus that it changes most{held}"
-            facts.append(("rounding", words))
         if self.modulation is not None:
             depth = f", {self.modulation.depth:g} deep" if self.modulation.depth < 1.0 else ""
             facts.append(("modulation", f"amplitude, {self.modulation.frequency:g} Hz{depth}"))
         largest = float(np.abs(drives).max())
         facts.append(("largest amplitude", f"{largest:.3g} of full scale, cap {self.cap:g}"))
-        if self.at_foci is not None:
-            facts.append(("weakest focus", f"{self.at_foci[1]:,.0f} Pa, peak"))
+        if self.weakest is not None:
+            facts.append(("weakest focus", f"{self.weakest:,.0f} Pa, peak"))
         peak, average = self.head.at(self.cap)
         words = "" if self.constant else f", {average:.0f} dB on average"
         words = f"up to {peak:.0f} dB SPL{words}, 0.5 m off the array in open air"
@@ -148,8 +129,8 @@ class Plan:
             )
         if self.constant:
             notes.append(CONSTANT_FORCE_NOTE)
-        if self.at_foci is not None and self.modulation is not None:
-            notes.append(sensation(self.at_foci[1], "amplitude", self.modulation.depth))
+        if self.weakest is not None and self.modulation is not None:
+            notes.append(sensation(self.weakest, "amplitude", self.modulation.depth))
         return notes
 
 

@@ -321,7 +321,7 @@ def calibrate_array(
 
 
 def _simulated_array(array: PhasedArray, medium: Medium, seed: int) -> tuple[PhasedArray, Medium]:
-    """Return an array and air with random errors: 0.5 mm, 5 mrad, 1 m/s, and gains."""
+    # Return an array and air with random errors: 0.5 mm, 5 mrad, 1 m/s, and gains.
     random = np.random.default_rng([seed, 2])
     boards = boards_of(array)
     motions = random.normal(size=(len(boards), 6)) * np.repeat([5e-4, 5e-3], 3)

@@ -4,7 +4,6 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +103,17 @@ def solver_of_samples(setup: Setup) -> Solver | None:
     return replace(setup.solver, estimate=False)
 
 
+def other_samples(setup: Setup, beacons: RadiatedField) -> "at.drives.TransferEnsemble":
+    """Sample the uncertainty of a setup with another seed than the drive was made for."""
+    assert setup.uncertainty is not None
+    solver = solver_of_samples(setup)
+    # In front of a plane each sample needs a solve.
+    count = 256 if solver is None else 64
+    return at.ensemble(
+        beacons, setup.array, setup.uncertainty, count, setup.seed + 1, solver=solver
+    )
+
+
 def synthesise(
     method: Callable[[TransferMatrix, Target], Drive], transfer: TransferMatrix, target: Target
 ) -> tuple[Drive, tuple[str, ...]]:
@@ -164,11 +174,10 @@ def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive
 
 def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
     """Replace the indices of bodies in a solver's sentences by their names."""
-
-    def name(match: re.Match[str]) -> str:
-        return bodies[int(match[1])]
-
-    return [re.sub(r"\bbody (\d+)\b", name, sentence) for sentence in sentences]
+    return [
+        re.sub(r"\bbody (\d+)\b", lambda match: bodies[int(match[1])], sentence)
+        for sentence in sentences
+    ]
 
 
 def verification_solver(setup: Setup) -> Solver:
@@ -186,7 +195,7 @@ def verification_solver(setup: Setup) -> Solver:
 
 
 def _verification_accuracy(setup: Setup) -> float:
-    """Find the accuracy with 1.8 times the unknowns of the setup's, up to ``MOST_UNKNOWNS``.
+    """Find an accuracy with 1.8 times the unknowns of the setup's or more, to ``MOST_UNKNOWNS``.
 
     Smaller panels near foci do not count: in the verification solve the transducers are the
     sources, which are far from the bodies.
@@ -194,25 +203,21 @@ def _verification_accuracy(setup: Setup) -> float:
     finest = 1e-4  # limit of boundary elements
     emitting = Monopoles(setup.array.positions, np.ones(len(setup.array)))
 
-    @cache
     def unknowns(accuracy: float) -> int:
         return BoundaryElement(accuracy=accuracy).unknowns(setup.scene, emitting)
 
-    trials = [max(setup.accuracy / 1.2, finest)]
-    while trials[-1] / 1.2 > finest:
-        trials.append(trials[-1] / 1.2)
-    unrefined = unknowns(setup.accuracy)
-    if unrefined > MOST_UNKNOWNS:
-        return trials[0]
-    enough = min(1.8 * unrefined, MOST_UNKNOWNS + 1)
     # Each count makes the panels of all bodies, so few trials are better. The unknowns grow like
-    # accuracy^(−2/3) or slower, and the sixth trial is usually right.
-    index = min(5, len(trials) - 1)
-    while index > 0 and unknowns(trials[index - 1]) >= enough:
-        index -= 1
-    while index < len(trials) - 1 and unknowns(trials[index]) < enough:
-        index += 1
-    return trials[max(index - 1, 0)] if unknowns(trials[index]) > MOST_UNKNOWNS else trials[index]
+    # accuracy^(−2/3) or slower, so a third of the error is usually right.
+    accuracy = max(setup.accuracy / 1.2**6, finest)
+    count = unknowns(accuracy)
+    enough = 1.8 * unknowns(setup.accuracy)
+    while count < enough and accuracy > finest:
+        accuracy = max(accuracy / 1.2, finest)
+        count = unknowns(accuracy)
+    while count > MOST_UNKNOWNS and accuracy < setup.accuracy / 1.3:
+        accuracy *= 1.2
+        count = unknowns(accuracy)
+    return accuracy
 
 
 def unknowns_of(

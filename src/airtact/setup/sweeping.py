@@ -9,11 +9,10 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -213,7 +212,7 @@ def _attempt(function: Function, point: Row) -> Row:
 def _computed(
     function: Function, waiting: Mapping[str, Row], executor: Executor | int | None, memory: float
 ) -> Iterator[tuple[str, Row]]:
-    """Yield names and results in the order of completion; cancel the rest when closed."""
+    # Yield names and results in the order of completion; cancel the rest when closed.
     if not waiting:
         return
     if executor is None or isinstance(executor, int):
@@ -264,38 +263,24 @@ def process_count(points: int, limit: int | None = None, memory: float = 0.0) ->
     return int(max(1, min(limit or processor_count(), points, fitting)))
 
 
-@contextmanager
-def processes(count: int) -> Iterator[Executor]:
-    """Start processes that end with the block, even after an error or if the program is killed."""
+def processes(count: int) -> Executor:
+    """Return a pool of processes with one thread each, which end with this program."""
     # A forked child inherits locks that threads hold, and may hang.
-    context = get_context("spawn")
-    # The processes end when this end of the pipe closes, even because this program is killed.
-    watched, held = context.Pipe(duplex=False)
-    arguments: Any = (watched,)  # a connection only in name on Windows
-    pool = ProcessPoolExecutor(
-        count, mp_context=context, initializer=_begin_process, initargs=arguments
-    )
-    try:
-        yield pool
-        pool.shutdown()
-    finally:
-        held.close()
-        pool.shutdown(cancel_futures=True)
-        watched.close()
+    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin_process)
 
 
-def _begin_process(watched: Connection) -> None:
-    """Use one thread for linear algebra, ignore Ctrl-C, and end with the parent process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _begin_process() -> None:
+    # Ctrl-C ends the process at once, without a traceback.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"  # of libraries that are loaded later
     threadpool_limits(1)  # of those that are loaded already
 
     def end_with_parent() -> None:
-        try:
-            watched.recv()
-        except (EOFError, OSError):
-            os._exit(1)
+        parent = parent_process()
+        assert parent is not None
+        parent.join()
+        os._exit(1)
 
     threading.Thread(target=end_with_parent, daemon=True).start()
 
@@ -326,11 +311,8 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
     # The digest of the function includes airtact's version and code, see the store.
     function_name = name_of(core, *parts)
 
-    def name(point: Row) -> str:
-        text = json.dumps([function_name, sorted(point.items())])
-        return hashlib.blake2b(text.encode(), digest_size=20).hexdigest()
-
-    return [name(point) for point in points]
+    texts = (json.dumps([function_name, sorted(point.items())]) for point in points)
+    return [hashlib.blake2b(text.encode(), digest_size=20).hexdigest() for text in texts]
 
 
 @dataclass(frozen=True)
@@ -476,7 +458,6 @@ def _scene_file(scene: Path) -> SceneFile:
 
 
 def _files_named(scene: Path) -> Iterator[Path]:
-    """Return the files that a scene file names."""
     # Any text of the scene file may be the name of a file.
     for word in dict.fromkeys(_words(msgspec.to_builtins(_scene_file(scene)))):
         file = scene.parent / word

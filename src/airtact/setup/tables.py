@@ -4,7 +4,7 @@ Lengths are in metres and positions in the obstacles' frame unless stated otherw
 default is None if left out.
 """
 
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 from msgspec import Meta
@@ -18,32 +18,19 @@ Share = Annotated[float, Meta(ge=0, le=1)]
 Levels = Annotated[int, Meta(ge=2, le=256)]
 
 
-class Rule(NamedTuple):
+class Rule:
     """Relation of a key to other keys, or to values of them such as ``layout = "boards"``.
 
-    Attributes
+    Parameters
     ----------
-    words : "only with", "not with" or "needed by".
+    words : "only with" and "not with" reject the key unless a condition holds, or if one does;
+        "needed by" also rejects the condition without the key.
     conditions : keys or values, of which one must hold.
     """
 
-    words: str
-    conditions: tuple[str, ...]
-
-
-def only_with(*conditions: str) -> Rule:
-    """Reject a key unless a condition holds."""
-    return Rule("only with", conditions)
-
-
-def not_with(*conditions: str) -> Rule:
-    """Reject a key if a condition holds."""
-    return Rule("not with", conditions)
-
-
-def needed_by(condition: str) -> Rule:
-    """Reject a key unless the condition holds, and the condition without the key."""
-    return Rule("needed by", (condition,))
+    def __init__(self, words: str, *conditions: str) -> None:
+        self.words = words
+        self.conditions = conditions
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -57,7 +44,6 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     one_of: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        """Raise if keys conflict: "options_clash", "key_missing" or "key_misplaced"."""
         for field in msgspec.structs.fields(self):
             present = getattr(self, field.name) is not None
             for rule in getattr(field.type, "__metadata__", ()):
@@ -97,10 +83,10 @@ class MediumTable(Table, frozen=True):
 
     one_of: ClassVar = ("celsius", "sound_speed")
     celsius: float | None = None
-    humidity: Annotated[Share | None, only_with("celsius")] = None
+    humidity: Annotated[Share | None, Rule("only with", "celsius")] = None
     sound_speed: Positive | None = None
-    density: Annotated[Positive | None, needed_by("sound_speed")] = None
-    absorption: Annotated[NotNegative | None, only_with("sound_speed")] = None
+    density: Annotated[Positive | None, Rule("needed by", "sound_speed")] = None
+    absorption: Annotated[NotNegative | None, Rule("only with", "sound_speed")] = None
 
 
 class PoseTable(Table, frozen=True):
@@ -114,9 +100,9 @@ class PoseTable(Table, frozen=True):
     translation : shift after the rotation [m].
     """
 
-    axis: Annotated[Triple | None, needed_by("degrees")] = None
-    degrees: Annotated[float | None, needed_by("axis")] = None
-    rotation: Annotated[tuple[Triple, Triple, Triple] | None, not_with("axis")] = None
+    axis: Annotated[Triple | None, Rule("needed by", "degrees")] = None
+    degrees: Annotated[float | None, Rule("needed by", "axis")] = None
+    rotation: Annotated[tuple[Triple, Triple, Triple] | None, Rule("not with", "axis")] = None
     translation: Triple = (0.0, 0.0, 0.0)
 
 
@@ -141,17 +127,18 @@ class ArrayTable(Table, frozen=True):
     """
 
     layout: str
-    board: Annotated[str | None, only_with('layout = "surrounding_box"', 'layout = "boards"')] = (
-        None
-    )
-    rows: Annotated[int | None, only_with('layout = "flat_boards"')] = None
-    columns: Annotated[int | None, only_with('layout = "flat_boards"')] = None
+    board: Annotated[
+        str | None, Rule("only with", 'layout = "surrounding_box"', 'layout = "boards"')
+    ] = None
+    rows: Annotated[int | None, Rule("only with", 'layout = "flat_boards"')] = None
+    columns: Annotated[int | None, Rule("only with", 'layout = "flat_boards"')] = None
     poses: Annotated[
-        Annotated[list[PoseTable], Meta(min_length=1)] | None, needed_by('layout = "boards"')
+        Annotated[list[PoseTable], Meta(min_length=1)] | None,
+        Rule("needed by", 'layout = "boards"'),
     ] = None
     calibration: str | None = None
     source: Literal["piston", "monopole"] = "piston"
-    piston_radius: Annotated[Positive | None, only_with('source = "piston"')] = None
+    piston_radius: Annotated[Positive | None, Rule("only with", 'source = "piston"')] = None
     sensitivity: Positive | None = None
     reflects: bool = False
     pose: PoseTable | None = None
@@ -224,16 +211,18 @@ class ObstacleTable(Table, frozen=True):
     capsule: CapsuleTable | None = None
     sphere: SphereTable | None = None
     surface: str | None = None
-    joints: Annotated[str | None, only_with("surface")] = None
-    scale: Annotated[Positive | None, only_with("surface")] = None
-    largest_hole: Annotated[NotNegative | None, only_with("surface")] = None
-    sharp_degrees: Annotated[NotNegative | None, only_with("surface")] = None
-    union: Annotated[bool | None, only_with("surface")] = None
+    joints: Annotated[str | None, Rule("only with", "surface")] = None
+    scale: Annotated[Positive | None, Rule("only with", "surface")] = None
+    largest_hole: Annotated[NotNegative | None, Rule("only with", "surface")] = None
+    sharp_degrees: Annotated[NotNegative | None, Rule("only with", "surface")] = None
+    union: Annotated[bool | None, Rule("only with", "surface")] = None
     hand: str | None = None
-    gap: Annotated[Positive | None, only_with("hand")] = None
+    gap: Annotated[Positive | None, Rule("only with", "hand")] = None
     boundary: Literal["sound_hard", "impedance", "filled"] = "sound_hard"
-    ratio: Annotated[float | tuple[float, float] | None, needed_by('boundary = "impedance"')] = None
-    medium: Annotated[MediumTable | None, needed_by('boundary = "filled"')] = None
+    ratio: Annotated[
+        float | tuple[float, float] | None, Rule("needed by", 'boundary = "impedance"')
+    ] = None
+    medium: Annotated[MediumTable | None, Rule("needed by", 'boundary = "filled"')] = None
     pose: PoseTable | None = None
 
 
@@ -332,10 +321,10 @@ class ObjectTable(Table, frozen=True):
     half_space: HalfSpaceTable | None = None
     button: ButtonTable | None = None
     surface: str | None = None
-    scale: Annotated[Positive | None, only_with("surface")] = None
+    scale: Annotated[Positive | None, Rule("only with", "surface")] = None
     name: str = ""
     style: Literal["points", "outline", "texture"] = "points"
-    grating: Annotated[GratingTable | None, needed_by('style = "texture"')] = None
+    grating: Annotated[GratingTable | None, Rule("needed by", 'style = "texture"')] = None
     stiffness: Positive | None = None
     pose: PoseTable | None = None
 
@@ -488,8 +477,8 @@ class FocusTable(Shape, frozen=True):
 
     one_of: ClassVar = ("at", *SHAPES)
     at: str | None = None
-    onto: Annotated[str | None, not_with("at")] = None
-    offset: Annotated[NotNegative | None, only_with("at", "onto")] = None
+    onto: Annotated[str | None, Rule("not with", "at")] = None
+    offset: Annotated[NotNegative | None, Rule("only with", "at", "onto")] = None
     pressure: NotNegative | None = None
     share: NotNegative | None = None
     phase_degrees: float | None = None
@@ -553,12 +542,16 @@ class ModulationTable(Table, frozen=True):
 
     kind: Literal["am", "lm", "stm"]
     frequency: Positive | None = None
-    depth: Annotated[float | None, only_with('kind = "am"')] = None
-    path: Annotated[Literal["circle", "line", "points"] | None, not_with('kind = "am"')] = None
-    radius: Annotated[Positive | None, not_with('kind = "am"'), not_with('path = "line"')] = None
-    length: Annotated[Positive | None, only_with('path = "line"')] = None
-    frames: Annotated[int | None, not_with('kind = "am"')] = None
-    along: Annotated[Literal["skin", "array"] | None, not_with('kind = "am"')] = None
+    depth: Annotated[float | None, Rule("only with", 'kind = "am"')] = None
+    path: Annotated[Literal["circle", "line", "points"] | None, Rule("not with", 'kind = "am"')] = (
+        None
+    )
+    radius: Annotated[
+        Positive | None, Rule("not with", 'kind = "am"'), Rule("not with", 'path = "line"')
+    ] = None
+    length: Annotated[Positive | None, Rule("only with", 'path = "line"')] = None
+    frames: Annotated[int | None, Rule("not with", 'kind = "am"')] = None
+    along: Annotated[Literal["skin", "array"] | None, Rule("not with", 'kind = "am"')] = None
 
 
 class DriveTable(Table, frozen=True):
