@@ -24,9 +24,6 @@ PLAIN: Any = {
     "grid.linewidth": 0.6,
 }
 
-# Colour of the backs of triangles, which are visible where a surface is open or inverted
-INSIDE = (0.91, 0.45, 0.16, 1.0)
-
 # Translucent colour of a plane
 SHEET = (0.45, 0.36, 0.25, 0.22)
 
@@ -92,28 +89,24 @@ def add_solid(
     colours: Float64[np.ndarray, "polygons 4"],
     *,
     outlined: bool = False,
-    closed: bool = True,
     marked: Bool[np.ndarray, "polygons corners"] | None = None,
-    mark: tuple[float, ...] = INSIDE,
+    mark: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0),
 ) -> None:
     """Draw the shaded polygons of a surface [mm]: triangles, or hexagons for curved triangles.
 
     Parameters
     ----------
     outlined : whether edges are dark.
-    closed : whether backs are hidden; otherwise they have the colour ``INSIDE``.
     marked : edges, from each corner to the next, that are drawn in the colour ``mark``.
     """
     viewer = towards_viewer(axes.azim, axes.elev)
     normals = unit(area_vectors(polygons[:, :: polygons.shape[1] // 3]))
-    near = normals @ viewer > 0.0
-    shown = near | (not closed)
+    # The surfaces are closed, so backs are hidden.
+    shown = normals @ viewer > 0.0
     # Light from above, to the left of the viewer, shows the shape of a smooth surface.
     lamp = unit(viewer - 0.35 * unit(np.cross([0.0, 0.0, 1.0], viewer)) + [0.0, 0.0, 0.5])
-    light = 0.65 + 0.35 * np.clip(np.where(near, 1.0, -1.0) * (normals @ lamp), 0.0, 1.0)
-    faces = np.where(near[:, None], colours, INSIDE)
-    faces[:, :3] *= light[:, None]
-    faces = faces[shown]
+    faces = colours[shown]
+    faces[:, :3] *= 0.65 + 0.35 * np.clip(normals[shown] @ lamp, 0.0, 1.0)[:, None]
     # Edges in the colour of the faces hide the seams between them.
     edges = np.tile((0.2, 0.2, 0.2, 0.7), (len(faces), 1)) if outlined else faces
     parts = [*polygons[shown]]
