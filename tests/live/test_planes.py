@@ -1,7 +1,6 @@
 """The live loop over a table: rows against other solvers, what drives keep there, sessions, hands through the table."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -38,15 +37,10 @@ def exact() -> at.TransferMatrix:
     )
 
 
-@cache
-def solution(table: bool, part: str):
-    return solved(OVER if table else BEFORE, JOINTS, part, 0.0)
-
-
-def drive_of(scene: LiveScene, part="hand", method: str | None = None) -> np.ndarray:
-    found = [Ready(solution(scene is OVER, part))] if part else []
+def drive_of(scene: LiveScene, part="hand", method: str | None = None, joints=JOINTS) -> np.ndarray:
+    found = [Ready(solved(scene, joints, part, 0.0))] if part else []
     maker = at.live.HandAware(scene, noise=1e-4, solvers=found)
-    maker.take(at.hands.HandFrame(0.0, "left", 0, JOINTS))
+    maker.take(at.hands.HandFrame(0.0, "left", 0, joints))
     return maker.make(0.01, at.live.Controls(method=method)).amplitudes
 
 
@@ -91,7 +85,9 @@ def test_foci_that_move_know_the_table() -> None:
     (places,) = np.tile(np.arange(2), (1, 4, 1))
     moving = at.live.MovingFoci(places, np.zeros((4, 2, 3)), 400.0, "still")
     scene = replace(OVER, moving=moving)
-    maker = at.live.HandAware(scene, noise=1e-4, solvers=[Ready(solution(True, "phalanges"))])
+    maker = at.live.HandAware(
+        scene, noise=1e-4, solvers=[Ready(solved(scene, JOINTS, "phalanges", 0.0))]
+    )
     maker.take(at.hands.HandFrame(0.0, "left", 0, JOINTS))
     frames = maker.make(0.01, at.live.Controls()).frames
     assert frames is not None

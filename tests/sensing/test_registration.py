@@ -126,7 +126,7 @@ def test_echoes_of_something_else_are_rejected() -> None:
 
 
 def test_a_turn_that_changes_nothing_is_named() -> None:
-    scene = at.Scene(AIR, [at.sound_hard(at.sphere(3e-3, 1e-3))], frequency=40e3)
+    scene = at.Scene(AIR, [at.sound_hard(at.sphere(8e-3, 2e-3))], frequency=40e3)
     scattering = at.scattering_matrix(at.SphereSeries(), scene)
     echoes = at.simulate_echoes(scattering, scene, BOX, CODES[:, :2])
     with raises_code("pose_not_found"):
