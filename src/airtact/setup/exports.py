@@ -32,11 +32,6 @@ def write_field(
     The point data are pressure_real and pressure_imag, NaN inside bodies. The cell data ``body`` is
     the index of the body.
     """
-    if len(pressure) != np.prod(box.counts):
-        raise InvalidInput(
-            f"{len(pressure)} pressures do not fit a box of {np.prod(box.counts)} points.",
-            code="sizes_differ",
-        )
     with whole_file(path) as partial, h5py.File(partial, "w") as file:
         root = _group(file, "VTKHDF", "PartitionedDataSetCollection")
         _write_image(_block(root, "field", 0, "ImageData"), box, pressure)
