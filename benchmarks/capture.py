@@ -29,11 +29,10 @@ NAMES = (*FINGERS, "palm")
 
 
 def report(what: str, fitted: FittedHand, true: Rigged, seconds: float) -> float:
-    """Print how far the skins are apart in the mean, both ways, for each part with its uncertainty, and return it."""
+    """Print how far the skins are apart in the mean, both ways, for each part, and return it."""
     from_true, from_fitted, part, other = off_each_other(fitted.hand, true)
     by_part = ", ".join(
-        f"{name} {1e3 * from_true[part == index].mean():.1f}/{1e3 * from_fitted[other == index].mean():.1f} "
-        f"(±{1e3 * fitted.part_errors[name]:.1f})"
+        f"{name} {1e3 * from_true[part == index].mean():.1f}/{1e3 * from_fitted[other == index].mean():.1f}"
         for index, name in enumerate(NAMES)
     )
     mean = 0.5 * (from_true.mean() + from_fitted.mean())

@@ -17,7 +17,7 @@ import numpy as np
 
 from airtact.hands.hand import hand_from_joints
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
-from airtact.hands.tracking.messages import from_json, from_osc, to_json, to_osc
+from airtact.hands.tracking.messages import from_json, to_json
 from airtact.hands.tracking.prediction import Predictor
 from airtact.hands.tracking.stream import HandStream
 from references.motions import Pinching
@@ -86,14 +86,11 @@ def prediction() -> None:
 
 def speed() -> None:
     frames = Pinching(3).frames(90, 2.0)
-    for name, write, read in (("JSON", to_json, from_json), ("OSC", to_osc, from_osc)):
-        messages = [write(frame) for frame in frames]
-        began = time.perf_counter()
-        for message in messages:
-            read(message)
-        print(
-            f"a frame of {name} ({len(messages[0]):,} bytes) read and checked: {_each(began, frames)}"
-        )
+    messages = [to_json(frame) for frame in frames]
+    began = time.perf_counter()
+    for message in messages:
+        from_json(message)
+    print(f"a frame ({len(messages[0]):,} bytes) read and checked: {_each(began, frames)}")
     stream, predictor = HandStream(), Predictor(0.05)
     began = time.perf_counter()
     for frame in frames:

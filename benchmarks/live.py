@@ -217,7 +217,7 @@ def real(
     """Send frames to the real loop by a web socket, which records its session; return what ``at_the_link`` prints."""
     warm(maker, frames[0])
     begun = maker.solutions
-    hands = at.live.ReceivedHands("websocket", 0)
+    hands = at.live.ReceivedHands(0)
     address = hands.words
 
     def send() -> None:

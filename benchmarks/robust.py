@@ -129,8 +129,6 @@ def doubts() -> None:
         {"gain": 0.1},
         {"phase": 20.0},
         {"dead": 0.1},
-        {"board_position": 1e-3},
-        {"board_rotation": 1.0},
     ]
     print("| in doubt | box: time reversal, robust | flat boards |")
     for one in given:

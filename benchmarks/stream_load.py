@@ -77,9 +77,8 @@ def main(seconds: float) -> None:
     took, count = float(sender.stdout.read()), int(seconds * RATE)
     age = 1e3 * np.percentile(ages[:used], [50, 99])
     print(f"{count} frames in {took:.1f} s, {stream.health}")
-    used_share, overtaken = (part / (0.9 * count) for part in (used, stream.health.overtaken))
     print(f"age: median {age[0]:.2f} ms, 99 of 100 within {age[1]:.2f} ms")
-    print(f"{used_share:.2%} of the good frames used, {overtaken:.2%} overtaken by newer ones")
+    print(f"{used / (0.9 * count):.2%} of the good frames used")
     print(
         f"memory {early / 1e6:.1f} MB after a fifth, {late / 1e6:.1f} MB at the end ({(late - early) / early:+.2%})"
     )

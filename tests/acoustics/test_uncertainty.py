@@ -18,7 +18,7 @@ DEVIATIONS = [
     [
         *((name, value) for name in DEVIATIONS for value in (-0.2, np.nan)),
         # degrees that were meant in radians, and other units
-        *((name, 0.035) for name in ("rotation", "own_rotation", "phase", "board_rotation")),
+        *((name, 0.035) for name in ("rotation", "own_rotation", "phase")),
         ("position", 2.0),
         ("age", 20.0),
         ("humidity", 5.0),

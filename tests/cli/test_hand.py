@@ -24,7 +24,7 @@ def test_a_cloud_gives_a_closed_skin_a_picture_and_how_sure_it_is(tmp_path: Path
     )
 
     said = capsys.readouterr().out
-    assert "standard deviation of the skin" in said
+    assert "standard deviation of the joints" in said
     skin = trimesh.load(file)
     assert skin.is_watertight  # pyright: ignore[reportAttributeAccessIssue]
     assert file.with_suffix(".png").stat().st_size > 20_000

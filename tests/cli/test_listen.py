@@ -102,7 +102,6 @@ def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
     ("source", "seconds", "file", "code"),
     [
         ("websocket:0", 0.01, "none.jsonl", "empty"),
-        ("osc:0", 0.01, "none.jsonl", "empty"),
         ("websocket:0", -1, "none.jsonl", "out_of_range"),
         ("websocket:0", 1, "none.csv", "unknown_format"),
         ("page", 1, "none.jsonl", "unknown_name"),

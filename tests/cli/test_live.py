@@ -115,11 +115,9 @@ def test_trackers_by_websocket_are_followed_and_nonsense_is_counted(tmp_path):
         code, said = running.ended()
     assert code == 0
     said = " ".join(said.split())  # long rows go over two lines
-    used, overtaken = (
-        int((re.search(rf"(\d+) {word}", said) or [0, 0])[1]) for word in ("used", "overtaken")
-    )
+    used = int((re.search(r"(\d+) used", said) or [0, 0])[1])
     assert "60 unreadable" in said
-    assert used + overtaken > 60  # a busy machine reads the newest of those that wait
+    assert used > 60
     assert len(at.live.read_session(tmp_path).frame_time) == used
 
 

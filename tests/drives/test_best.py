@@ -75,23 +75,6 @@ def test_pressures_are_exactly_what_is_asked_where_full_scale_is_enough() -> Non
     np.testing.assert_allclose(drive.amplitudes, least, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("asked", [3000.0, 11000.0])
-def test_one_focus_gets_what_it_asks_after_rounding_too(asked) -> None:
-    transfer, target = in_open_air(np.array([[0.01, 0.0, 0.005]]), asked)
-    rounded = at.quantise(at.best(transfer, target)).drive()
-    assert np.abs(transfer.pressure(rounded))[0] == pytest.approx(asked, rel=0.02)
-
-
-def test_where_full_scale_is_not_enough_the_weakest_gets_what_the_bound_allows() -> None:
-    transfer, target = in_open_air(scattered(5, 4), 200e3)
-    drive = at.best(transfer, target)
-    assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
-    assert (
-        at.drives.achieved_fraction(transfer, target, drive).min()
-        > 0.9 * at.upper_bound(transfer, target).worst
-    )
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_peak_is_the_least_by_linear_programming(seed) -> None:
     transfer = random_matrix(seed, 3, elements=20)

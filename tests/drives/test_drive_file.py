@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.drives.drive_file import COLUMNS, DriveFile, read_drive_file, write_drive_file
+from airtact.drives.drive_file import COLUMNS, read_drive_file
 from faults import raises_code
 
 ARRAY = at.autd3_board().moved(
@@ -82,16 +82,13 @@ def test_the_datasets_keep_their_names_and_units(path, drive) -> None:
         assert "rate" not in file
 
 
-def test_a_file_holds_all_that_emitting_it_needs(tmp_path, drive) -> None:
-    drive.save(tmp_path / "drive.h5", ARRAY, SCENE, MATRIX, TARGET)
-    back = read_drive_file(tmp_path / "drive.h5")
+def test_a_file_holds_all_that_emitting_it_needs(path) -> None:
+    back = read_drive_file(path)
     assert (back.frequency, back.medium, back.rate) == (39e3, SCENE.medium, None)
     assert (back.sensitivity, back.element_radius) == (ARRAY.element.sensitivity, 4.0e-3)
     assert back.positions is not None
     assert back.normals is not None
     assert back.poses is not None
-    np.testing.assert_array_equal(back.positions, ARRAY.positions)
-    np.testing.assert_array_equal(back.normals, ARRAY.normals)
     assert back.board == "autd3"
     np.testing.assert_allclose(
         back.poses[0].apply(at.transducers.board_named("autd3").positions),
@@ -99,9 +96,9 @@ def test_a_file_holds_all_that_emitting_it_needs(tmp_path, drive) -> None:
         atol=1e-12,
     )
     assert back.foci is not None
-    assert back.matrix is not None
+    assert back.transfer_matrix is not None
     np.testing.assert_array_equal(back.foci, TARGET.points)
-    np.testing.assert_array_equal(back.matrix, MATRIX.matrix)
+    np.testing.assert_array_equal(back.transfer_matrix, MATRIX.matrix)
 
 
 def test_other_levels_are_written_with_what_they_stand_for(tmp_path, drive) -> None:
@@ -121,7 +118,9 @@ def test_amplitude_and_phase_are_enough(tmp_path) -> None:
         file["amplitude"], file["phase"] = np.ones(3), np.zeros(3)
     back = read_drive_file(tmp_path / "drive.h5")
     np.testing.assert_array_equal(back.drives, np.ones((1, 3)))
-    assert (back.rate, back.matrix, back.positions, back.frequency, back.medium) == (None,) * 5
+    assert (back.rate, back.transfer_matrix, back.positions, back.frequency, back.medium) == (
+        None,
+    ) * 5
 
 
 def changed(path: Path, **columns) -> Path:
@@ -155,31 +154,20 @@ def test_what_no_drive_is_has_a_code(path, columns, code: str) -> None:
         read_drive_file(changed(path, **columns))
 
 
-@pytest.mark.parametrize(
-    ("ending", "text", "code"),
-    [
-        ("h5", "not a drive", "file_unreadable"),
-        ("csv", "not a drive", "file_unreadable"),
-        ("csv", ",".join(COLUMNS) + "\n" + "1," * 10 + "x\n", "file_unreadable"),
-        ("csv", ",".join(COLUMNS) + "\n1,2\n", "wrong_shape"),
-        ("csv", ",".join(COLUMNS) + "\n\n", "wrong_shape"),
-    ],
-)
-def test_texts_that_are_no_drive_are_rejected(tmp_path, ending: str, text: str, code: str) -> None:
-    (tmp_path / f"text.{ending}").write_text(text)
-    with raises_code(code):
-        read_drive_file(tmp_path / f"text.{ending}")
-
-
 def test_files_that_cannot_be_read_or_written_are_rejected(tmp_path, drive) -> None:
+    (tmp_path / "text.h5").write_text("not a drive")
+    with raises_code("file_unreadable"):
+        read_drive_file(tmp_path / "text.h5")
     with raises_code("file_missing"):
         read_drive_file(tmp_path / "none.h5")
     with raises_code("unknown_format"):
         drive.save(tmp_path / "drive.txt")
     with raises_code("not_writable"):
         drive.save(tmp_path / "none" / "drive.h5")
+    with raises_code("unknown_format"):
+        read_drive_file(tmp_path / "drive.csv")
     with raises_code("data_missing"):
-        write_drive_file(tmp_path / "drive.csv", DriveFile(drive.amplitudes[None]))
+        drive.save(tmp_path / "drive.csv")
     assert not (tmp_path / "drive.csv").exists()
 
 

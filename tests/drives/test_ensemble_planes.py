@@ -44,7 +44,7 @@ def off(computed, exact) -> float:
 
 def drawn(uncertainty: at.Uncertainty, samples: int) -> list[at.Pose]:
     middle = FOCI.mean(axis=0)
-    return [one.hand for one in draws(uncertainty, samples, 0, middle, [middle], len(FOCI), [])]
+    return [one.hand for one in draws(uncertainty, samples, 0, middle, [middle], len(FOCI))]
 
 
 def test_each_sample_is_that_of_a_hand_and_its_mirror_image_as_two_bodies() -> None:
@@ -62,7 +62,7 @@ def test_each_sample_is_that_of_a_hand_and_its_mirror_image_as_two_bodies() -> N
 
 def test_one_solve_serves_what_is_off_along_the_plane() -> None:
     """No solver is given: only what keeps the plane is in doubt."""
-    doubt = at.Uncertainty(age=0.01, velocity=(0.3, 0.1, 0.0), gain=0.1, board_position=1e-3)
+    doubt = at.Uncertainty(age=0.01, velocity=(0.3, 0.1, 0.0), gain=0.1)
     along = at.ensemble(beacons(), UPRIGHT, doubt, samples=6)
     solved = at.ensemble(beacons(), UPRIGHT, doubt, samples=6, solver=EXACT)
     assert off(along.matrices, solved.matrices) < 1e-12
@@ -107,7 +107,7 @@ def test_open_air_before_a_plane_needs_no_solver() -> None:
     doubt = replace(DOUBT, own_position=1e-3, temperature=2.0)
     computed = at.ensemble(in_open_air(), UPRIGHT, doubt, samples=4)
     for matrix, draw in zip(
-        computed.matrices, draws(doubt, 4, 0, FOCI.mean(axis=0), list(FOCI), 2, []), strict=True
+        computed.matrices, draws(doubt, 4, 0, FOCI.mean(axis=0), list(FOCI), 2), strict=True
     ):
         foci = draw.hand.apply(
             np.stack([own.apply(one) for own, one in zip(draw.groups, FOCI, strict=True)])

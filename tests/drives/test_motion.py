@@ -49,16 +49,6 @@ def test_a_path_along_the_skin_keeps_its_distance() -> None:
     )
 
 
-def test_each_focus_of_a_pinch_moves_along_its_own_finger() -> None:
-    fingers = at.pinch(gap=0.012)
-    scene = at.Scene(AIR, [at.sound_hard(surface) for surface in fingers.surfaces])
-    target = at.Target(fingers.foci(offset=0.5e-3))
-    paths = at.drives.Motion("lm").paths(scene, target, np.zeros(3))
-    assert paths.shape == (2, 16, 3)
-    for path, surface in zip(paths, fingers.surfaces, strict=True):
-        np.testing.assert_allclose(-surface.depth(path), 0.5e-3, rtol=1e-6)
-
-
 def test_frames_follow_the_foci() -> None:
     target = at.Target(
         np.array([[0.06, 0.07, 0.15], [0.12, 0.07, 0.15]]), shares=np.array([1.0, 0.5])
@@ -97,21 +87,6 @@ def test_two_points_take_turns_in_frames_of_whole_periods() -> None:
     assert (40e3 / sequence.rate) == pytest.approx(round(40e3 / sequence.rate), abs=1e-9)
     assert sequence.rate / 4 == pytest.approx(300.0, rel=0.02)
     np.testing.assert_array_equal(sequence.drives[0], sequence.drives[1])
-
-
-def test_a_path_that_leaves_its_body_strays_by_the_height_of_its_plane() -> None:
-    """In the plane that touches a sphere of radius a, a circle of radius r lies √(a² + r²) − a off it."""
-    ball = at.Scene(AIR, [at.sound_hard(at.sphere(0.02, edge=2e-3))])
-    touching, away = np.array([[0.0, 0.0, 0.02]]), np.array([[0.0, 0.0, 0.05]])
-    for radius in (3e-3, 15e-3):
-        off = at.drives.Motion("stm", "circle", size=radius, frames=8).strayed(
-            ball, at.Target(touching), MIDDLE
-        )
-        np.testing.assert_allclose(off, np.full((1, 8), np.hypot(0.02, radius) - 0.02), rtol=1e-3)
-    assert (
-        not at.drives.Motion("lm").strayed(ball, at.Target(away), MIDDLE).any()
-    )  # a focus in the air
-    assert not at.drives.Motion("lm").strayed(OPEN, at.Target(touching), MIDDLE).any()
 
 
 def test_suppression_points_stay_suppressed() -> None:

@@ -36,36 +36,6 @@ def test_a_byte_of_sixty_four_delays_the_wave_by_a_quarter_period() -> None:
     np.testing.assert_allclose(wave[:, 1], earlier, atol=1e-14)
 
 
-def test_every_drive_is_rounded_to_the_nearest_level() -> None:
-    random = np.random.default_rng(1)
-    expected = at.Drive(
-        random.uniform(0.0, 1.0, 5000) * np.exp(2j * np.pi * random.uniform(0.0, 1.0, 5000))
-    )
-    played = at.quantise(expected).drive()
-    assert (
-        np.abs(np.abs(played.amplitudes) - np.abs(expected.amplitudes)).max() <= 0.5 / 255.0 + 1e-12
-    )
-    emitting = np.abs(played.amplitudes) > 0.0
-    turns = np.angle(played.amplitudes[emitting] / expected.amplitudes[emitting]) / (2.0 * np.pi)
-    assert np.abs(turns).max() <= 0.5 / 256.0 + 1e-12
-
-
-def test_eight_bits_cost_less_than_a_thousandth_at_a_focus() -> None:
-    box, k = at.surrounding_box(), 732.5
-    points = np.random.default_rng(2).uniform(-0.03, 0.03, (20, 3))
-    losses = []
-    for point in points:
-        distance = np.linalg.norm(box.positions - point, axis=1)
-        transfer = at.TransferMatrix((np.exp(1j * k * distance) / distance)[None], 0.0)
-        drive = at.time_reversal(transfer, at.Target(point[None]))
-        exact, played = (
-            np.abs(transfer.pressure(d))[0] for d in (drive, at.quantise(drive).drive())
-        )
-        losses.append(abs(played / exact - 1.0))
-    assert max(losses) < 1e-3
-    assert max(losses) > 0.0
-
-
 LEVELS = np.zeros(3, dtype=np.uint8)
 
 

@@ -100,28 +100,6 @@ def test_limits_hold(goal) -> None:
     )
 
 
-@pytest.mark.parametrize("limit", LIMITS)
-def test_suppression_points_cost_little_of_the_goal(limit) -> None:
-    points = any_points(3)
-    samples = random_ensemble(6, foci=3)
-    target = at.Target(points[:2], suppression_points=points[2:])
-    alone = at.drives.TransferEnsemble(
-        matrix=samples.matrix[:2], estimated_error=0.0, geometry=samples.geometry[:, :2].copy()
-    )
-    drives = [at.robust(samples, target, limit=limit), at.robust(alone, TARGET, limit=limit)]
-    scales = [np.linalg.norm(one.amplitudes) if limit == "energy" else 1.0 for one in drives]
-    left = [
-        np.sqrt(np.mean(np.abs(samples.pressures(one)[:, 2]) ** 2)) / s
-        for one, s in zip(drives, scales, strict=True)
-    ]
-    kept = [
-        np.quantile(np.abs(samples.pressures(one)[:, :2]).min(axis=1), 0.1) / s
-        for one, s in zip(drives, scales, strict=True)
-    ]
-    assert left[0] < 0.6 * left[1]
-    assert kept[0] > 0.84 * kept[1]
-
-
 def test_asked_pressures_are_reached_nine_of_ten_times() -> None:
     samples = random_ensemble(8)
     full = at.drives.goal_value(samples, TARGET, at.robust(samples, TARGET))

@@ -15,26 +15,6 @@ def matrix_of(target: at.Target) -> at.TransferMatrix:
     return at.transfer_matrix(at.FreeField().radiate(OPEN_AIR, target.beacons()), ARRAY)
 
 
-def test_a_focus_stays_equally_long_at_every_point() -> None:
-    ring = at.Target(at.acoustics.circle((0.0, 0.0, 0.15), radius=0.01, spacing=8e-3))
-    transfer = matrix_of(ring)
-    sequence = at.drives.moving_foci(transfer, ring, 1, turns=100.0, method=at.time_reversal)
-    loudest = np.abs(sequence.pressure(transfer)).argmax(axis=1)
-    assert np.all(np.diff(loudest) >= 0)
-    assert np.bincount(loudest).tolist() == [1] * 8
-    np.testing.assert_allclose(
-        sequence.drives[0], at.time_reversal(*alone(transfer, ring, 0)).amplitudes
-    )
-
-
-def alone(
-    transfer: at.TransferMatrix, target: at.Target, index: int
-) -> tuple[at.TransferMatrix, at.Target]:
-    return at.TransferMatrix(transfer.matrix[index : index + 1], 0.0), at.Target(
-        target.points[index : index + 1]
-    )
-
-
 def test_a_led_focus_keeps_what_each_point_asks() -> None:
     points = at.acoustics.circle((0.0, 0.0, 0.15), radius=0.01, spacing=0.016)
     transfer = matrix_of(at.Target(points))

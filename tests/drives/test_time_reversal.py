@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import airtact as at
-from closed_form_transfers import any_points, open_air, random_matrix
+from closed_form_transfers import any_points, random_matrix
 from faults import raises_code
 
 AIR = at.Medium(343.1, 1.293)
@@ -43,33 +43,6 @@ def test_time_reversal_is_the_weighted_conjugate_scaled_by_one_number() -> None:
     ratio = drive.amplitudes / (asked @ transfer.matrix.conj())
     np.testing.assert_allclose(ratio, ratio[0].real, rtol=1e-12)
     assert ratio[0].real > 0.0
-
-
-def test_with_no_pressure_asked_all_foci_count_alike_and_the_strongest_element_is_at_full_scale() -> (
-    None
-):
-    transfer = random_matrix(4, foci=3)
-    drive = at.time_reversal(transfer, at.Target(any_points(3)))
-    assert np.abs(drive.amplitudes).max() == pytest.approx(1.0, rel=1e-12)
-    expected = transfer.matrix.conj().sum(axis=0)
-    np.testing.assert_allclose(drive.amplitudes, expected / np.abs(expected).max(), rtol=1e-12)
-    assert np.isnan(at.drives.achieved_fraction(transfer, at.Target(any_points(3)), drive)).all()
-
-
-def test_in_open_air_time_reversal_is_focus_by_distance_with_amplitudes_of_one_over_distance() -> (
-    None
-):
-    box, point = at.surrounding_box(), np.array([[0.01, -0.02, 0.03]])
-    target = at.Target(point)
-    reversal = at.time_reversal(open_air(point), target)
-    control = at.focus_by_distance(box, target, AIR, FREQUENCY)
-    distance = np.linalg.norm(box.positions - point, axis=1)
-    np.testing.assert_allclose(
-        reversal.amplitudes, control.amplitudes * distance.min() / distance, rtol=1e-10
-    )
-    conjugate = at.drives.phase_conjugate(open_air(point), target)
-    phase_only = at.drives.focus_by_distance_phase_only(box, target, AIR, FREQUENCY)
-    np.testing.assert_allclose(conjugate.amplitudes, phase_only.amplitudes, rtol=1e-10)
 
 
 @pytest.mark.parametrize("method", [at.time_reversal, at.drives.phase_conjugate])

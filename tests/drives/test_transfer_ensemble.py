@@ -62,7 +62,7 @@ def test_samples_follow_the_draws_and_the_seed() -> None:
     )
     np.testing.assert_array_equal(one.matrices, same.matrices)
     assert off(other.matrices, one.matrices) > 0.1
-    drawn = draws(uncertainty, 8, 5, FOCI.mean(axis=0), [FOCI.mean(axis=0)], 2, [])
+    drawn = draws(uncertainty, 8, 5, FOCI.mean(axis=0), [FOCI.mean(axis=0)], 2)
     exact = [at.transfer_matrix(in_open_air(), FLAT.seen_from(draw.hand)).matrix for draw in drawn]
     assert off(one.matrices, np.stack(exact)) < 1e-3
 
@@ -77,7 +77,7 @@ def test_the_draws_have_the_deviations_that_were_asked() -> None:
         temperature=2.0,
     )
     middle = np.array([0.01, 0.02, 0.03])
-    drawn = list(draws(uncertainty, 1024, 0, middle, [middle], 1, []))
+    drawn = list(draws(uncertainty, 1024, 0, middle, [middle], 1))
     shifts = np.stack([one.hand.apply(middle) - middle for one in drawn])
     np.testing.assert_allclose(shifts.std(axis=0), [np.hypot(1e-3, 5e-3), 1e-3, 1e-3], rtol=0.03)
     cosines = [(np.trace(one.hand.rotation) - 1.0) / 2.0 for one in drawn]
@@ -94,8 +94,7 @@ def test_warmer_air_is_the_field_solved_in_it() -> None:
     uncertainty = at.Uncertainty(temperature=4.0)
     samples = at.ensemble(beacons(), FLAT, uncertainty, samples=2, seed=1)
     slower = [
-        one.slower
-        for one in draws(uncertainty, 2, 1, FOCI.mean(axis=0), [FOCI.mean(axis=0)], 2, [])
+        one.slower for one in draws(uncertainty, 2, 1, FOCI.mean(axis=0), [FOCI.mean(axis=0)], 2)
     ]
     for computed, factor in zip(samples.matrices, slower, strict=True):
         warm = at.Medium(MEDIUM.sound_speed / factor, MEDIUM.density, MEDIUM.absorption)
@@ -104,25 +103,6 @@ def test_warmer_air_is_the_field_solved_in_it() -> None:
             at.SphereSeries().radiate(scene, at.Target(FOCI).beacons()), FLAT
         ).matrix
         assert off(computed, solved) < 0.1 * off(samples.matrix, solved) + 0.005
-
-
-def test_boards_are_off_each_by_itself() -> None:
-    uncertainty = at.Uncertainty(board_position=1e-3, board_rotation=1.0)
-    samples = at.ensemble(in_open_air(), FLAT, uncertainty, samples=2)
-    parts = np.split(np.arange(498), 2)
-    boards = [
-        at.PhasedArray(FLAT.positions[part], FLAT.normals[part], FLAT.element, FLAT.tangents[part])
-        for part in parts
-    ]
-    middle = FOCI.mean(axis=0)
-    drawn = draws(
-        uncertainty, 2, 0, middle, [middle], 2, [board.positions.mean(axis=0) for board in boards]
-    )
-    for computed, draw in zip(samples.matrices, drawn, strict=True):
-        array = at.transducers.join(
-            [board.moved(pose) for board, pose in zip(boards, draw.boards, strict=True)]
-        )
-        assert off(computed, at.transfer_matrix(in_open_air(), array).matrix) < 1e-3
 
 
 def test_dead_elements_and_phases_cost_what_ruze_says() -> None:
@@ -150,7 +130,7 @@ def test_bodies_that_move_by_themselves() -> None:
     solved = at.ensemble(field, FLAT, uncertainty, samples=2, solver=solver)
     quick = at.ensemble(field, FLAT, uncertainty, samples=2)
     middle = target.points.mean(axis=0)
-    for index, draw in enumerate(draws(uncertainty, 2, 0, middle, list(target.points), 2, [])):
+    for index, draw in enumerate(draws(uncertainty, 2, 0, middle, list(target.points), 2)):
         moved = [
             at.sound_hard(one.surface.moved(own))
             for one, own in zip(scene.obstacles, draw.groups, strict=True)
@@ -198,14 +178,12 @@ def test_wrong_numbers_of_samples_raise(samples, seed) -> None:
 def test_doubts_about_what_there_is_not_raise() -> None:
     water = at.Scene(at.Medium(1481.0, 1000.0), [], frequency=40e3)
     in_water = at.FreeField().radiate(water, at.Target(FOCI).beacons())
-    single = at.PhasedArray(np.array([[0.0, 0.0, 0.1]]), np.array([[0.0, 0.0, -1.0]]))
-    for field, array, doubt, code in (
-        (in_water, FLAT, at.Uncertainty(temperature=1.0), "does_not_match"),
-        (in_open_air(), FLAT, at.Uncertainty(along_skin=1e-3), "empty"),
-        (in_open_air(), single, at.Uncertainty(board_position=1e-3), "empty"),
+    for field, doubt, code in (
+        (in_water, at.Uncertainty(temperature=1.0), "does_not_match"),
+        (in_open_air(), at.Uncertainty(along_skin=1e-3), "empty"),
     ):
         with raises_code(code):
-            at.ensemble(field, array, doubt)
+            at.ensemble(field, FLAT, doubt)
 
 
 def test_an_ensemble_is_a_transfer_matrix_with_samples_of_its_shape() -> None:

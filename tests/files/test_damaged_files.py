@@ -27,7 +27,7 @@ def whole_drives(folder: Path) -> None:
         at.transducers.board_array("nano16"),
         at.transducers.AmplitudeModulation(200.0, 1.0),
     )
-    for ending in ("h5", "csv"):
+    for ending in ("h5",):
         at.Drive(drives[0]).save(folder / f"drive.{ending}", array, OPEN_AIR, modulation=modulation)
         at.drives.Sequence(drives, 1000.0).save(folder / f"sequence.{ending}", array)
 

@@ -1,7 +1,5 @@
 """Named positions on scanned hands, by the joints of their rig."""
 
-import tomllib
-
 import numpy as np
 import pytest
 import trimesh
@@ -9,7 +7,7 @@ import trimesh
 import airtact as at
 from airtact.hands.hand import PLACES, hand_from_joints, places_on
 from faults import raises_code
-from paths import EXAMPLES, GENERIC_HAND, HANDS
+from paths import GENERIC_HAND, HANDS
 from references.rigged_hand import rest
 
 
@@ -39,15 +37,6 @@ def test_places_lie_on_the_skin_and_face_outwards(hand, skin) -> None:
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
 
 
-def test_places_are_near_the_points_that_the_example_gives(hand, skin) -> None:
-    """The points of the open hand were placed apart from any rig: 1.3 to 2.7 mm along the skin, the palm's 7.4 mm."""
-    foci = tomllib.loads((EXAMPLES / "open_hand.toml").read_text(encoding="utf-8"))["foci"]
-    given = skin.shape.project(np.array([focus["point"] for focus in foci]))
-    points = np.array([point for point, _ in places_on(skin, hand).values()])
-    off = np.linalg.norm(points - given, axis=1)
-    np.testing.assert_allclose(1e3 * off, [2.70, 1.42, 1.33, 1.37, 1.60, 7.44], atol=0.05)
-
-
 def test_a_rig_in_millimetres_is_scaled_as_its_mesh(tmp_path, hand, skin) -> None:
     scene = trimesh.load_scene(GENERIC_HAND, process=False)
     scene.apply_scale(1e3)
@@ -72,11 +61,6 @@ def test_a_rig_that_lacks_joints_is_named_with_them(tmp_path) -> None:
         at.hands.load_rigged_hand(tmp_path / "hand.glb")
     with raises_code("file_missing", "none.glb"):
         at.hands.load_rigged_hand(tmp_path / "none.glb")
-
-
-def test_joints_of_another_pose_are_rejected(skin) -> None:
-    with raises_code("misplaced"):
-        places_on(skin, at.load_hand(HANDS / "pinch.json"))
 
 
 @pytest.mark.parametrize(

@@ -15,11 +15,12 @@ from paths import EXAMPLES, SCENES
 PINCH = at.read_scene(EXAMPLES / "pinch.toml")
 
 
-def test_paths_that_leave_their_fingers_are_named() -> None:
-    for size, count in ((3e-3, 0), (15e-3, 2)):
-        moving = replace(PINCH, modulation=at.drives.Motion("stm", "circle", size=size))
-        assert len(reach_cautions(moving)) == count
-    assert "16 of 16" in reach_cautions(moving)[0]
+def test_a_method_that_ignores_suppression_points_is_named() -> None:
+    points = PINCH.target.points
+    target = at.Target(points, suppression_points=points[:1] + [0.0, 0.0, 0.05])
+    assert reach_cautions(replace(PINCH, target=target)) == ()
+    (words,) = reach_cautions(replace(PINCH, target=target, method="time_reversal"))
+    assert "time_reversal ignores" in words
 
 
 def test_foci_that_no_method_separates_are_named() -> None:

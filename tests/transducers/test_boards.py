@@ -95,18 +95,6 @@ def test_boards_are_found_in_an_array_of_them(name: str) -> None:
         np.testing.assert_allclose(there.translation, pose.translation, rtol=0, atol=1e-12)
 
 
-def test_the_papers_box_and_a_real_one_are_four_boards() -> None:
-    autd3 = board_named("autd3")
-    for box, distance in (
-        (at.surrounding_box(), 70e-3),
-        (at.surrounding_box(board="autd3"), 75.7e-3),
-    ):
-        poses = poses_of_boards(autd3, box.positions, box.normals)
-        assert len(poses) == 4
-        for face, pose in enumerate(poses):
-            assert abs(box.positions[249 * face] @ pose.rotation[:, 2] + distance) < 1e-12
-
-
 def test_boards_without_positions_of_their_own_are_anywhere() -> None:
     places = np.random.default_rng(1).uniform(-0.1, 0.1, (12, 3))
     pose = poses_of_boards(board_named("nano16"), places, np.tile([0.0, 0.0, 1.0], (12, 1)))

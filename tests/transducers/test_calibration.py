@@ -35,17 +35,6 @@ def test_a_forward_field_has_the_pressure_of_the_matrix() -> None:
     np.testing.assert_allclose(transfer.pressure(drive), pressure, rtol=1e-9)
 
 
-def test_synthesis_makes_up_for_phases_and_leaves_the_dead_silent() -> None:
-    array = calibrated()
-    transfer = at.transfer_matrix(at.FreeField().radiate(SCENE, TARGET.beacons()), array)
-    for method in (at.time_reversal, at.drives.phase_conjugate):
-        amplitudes = method(transfer, TARGET).amplitudes
-        assert np.flatnonzero(amplitudes == 0).tolist() == [0, 7, 248]
-    together = np.abs(transfer.pressure(at.drives.phase_conjugate(transfer, TARGET)))
-    # All in phase: as strong as the sum of what each emits alone.
-    np.testing.assert_allclose(together, np.abs(transfer.matrix).sum(axis=1), rtol=1e-12)
-
-
 def test_gains_ride_with_the_array() -> None:
     array = calibrated()
     np.testing.assert_array_equal(array.moved(at.Pose.turn((1, 2, 3), 0.4)).gains, array.gains)

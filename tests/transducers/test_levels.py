@@ -5,7 +5,6 @@ import pytest
 
 import airtact as at
 from airtact.transducers import Levels
-from airtact.transducers.levels import EIGHT_BITS
 from faults import raises_code
 
 
@@ -31,11 +30,6 @@ def test_any_number_of_levels_rounds_to_the_nearest(amplitudes: int, phases: int
     turns = np.angle(emitted[on] / drive.amplitudes[on]) / (2 * np.pi)
     assert np.abs(turns).max() <= 0.5 / phases + 1e-12
     assert at.quantise(frame.drive(), levels).same_as(frame)
-
-
-def test_eight_bits_are_256_even_levels() -> None:
-    np.testing.assert_array_equal(EIGHT_BITS.amplitudes, np.arange(256) / 255.0)
-    assert EIGHT_BITS.same_as(Levels.even())
 
 
 @pytest.mark.usefixtures("as_outside_the_tests")

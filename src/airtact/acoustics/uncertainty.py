@@ -24,8 +24,6 @@ _LIMITS = {
     "gain": (0.5, "", "5 per cent is gain=0.05."),
     "phase": (90.0, "degrees", "no drive focuses with such phases."),
     "dead": (0.9, "", "10 per cent is dead=0.1."),
-    "board_position": (0.1, "m", _MILLIMETRES),
-    "board_rotation": (90.0, "degrees", "boards are located more accurately."),
 }
 
 
@@ -50,8 +48,6 @@ class Uncertainty:
     gain : amplitude of each element, as a fraction of it.
     phase : phase of each element [degree].
     dead : expected fraction of the elements that emit nothing; not a deviation.
-    board_position, board_rotation : position and rotation of each board about its middle
-        [m, degree].
 
     Raises
     ------
@@ -77,8 +73,6 @@ class Uncertainty:
     gain: float = 0.0
     phase: float = 0.0
     dead: float = 0.0
-    board_position: float = 0.0
-    board_rotation: float = 0.0
 
     def __repr__(self) -> str:
         values = {field.name: getattr(self, field.name) for field in fields(self)}

@@ -40,7 +40,7 @@ from airtact.cli.options import FILE, Names, agreed, board_address, level_of, qu
 )
 @click.option("--yes", is_flag=True, help="Emit without asking.")
 @board_address
-@click.option("--out", type=FILE, help="File, for --link file: .h5, .csv or .bin.")
+@click.option("--out", type=FILE, help="File, for --link file: .h5 or .bin.")
 @click.option("--log", type=FILE, help="File for a line per event: its time and what was sent.")
 @quiet
 def emit(

@@ -175,7 +175,7 @@ def _fit(
     # Outliers, such as points of a sleeve, are not points of the skin.
     used = ~fitted.outliers
     usual = float(np.median(np.abs(distances[used])))
-    parts = ", ".join(f"{part} {1e3 * error:.1f}" for part, error in fitted.part_errors.items())
+    joint_error = float(np.sqrt(np.mean(fitted.joint_errors**2)))
     facts = [
         *_facts(fitted.hand.side, shape, triangles, places),
         (
@@ -183,7 +183,7 @@ def _fit(
             f"{used.sum():,} of {len(used):,} after thinning; median distance from the skin "
             f"{1e3 * usual:.1f} mm",
         ),
-        ("standard deviation of the skin", f"{parts} mm"),
+        ("standard deviation of the joints", f"{1e3 * joint_error:.1f} mm"),
     ]
     return facts, lines
 

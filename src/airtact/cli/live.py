@@ -29,10 +29,9 @@ from airtact.cli.options import (
 @click.option(
     "--from",
     "source",
-    metavar="FILE.jsonl|SESSION.h5|websocket|osc|page",
+    metavar="FILE.jsonl|SESSION.h5|websocket|page",
     help="Source of the hand: a recording, another run's session, trackers (websocket or "
-    "websocket:PORT, by default 8765; osc or osc:PORT, 9000), or the page; an example motion by "
-    "default.",
+    "websocket:PORT, by default 8765), or the page; an example motion by default.",
 )
 @click.option(
     "--seconds", type=float, help="Duration; by default until Ctrl-C or the recording's end."
@@ -41,7 +40,7 @@ from airtact.cli.options import (
     "--record",
     "recording",
     type=OUT_FILE,
-    help="Make no drives; record the frames of --from websocket or osc to a .jsonl file.",
+    help="Make no drives; record the frames of --from websocket to a .jsonl file.",
 )
 @click.option(
     "--latency",

@@ -18,6 +18,5 @@ from .reach import achieved_fraction as achieved_fraction
 from .robust_drives import goal_value as goal_value
 from .robust_drives import robust_phase_only as robust_phase_only
 from .sequence import Sequence as Sequence
-from .transfer import focus_by_distance_phase_only as focus_by_distance_phase_only
 from .transfer import rounding_error as rounding_error
 from .transfer_ensemble import TransferEnsemble as TransferEnsemble

@@ -27,14 +27,12 @@ class Draw:
     groups : motion of each group of foci, and of the body that carries it, applied before the
         motion of the whole hand.
     skin : (F, 2) shift of each focus along its surface, in two directions [m].
-    boards : motion of each board in its array.
     slower : ratio of the wavenumber to the nominal wavenumber.
     """
 
     hand: Pose
     groups: tuple[Pose, ...]
     skin: Float64[np.ndarray, "foci 2"]
-    boards: tuple[Pose, ...]
     slower: float
 
     __repr__ = in_short
@@ -47,15 +45,14 @@ def draws(
     middle: Real[np.ndarray, "3"],
     groups: Sequence[Real[np.ndarray, "3"]],
     foci: int,
-    boards: Sequence[Real[np.ndarray, "3"]],
 ) -> Iterator[Draw]:
-    """Draw samples; the hand turns about ``middle``, groups and boards about their pivots [m].
+    """Draw samples; the hand turns about ``middle``, groups about their pivots [m].
 
     The numbers of the hand, the air and the foci do not depend on how foci are grouped.
     """
     from scipy.stats import qmc
 
-    motions = 1 + len(boards) + max(foci, len(groups))
+    motions = 1 + max(foci, len(groups))
     # Six numbers for each motion: three for the shift, two for the axis and one for the angle.
     count = 6 * motions + 3 + 2 * foci
     # Scrambled Sobol points (A. B. Owen, J. Complexity 14, 466 (1998)); they come in powers of two.
@@ -74,13 +71,9 @@ def draws(
             hand=Pose(pose.rotation, pose.translation + drift),
             groups=tuple(
                 _motion(part, uncertainty.own_position, uncertainty.own_rotation, pivot)
-                for part, pivot in zip(parts[len(boards) :], groups, strict=False)
+                for part, pivot in zip(parts, groups, strict=False)
             ),
             skin=uncertainty.along_skin * normal[sample, 3:].reshape(foci, 2),
-            boards=tuple(
-                _motion(part, uncertainty.board_position, uncertainty.board_rotation, pivot)
-                for part, pivot in zip(parts, boards, strict=False)
-            ),
             slower=_slower(uncertainty.temperature * warmer, uncertainty.humidity * damper),
         )
 

@@ -136,12 +136,12 @@ class Drive:
         modulation: AmplitudeModulation | None = None,
         texts: Mapping[str, str] | None = None,
     ) -> None:
-        """Write the drive to a file, which ``load_drive`` reads and ``airtact emit`` sends.
+        """Write the drive to a file; ``load_drive`` and ``airtact emit`` read .h5 files.
 
         Parameters
         ----------
-        path : file that ends in .h5 (all data) or in .csv (a table of the elements). The
-            file appears only when it is complete.
+        path : file that ends in .h5 (all data) or in .csv (a table of the elements, which needs the
+            array). The file appears only when it is complete.
         array : the transducers of the drive; emission to boards needs it.
         scene : its frequency and medium are stored.
         transfer : pressure at the foci per unit drive. ``emit`` computes the cost of rounding from

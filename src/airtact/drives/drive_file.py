@@ -1,6 +1,6 @@
-"""Files of drives and sequences, with all data that emission needs: .h5, or a .csv table.
+"""HDF5 files of drives and sequences, with all data that emission needs, and .csv tables of drives.
 
-Version 1 has these datasets; those in brackets are optional:
+Version 1 of the HDF5 files has these datasets; those in brackets are optional:
 
 - ``format_version``; ``modulation``: "none" if the frames are emitted as they are, "am" for a
   drive whose amplitude varies with ``modulation_frequency`` [Hz] and ``modulation_depth``, as in
@@ -20,7 +20,7 @@ Version 1 has these datasets; those in brackets are optional:
 """
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,6 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import (
-    LARGEST_DATA,
     InvalidInput,
     about,
     check_finite,
@@ -43,7 +42,7 @@ from airtact.errors import (
     real_numbers,
 )
 from airtact.files.atomic import written
-from airtact.files.bounded import datasets_of, text_of
+from airtact.files.bounded import datasets_of
 from airtact.geometry.pose import Pose
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray
@@ -52,8 +51,6 @@ from airtact.transducers.modulation import AmplitudeModulation
 
 VERSION = 1
 """Version of the format."""
-
-ENDINGS = (".h5", ".csv")
 
 SEQUENCE_FILE = "sequence.h5"
 """Name of the file that a run with moving foci writes beside its drive."""
@@ -64,11 +61,11 @@ COLUMNS = (
 )
 """Columns of a drive's table. Positions are in metres, the rest in the units of the datasets."""
 
-FRAME_COLUMNS = (
-    *("frame", "seconds", "element"),
-    *("amplitude_level", "phase_level", "amplitude", "phase"),
+PLAIN = (
+    *("rate", "frequency", "positions", "normals", "sensitivity", "element_radius", "board"),
+    *("foci", "wanted_pressures", "transfer_matrix"),
 )
-"""Columns of a sequence's table, which has one line per element and frame."""
+"""Datasets that are attributes of ``DriveFile``; a file leaves out those that are None."""
 
 UNITS = {
     "positions": "m",
@@ -119,7 +116,7 @@ class DriveFile:
     poses: tuple[Pose, ...] | None = None
     foci: Float64[np.ndarray, "foci 3"] | None = None
     wanted_pressures: Float64[np.ndarray, "foci"] | None = None
-    matrix: Complex128[np.ndarray, "foci elements"] | None = None
+    transfer_matrix: Complex128[np.ndarray, "foci elements"] | None = None
     texts: Mapping[str, str] = field(default_factory=dict)
     modulation: AmplitudeModulation | None = None
 
@@ -170,7 +167,7 @@ def save_drives(
         contents |= {"frequency": scene.frequency, "medium": scene.medium}
     if transfer is not None:
         _check_count(transfer.matrix.shape[1], drives.shape[1], "the transfer matrix")
-        contents["matrix"] = transfer.matrix
+        contents["transfer_matrix"] = transfer.matrix
     if target is not None:
         of_kind(target, Target, "the target", "Target(points, pressures)")
         contents |= {"foci": target.points, "wanted_pressures": target.pressures}
@@ -187,23 +184,22 @@ def _check_count(count: int, elements: int, name: str) -> None:
 
 
 def write_drive_file(path: Path, contents: DriveFile) -> None:
-    """Write a file in the format of its ending.
+    """Write a drive or a sequence (.h5), or a table of the elements of a drive (.csv).
 
     Raise "unknown_format", "data_missing" or "not_writable".
     """
-    ending = checked_ending(path, ENDINGS, "drive")
+    ending = checked_ending(path, (".h5", ".csv"), "drive")
     with written(path) as partial:
         if ending == ".csv":
-            with partial.open("w", newline="", encoding="utf-8") as file:
-                csv.writer(file).writerows(_table(contents))
-        else:
-            import h5py
+            _write_table(partial, contents)
+            return
+        import h5py
 
-            with h5py.File(partial, "w") as file:
-                for name, values in _datasets(contents).items():
-                    file[name] = values
-                    if name in UNITS:
-                        file[name].attrs["unit"] = UNITS[name]
+        with h5py.File(partial, "w") as file:
+            for name, values in _datasets(contents).items():
+                file[name] = values
+                if name in UNITS:
+                    file[name].attrs["unit"] = UNITS[name]
 
 
 def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
@@ -212,10 +208,31 @@ def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
     if ending not in endings:
         raise InvalidInput(
             f"{path.name} is not a {kind} file, which ends in {', '.join(endings)}. Bytes for a "
-            "board (.bin) are written by emission.write_frames.",
+            "board (.bin) are written by emission.FileLink.",
             code="unknown_format",
         )
     return ending
+
+
+def _write_table(path: Path, contents: DriveFile) -> None:
+    """Write one line per element of a drive."""
+    positions = contents.positions
+    normals = contents.normals
+    levels = contents.levels
+    if positions is None or normals is None or levels is None or contents.rate is not None:
+        raise InvalidInput(
+            "a .csv file is a table of one drive with its array. Give the array, or save a .h5 "
+            "file.",
+            code="data_missing",
+        )
+    (drive,) = contents.drives
+    places = np.column_stack([positions, normals, np.abs(drive), np.angle(drive)])
+    rounded = zip(*levels.rounded(drive), strict=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(COLUMNS)
+        for index, (numbers, pair) in enumerate(zip(places, rounded, strict=True)):
+            table.writerow([index, *(f"{number:.9g}" for number in numbers), *pair])
 
 
 def _datasets(contents: DriveFile) -> dict[str, Any]:
@@ -229,16 +246,7 @@ def _datasets(contents: DriveFile) -> dict[str, Any]:
         "modulation": "none",
         "amplitude": np.abs(drives),
         "phase": np.angle(drives),
-        "rate": contents.rate,
-        "frequency": contents.frequency,
-        "positions": contents.positions,
-        "normals": contents.normals,
-        "sensitivity": contents.sensitivity,
-        "element_radius": contents.element_radius,
-        "board": contents.board,
-        "foci": contents.foci,
-        "wanted_pressures": contents.wanted_pressures,
-        "transfer_matrix": contents.matrix,
+        **{name: getattr(contents, name) for name in PLAIN},
     }
     if (modulation := contents.modulation) is not None:
         datasets |= {
@@ -262,32 +270,8 @@ def _datasets(contents: DriveFile) -> dict[str, Any]:
     return {name: values for name, values in datasets.items() if values is not None}
 
 
-def _table(contents: DriveFile) -> Iterator[tuple[Any, ...]]:
-    """Yield the lines of a table, one per element of a drive or of each frame of a sequence."""
-    if contents.levels is None:
-        raise InvalidInput("a table needs levels. Give them.", code="data_missing")
-    amplitude_levels, phase_levels = contents.levels.rounded(contents.drives)
-    positions = contents.positions
-    normals = contents.normals
-    of_elements = contents.rate is None and len(contents.drives) == 1
-    if of_elements and positions is not None and normals is not None:
-        yield COLUMNS
-        for index, drive in enumerate(contents.drives[0]):
-            place = [f"{number:.9g}" for number in (*positions[index], *normals[index])]
-            levels = amplitude_levels[0, index], phase_levels[0, index]
-            yield index, *place, f"{np.abs(drive):.9g}", f"{np.angle(drive):.9g}", *levels
-        return
-    yield FRAME_COLUMNS
-    for frame, drives in enumerate(contents.drives):
-        seconds = "" if contents.rate is None else repr(frame / contents.rate)
-        for element, drive in enumerate(drives):
-            levels = amplitude_levels[frame, element], phase_levels[frame, element]
-            exact = f"{np.abs(drive):.9g}", f"{np.angle(drive):.9g}"
-            yield frame, seconds, element, *levels, *exact
-
-
 def read_drive_file(path: Path) -> DriveFile:
-    """Read a drive or a sequence; only ``amplitude`` and ``phase`` must be in the file.
+    """Read a drive or a sequence (.h5); only ``amplitude`` and ``phase`` must be in the file.
 
     Raises
     ------
@@ -295,15 +279,8 @@ def read_drive_file(path: Path) -> DriveFile:
         "file_missing", "file_unreadable", "unsupported_version", "data_missing", "wrong_shape",
         "not_finite", "out_of_range", or as the parts of it.
     """
-    ending = checked_ending(path, ENDINGS, "drive")
-    if not path.is_file():
-        raise InvalidInput(f"cannot read {path}: there is no such file.", code="file_missing")
-    if ending == ".h5":
-        raw = datasets_of(path)
-    else:
-        lines = text_of(path, LARGEST_DATA).splitlines()
-        with about(path.name):
-            raw = _read_table(lines)
+    checked_ending(path, (".h5",), "drive")
+    raw = datasets_of(path)
     with about(path.name):
         version = raw.get("format_version", VERSION)
         if version != VERSION:
@@ -369,7 +346,7 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
         board=raw.get("board"),
         poses=poses,
         wanted_pressures=raw.get("wanted_pressures"),
-        matrix=None if matrix is None else np.asarray(matrix, dtype=np.complex128),
+        transfer_matrix=None if matrix is None else np.asarray(matrix, dtype=np.complex128),
         texts={name: raw[name] for name in ("scene", "report") if name in raw},
         modulation=modulation,
         **points,
@@ -405,50 +382,3 @@ def _drives(raw: Mapping[str, Any], elements: int) -> Complex128[np.ndarray, "fr
             code="out_of_range",
         )
     return amplitude * np.exp(1j * np.atleast_2d(phase))
-
-
-def _read_table(lines: list[str]) -> dict[str, Any]:
-    """Return the datasets in the lines of a table; the first line names the columns."""
-    columns = tuple(lines[0].split(",")) if lines else ()
-    if columns not in (COLUMNS, FRAME_COLUMNS):
-        raise InvalidInput(
-            f"line 1 must be {','.join(COLUMNS)} or {','.join(FRAME_COLUMNS)}.",
-            code="file_unreadable",
-        )
-    if not any(lines[1:]):
-        raise InvalidInput("the table has no lines of numbers.", code="wrong_shape")
-    try:
-        # Without a rate frames have no time, and the second cell is empty.
-        rows = np.loadtxt(
-            lines[1:],
-            delimiter=",",
-            comments=None,
-            converters={1: lambda cell: float(cell or "nan")},
-            ndmin=2,
-        )
-    except ValueError as error:
-        raise InvalidInput(f"the lines are not numbers: {error}.", code="file_unreadable") from None
-    if rows.shape[1] != len(columns):
-        raise InvalidInput(
-            f"a line has {rows.shape[1]} cells instead of {len(columns)}.", code="wrong_shape"
-        )
-    by_name = dict(zip(columns, rows.T, strict=True))
-    datasets = {name: by_name[name] for name in ("amplitude", "phase")}
-    if columns == COLUMNS:
-        return datasets | {"positions": rows[:, 1:4], "normals": rows[:, 4:7]}
-    last = float(by_name["frame"].max())
-    count = int(last) + 1 if 0.0 <= last < len(rows) else 0
-    if count == 0 or len(rows) % count:
-        raise InvalidInput(
-            f"{len(rows)} lines cannot be divided evenly into the frames 0 to {last:g} that the "
-            "file names.",
-            code="wrong_shape",
-        )
-    if count == 1:
-        return datasets
-    datasets = {name: values.reshape(count, -1) for name, values in datasets.items()}
-    end = by_name["seconds"].reshape(count, -1)[-1, 0]
-    if end > 0.0:
-        # The table holds times instead of the rate; twelve digits undo the rounding.
-        datasets["rate"] = float(f"{(count - 1) / end:.12g}")
-    return datasets

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex, UInt8
 
 import airtact
-from airtact.errors import InvalidInput, in_short, number
+from airtact.errors import InvalidInput, in_short, within
 from airtact.transducers.levels import EIGHT_BITS, Levels
 
 
@@ -116,13 +116,4 @@ def share_under_cap(
 
 def check_cap(cap: float) -> float:
     """Return a cap on amplitudes; raise "out_of_range" unless above 0 and at most 1."""
-    cap = number(cap, "the cap", "shares of full scale")
-    if not 0.0 < cap <= 1.0:
-        # A cap of 1 to 100 is probably in per cent.
-        percent = f". For {cap:g} per cent give {cap / 100.0:g}" if 1.0 < cap <= 100.0 else ""
-        raise InvalidInput(
-            f"the cap is {cap:g}, but it must be a share of full scale, above 0 and at most "
-            f"1{percent}.",
-            code="out_of_range",
-        )
-    return cap
+    return within(cap, 0.0, 1.0, "the cap", "of full scale", "30 per cent is 0.3.")

@@ -197,13 +197,11 @@ METHODS: dict[str, Method] = {
             "robust",
             "robust_drives",
             "the best for an uncertain hand, at equal energy",
-            heeds_suppression_points=True,
         ),
         Method(
             "robust_phase_only",
             "robust_drives",
             "the same with every element at full scale",
-            heeds_suppression_points=True,
         ),
     )
 }

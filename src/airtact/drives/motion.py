@@ -21,7 +21,7 @@ from airtact.drives.methods import best
 from airtact.drives.reach import check_foci
 from airtact.drives.sequence import MIN_FRAMES, Sequence
 from airtact.drives.transfer import MakeDrive, TransferMatrix
-from airtact.errors import InvalidInput, of_kind, positive
+from airtact.errors import InvalidInput, check_choice, of_kind, positive, within
 
 DEFAULT_FRAMES = 16
 """Default number of positions on a path around a focus."""
@@ -71,23 +71,18 @@ class Motion:
     along: Literal["skin", "array"] | None = None
 
     def __post_init__(self) -> None:
-        for name, words in (("kind", ("lm", "stm")), ("path", PATHS), ("along", ALONG)):
-            word = getattr(self, name)
-            if word not in words and (word is not None or name == "kind"):
-                raise InvalidInput(
-                    f"the {name} of a motion is {word!r}, but it must be one of "
-                    f"{', '.join(words)}.",
-                    code="unknown_name",
-                )
-        for name, unit in (("size", "m"), ("frequency", "Hz")):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, positive(value, f"the {name} of a motion", unit))
-        if self.size is not None and self.size > 0.1:  # a larger path leaves any hand
-            raise InvalidInput(
-                f"the radius or length of a path is {self.size:g} m, but it must be at most 0.1 m. "
-                "Is it in millimetres?",
-                code="out_of_range",
-            )
+        check_choice(self.kind, "the kind of a motion", ("lm", "stm"))
+        if self.path is not None:
+            check_choice(self.path, "the path of a motion", PATHS)
+        if self.along is not None:
+            check_choice(self.along, "the surface of a path", ALONG)
+        if self.size is not None:  # a path over 0.1 m leaves any hand
+            hint = "is it in millimetres? Give metres."
+            size = within(self.size, 0.0, 0.1, "the radius or length of a path", "m", hint)
+            object.__setattr__(self, "size", size)
+        if self.frequency is not None:
+            frequency = positive(self.frequency, "the frequency of a motion", "Hz")
+            object.__setattr__(self, "frequency", frequency)
         if self.frames is not None and not MIN_FRAMES <= self.frames <= MAX_FRAMES:
             raise InvalidInput(
                 f"a path has {MIN_FRAMES} to {MAX_FRAMES} frames, not {self.frames}.",
@@ -132,22 +127,7 @@ class Motion:
             If a path cannot lie along the surface, because it runs into a crevice or in front of
             another part of the body.
         """
-        return np.stack([self._laid(scene, focus, array_middle)[0] for focus in target.points])
-
-    def strayed(
-        self, scene: Scene, target: Target, array_middle: Real[np.ndarray, "3"]
-    ) -> Float64[np.ndarray, "foci frames"]:
-        """Return how much farther from the body each position of a flat path is than its focus.
-
-        Parameters are those of ``paths``; (F, N) [m], 0 where a focus is in the air.
-        """
-        off = np.zeros((len(target.points), self.frames or DEFAULT_FRAMES))
-        if scene.obstacles:
-            depths = scene.depth(target.points)
-            for index, (focus, depth) in enumerate(zip(target.points, depths, strict=True)):
-                if -depth <= MAX_OFFSET:
-                    off[index] = depth - scene.depth(self._laid(scene, focus, array_middle)[1])
-        return off
+        return np.stack([self._laid(scene, focus, array_middle) for focus in target.points])
 
     def _flat_path(self) -> Float64[np.ndarray, "frames 2"]:
         """Return the path in a plane, around the origin [m]."""
@@ -164,8 +144,8 @@ class Motion:
 
     def _laid(
         self, scene: Scene, focus: Float64[np.ndarray, "3"], array_middle: Real[np.ndarray, "3"]
-    ) -> tuple[Float64[np.ndarray, "frames 3"], Float64[np.ndarray, "frames 3"]]:
-        """Lay the path around a focus; return it on the skin, and the flat path before that."""
+    ) -> Float64[np.ndarray, "frames 3"]:
+        """Lay the path around a focus, along the skin or in the plane that the array sees."""
         surfaces = [obstacle.surface for obstacle in scene.obstacles]
         distances = [-float(surface.depth(focus[None])[0]) for surface in surfaces]
         distance = min(distances, default=np.inf)
@@ -182,12 +162,11 @@ class Motion:
             normal = np.asarray(array_middle) - focus
             if np.linalg.norm(normal) <= 1e-3:  # the focus is in the array's middle
                 normal = np.array([0.0, 0.0, 1.0])
-            flat = focus + self._flat_path() @ np.stack(frame_of(tuple(normal))[:2])
-            return flat, flat
+            return focus + self._flat_path() @ np.stack(frame_of(tuple(normal))[:2])
         surface = surfaces[distances.index(distance)]
         (normal,) = outward(surface.depth, focus[None])
         flat = focus + self._flat_path() @ np.stack(frame_of(tuple(normal))[:2])
-        return onto_surface(flat, surface, distance), flat
+        return onto_surface(flat, surface, distance)
 
     def turns(self, paths: Paths) -> float:
         """Return the rounds per second [Hz], as given or from the drawing speed."""

@@ -16,22 +16,19 @@ the few samples at the quantile.
    energy Σ|d|² the best drive is a sum of conjugated rows, so the search has one complex unknown
    per row, however many elements there are (``_climb_at_equal_energy``). With every element at full
    scale, the unknowns are the phases of all elements (``_climb_at_full_scale``).
-3. With suppression points, repeat step 2 with a growing penalty on their energy, until the goal has
-   lost 15 %.
 """
 
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Complex128, Float64
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import cholesky, solve_triangular
 
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Amplitudes, Drive
 from airtact.drives.gerchberg_saxton import phase
 from airtact.drives.max_min import strongest_sources
-from airtact.drives.reach import FociRows, asked_rows, suppression_rows
+from airtact.drives.reach import FociRows, asked_rows
 from airtact.drives.transfer import TransferMatrix
 from airtact.drives.transfer_ensemble import TransferEnsemble
 from airtact.errors import InvalidInput
@@ -78,13 +75,14 @@ def robust(
     """Make the drive that is best over all samples of an ensemble, for an uncertain hand.
 
     The search ignores the random gains of single elements, because fitting them would not help
-    with unseen samples; ``goal_value`` includes them. The method chooses the phases at the foci.
+    with unseen samples; ``goal_value`` includes them. The method chooses the phases at the foci and
+    ignores suppression points.
 
     Parameters
     ----------
     ensemble : the samples, from ``ensemble``. A plain transfer matrix is treated as free of
         uncertainty.
-    target : the foci and their requested pressures. Suppression points may cost 15 % of the goal.
+    target : the foci and their requested pressures.
     goal : "lowest tenth", the pressure that the weakest focus exceeds in 9 of 10 samples; "mean",
         its mean over the samples; or "worst", its smallest value.
     limit : "energy": the goal is maximised at a given energy Σ|d|². "phases": it is maximised with
@@ -99,8 +97,7 @@ def robust(
     Raises
     ------
     InvalidInput
-        As ``weighted_gerchberg_saxton``; "unknown_name": there is no such goal or limit;
-        "data_missing": suppression points without rows.
+        As ``weighted_gerchberg_saxton``; "unknown_name": there is no such goal or limit.
 
     Examples
     --------
@@ -119,11 +116,20 @@ def robust(
                 f'"{word}" is unknown. Give one of {", ".join(allowed)}.', code="unknown_name"
             )
     nominal, requests = asked_rows(ensemble, target)
-    search = _Search(
-        sampled_rows(ensemble, target), _suppressed_rows(ensemble, target), goal, limit
-    )
+    samples = sampled_rows(ensemble, target)
+    certain = len(samples) == 1
+
+    def reached(amplitudes: Amplitudes) -> float:
+        """Return the goal's value for the drive scaled to its limit."""
+        scale = np.linalg.norm(amplitudes) if limit == "energy" else np.abs(amplitudes).max()
+        return _statistic(np.abs(samples @ amplitudes).min(axis=1), goal) / float(scale)
+
+    climb = _climb_at_equal_energy if limit == "energy" else _climb_at_full_scale
     with one_thread():  # the products are too small for several threads
-        amplitudes = _best(nominal / requests[:, None], search)
+        # Without uncertainty the balanced drive is the result, otherwise the start of the search.
+        start = balanced(nominal / requests[:, None], limit == "phases", 2000 if certain else 30)
+        ends = [] if certain else [climb(samples, start, powers) for powers in EXPONENTS[goal]]
+    amplitudes = max((start, *ends), key=reached)
     full = Drive(amplitudes / np.abs(amplitudes).max())
     if target.pressures is None:
         return full
@@ -182,101 +188,6 @@ def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
     return rows / requests[:, None]
 
 
-def _suppressed_rows(
-    ensemble: TransferMatrix, target: Target
-) -> Complex128[np.ndarray, "suppressed elements"]:
-    """Return the rows at the suppression points of all samples; energies are means over samples."""
-    nominal = suppression_rows(ensemble, target)
-    if not len(nominal) or not isinstance(ensemble, TransferEnsemble):
-        return nominal
-    rows = ensemble.geometry[:, len(target.points) :]
-    return rows.reshape(-1, rows.shape[2]) / np.sqrt(len(rows))
-
-
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """Rows at the foci divided by the requests, rows at the suppression points, and the goal."""
-
-    samples: SampledRows
-    suppressed: Complex128[np.ndarray, "suppressed elements"]
-    goal: Goal
-    limit: Limit
-
-    @property
-    def rows(self) -> Complex128[np.ndarray, "rows elements"]:
-        """(S F, E) the rows of all samples."""
-        return self.samples.reshape(-1, self.samples.shape[2])
-
-    def value(self, amplitudes: Amplitudes) -> float:
-        """Return the goal for the drive scaled to its limit."""
-        scale = np.linalg.norm(amplitudes) if self.limit == "energy" else np.abs(amplitudes).max()
-        return _statistic(np.abs(self.samples @ amplitudes).min(axis=1), self.goal) / float(scale)
-
-    def climbed(self, start: Amplitudes, penalty: float) -> Amplitudes:
-        """Climb from a start; the energy at the suppression points is weighted by the penalty."""
-        climb = _climb_at_equal_energy if self.limit == "energy" else _climb_at_full_scale
-        sequences = EXPONENTS[self.goal]
-        if penalty:  # the start already comes from the best sequence
-            sequences = sequences[:1]
-        ends = [climb(self, start, penalty, exponents) for exponents in sequences]
-        return max(ends, key=self.value)
-
-
-def _best(nominal: FociRows, search: _Search) -> Amplitudes:
-    suppressed = search.suppressed
-    certain = len(search.samples) == 1
-    # Without uncertainty the balanced drive is the result, otherwise only the start of the search.
-    steps = 2000 if certain and not len(suppressed) else 30
-    best = balanced(nominal, search.limit != "energy", steps)
-    if not certain:
-        best = max(best, search.climbed(best, 0.0), key=search.value)
-    if not len(suppressed):
-        return best
-    # Suppression points may cost 15 % of the goal.
-    lowest = (1.0 - 0.15) * search.value(best)
-    # Penalties are relative to the energy at the suppression points, mean over all drives of unit
-    # energy.
-    elements = suppressed.shape[1]
-    energy = float(np.sum(np.abs(suppressed) ** 2))
-    for power in range(-5, 7):
-        penalty = float(10.0 ** (power / 2))
-        candidate = search.climbed(best, penalty * elements / energy)
-        # Larger penalties cost the foci even more.
-        if search.value(candidate) < lowest:
-            break
-        best = candidate
-    return best
-
-
-def improved(samples: SampledRows, start: Amplitudes, limit: Limit) -> Amplitudes:
-    """Raise the lowest tenth over a few samples in one climb, which takes milliseconds.
-
-    Parameters
-    ----------
-    samples : rows of the foci in each sample.
-    start : a drive that is good without uncertainty.
-    limit : "energy" uses the climb of ``robust``; "phases" takes a few steps with momentum, with
-        every element at full scale.
-
-    Returns
-    -------
-    The drive, scaled to a largest amplitude of 1. If the power mean over the samples does not rise,
-    it is the start, or the phases of the start at full scale.
-    """
-    if limit != "energy":
-        return _climb_with_momentum(samples, start)
-    search = _Search(samples, np.empty((0, len(start)), dtype=np.complex128), "lowest tenth", limit)
-    exponents = EXPONENTS["lowest tenth"][0]
-
-    def mean(drive: Amplitudes) -> float:
-        received = search.rows @ drive / np.linalg.norm(drive)
-        return _log_power_mean(received, search.samples.shape[:2], exponents[-1])[0]
-
-    with one_thread():
-        best = max(start, _climb_at_equal_energy(search, start, 0.0, exponents), key=mean)
-    return best / np.abs(best).max()
-
-
 # --- one matrix -------------------------------------------------------------------------------
 
 
@@ -330,23 +241,18 @@ def _balanced_sources(
 
 
 def _climb_at_equal_energy(
-    search: _Search, start: Amplitudes, penalty: float, exponents: tuple[float, ...]
+    samples: SampledRows, start: Amplitudes, exponents: tuple[float, ...]
 ) -> Amplitudes:
     """Maximise the power mean at equal energy.
 
-    The energy at the suppression points R counts by the penalty. The best drive has the form
-    d = M⁻¹ Aᴴ s, where A holds all rows and M = 1 + penalty Rᴴ R. It gives the pressures P s with
-    P = A M⁻¹ Aᴴ = L Lᴴ, at the energy sᴴ P s = ‖Lᴴ s‖². With x = Lᴴ s the pressures are L x and the
+    The best drive has the form d = Aᴴ s, where A holds all rows. It gives the pressures P s with
+    P = A Aᴴ = L Lᴴ, at the energy sᴴ P s = ‖Lᴴ s‖². With x = Lᴴ s the pressures are L x and the
     energy is ‖x‖², so the search varies only the direction of x.
     """
     from scipy.optimize import minimize
 
-    solved_rows = search.rows.conj().T
-    if penalty:
-        suppressed = search.suppressed
-        energy = np.eye(len(start)) + penalty * suppressed.conj().T @ suppressed
-        solved_rows = cho_solve((cholesky(energy, lower=True), True), solved_rows)
-    products = search.rows @ solved_rows
+    rows = samples.reshape(-1, len(start))
+    products = rows @ rows.conj().T
     # Rounding leaves the products slightly non-Hermitian, and the Cholesky factorisation needs
     # them exactly Hermitian.
     products = 0.5 * (products + products.conj().T)
@@ -361,13 +267,13 @@ def _climb_at_equal_energy(
         x = coordinates[:count] + 1j * coordinates[count:]
         norm = np.linalg.norm(x)
         x_unit = x / norm
-        mean, by_pressure = _log_power_mean(lower @ x_unit, search.samples.shape[:2], exponent)
+        mean, by_pressure = _log_power_mean(lower @ x_unit, samples.shape[:2], exponent)
         by_unit = lower.conj().T @ by_pressure
         # Only the part of the gradient perpendicular to x changes its direction.
         slope = (by_unit - x_unit * np.vdot(x_unit, by_unit).real) / norm
         return -mean, -np.concatenate([np.real(slope), np.imag(slope)])
 
-    x = solve_triangular(lower, search.rows @ start, lower=True)
+    x = solve_triangular(lower, rows @ start, lower=True)
     for exponent in exponents:
         # L-BFGS (Liu and Nocedal, Math. Program. 45, 503 (1989)).
         coordinates = minimize(
@@ -379,31 +285,23 @@ def _climb_at_equal_energy(
             options={"maxiter": MAX_STEPS, "ftol": 1e-5},
         ).x
         x = coordinates[:count] + 1j * coordinates[count:]
-    return solved_rows @ solve_triangular(lower.conj().T, x / np.linalg.norm(x), lower=False)
+    return rows.conj().T @ solve_triangular(lower.conj().T, x / np.linalg.norm(x), lower=False)
 
 
 def _climb_at_full_scale(
-    search: _Search, start: Amplitudes, penalty: float, exponents: tuple[float, ...]
+    samples: SampledRows, start: Amplitudes, exponents: tuple[float, ...]
 ) -> Amplitudes:
     """Maximise the power mean over the phases, with every element at full scale."""
     from scipy.optimize import minimize
 
-    rows = search.rows
-    rows_adjoint = rows.conj().T
-    suppressed = search.suppressed
+    rows = samples.reshape(-1, len(start))
 
     def objective(
         phases: Float64[np.ndarray, "elements"], exponent: float
     ) -> tuple[float, Float64[np.ndarray, "elements"]]:
         amplitudes = np.exp(1j * phases)
-        mean, by_pressure = _log_power_mean(rows @ amplitudes, search.samples.shape[:2], exponent)
-        slope = rows_adjoint @ by_pressure
-        if penalty:
-            pressure = suppressed @ amplitudes
-            energy = len(start) + penalty * float(np.vdot(pressure, pressure).real)
-            mean -= 0.5 * np.log(energy)
-            slope = slope - penalty * suppressed.conj().T @ pressure / energy
-        return -mean, -np.real(np.conj(slope) * 1j * amplitudes)
+        mean, by_pressure = _log_power_mean(rows @ amplitudes, samples.shape[:2], exponent)
+        return -mean, np.imag((by_pressure.conj() @ rows) * amplitudes)
 
     phases = np.angle(start)
     for exponent in exponents:
@@ -416,37 +314,6 @@ def _climb_at_full_scale(
             options={"maxiter": MAX_STEPS},
         ).x
     return np.exp(1j * phases)
-
-
-def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:
-    """Maximise the power mean over all phases in steps of equal size; keep the best.
-
-    This is Adam (D. P. Kingma, J. Ba, "Adam: a method for stochastic optimization", ICLR 2015,
-    algorithm 1) with one second moment for all phases.
-    """
-    # Single precision for speed, since this runs for each frame of a moving hand.
-    rows = samples.reshape(-1, len(start)).astype(np.complex64)
-    exponent = EXPONENTS["lowest tenth"][0][-1]
-    phases = np.angle(start)
-    slope = np.zeros(len(start))
-    square = 0.0
-    best = start
-    largest = -np.inf
-    for step in range(1, 22):
-        drive = np.exp(1j * phases)
-        received = (rows @ drive.astype(np.complex64)).astype(np.complex128)
-        mean, by_pressure = _log_power_mean(received, samples.shape[:2], exponent)
-        if mean > largest:
-            best = drive
-            largest = mean
-        by_phase = -np.imag((by_pressure.conj().astype(np.complex64) @ rows) * drive)
-        slope = 0.8 * slope + (1.0 - 0.8) * by_phase
-        square = 0.95 * square + (1.0 - 0.95) * float(np.mean(by_phase**2))
-        # The running means start at 0; the powers correct this bias.
-        size = np.sqrt(square / (1.0 - 0.95**step)) + np.finfo(float).tiny
-        # Steps of about 0.1 rad rms.
-        phases = phases + 0.1 / size * slope / (1.0 - 0.8**step)
-    return best
 
 
 def _log_power_mean(

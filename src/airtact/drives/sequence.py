@@ -100,10 +100,9 @@ class Sequence:
         levels: Levels = EIGHT_BITS,
         texts: Mapping[str, str] | None = None,
     ) -> None:
-        """Write all frames to a file, which ``load_drive`` reads and ``airtact emit`` sends.
+        """Write all frames to a .h5 file, which ``load_drive`` reads and ``airtact emit`` sends.
 
-        Parameters and errors are those of ``Drive.save``. A .csv has one line for each element in
-        each frame; with 2 frames or more, its times give the rate.
+        Parameters and errors are those of ``Drive.save``.
         """
         save_drives(
             path,

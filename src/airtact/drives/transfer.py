@@ -267,13 +267,6 @@ def focus_by_distance(
     return Drive(amplitudes / np.abs(amplitudes).max())
 
 
-def focus_by_distance_phase_only(
-    array: PhasedArray, target: Target, medium: Medium, frequency: float
-) -> Drive:
-    """Return the phases of ``focus_by_distance`` with every element at full scale."""
-    return focus_by_distance(array, target, medium, frequency).phase_only()
-
-
 def rounding_error(
     transfer: TransferMatrix, drive: Drive, frame: Frame
 ) -> Float64[np.ndarray, "foci"]:

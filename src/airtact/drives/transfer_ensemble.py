@@ -19,7 +19,6 @@ shifted along it or turned about its normal.
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import islice
 from typing import TypeVar
 
 import numpy as np
@@ -43,8 +42,7 @@ from airtact.drives.drive import Drive
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.errors import InvalidInput, check_seed, counted, in_short, of_kind, one_line
 from airtact.geometry.pose import Pose
-from airtact.transducers.boards import kind_of_array
-from airtact.transducers.layout import PhasedArray, join
+from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 
 MAX_SAMPLES = 10_000
@@ -181,7 +179,7 @@ def ensemble(
     of_kind(uncertainty, Uncertainty, "the uncertainty", "Uncertainty(position=1e-3, rotation=2.0)")
     check_counts(samples, seed)
     nominal = transfer_matrix(beacons, array)
-    check_doubts(uncertainty, beacons.scene, array)
+    check_doubts(uncertainty, beacons.scene)
     sampler = _Sampler.of(beacons, array, nominal.matrix, uncertainty, solver)
     matrices = [
         matrix for matrix in sampler.matrices(sampler.draw(samples, seed)) if matrix is not None
@@ -220,10 +218,10 @@ def matrices_at(
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
-    # The hand moves rigidly: groups of foci and boards do not move by themselves.
+    # The hand moves rigidly: groups of foci do not move by themselves.
     still = (Pose.identity(),) * len(sampler.groups)
     unshifted = np.zeros((len(beacons.sources.positions), 2))
-    return sampler.matrices(Draw(pose, still, unshifted, (), slower) for pose in poses)
+    return sampler.matrices(Draw(pose, still, unshifted, slower) for pose in poses)
 
 
 def check_counts(samples: int, seed: int) -> None:
@@ -238,8 +236,8 @@ def check_counts(samples: int, seed: int) -> None:
     check_seed(seed)
 
 
-def check_doubts(uncertainty: Uncertainty, scene: Scene, array: PhasedArray) -> None:
-    """Raise "does_not_match" or "empty" if an uncertainty does not apply to the scene or array."""
+def check_doubts(uncertainty: Uncertainty, scene: Scene) -> None:
+    """Raise "does_not_match" or "empty" if an uncertainty does not apply to the scene."""
     speed = scene.medium.sound_speed
     if (uncertainty.temperature or uncertainty.humidity) and not 300.0 <= speed <= 370.0:
         raise InvalidInput(
@@ -251,13 +249,6 @@ def check_doubts(uncertainty: Uncertainty, scene: Scene, array: PhasedArray) -> 
         raise InvalidInput(
             "along_skin is given, but the scene has no body. Set it to 0.", code="empty"
         )
-    on_boards = uncertainty.board_position or uncertainty.board_rotation
-    if on_boards and kind_of_array(array.positions, array.normals) is None:
-        raise InvalidInput(
-            "the boards are uncertain, but the elements do not form boards. Set board_position and "
-            "board_rotation to 0.",
-            code="empty",
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +259,6 @@ class _Sampler:
     ----------
     field : field of the beacons, as a multipole expansion if there are bodies.
     array : the transducers.
-    pieces : the boards of the array if their positions are uncertain, otherwise empty.
     uncertainty : the distributions.
     solver : for bodies that move independently, and for hands that move towards a plane; or None.
     groups : indices of the foci that move together.
@@ -281,7 +271,6 @@ class _Sampler:
 
     field: RadiatedField
     array: PhasedArray
-    pieces: tuple[PhasedArray, ...]
     uncertainty: Uncertainty
     solver: Solver | None
     groups: tuple[Int64[np.ndarray, "_"], ...]
@@ -325,11 +314,9 @@ class _Sampler:
             bodies = np.argmax(depths, axis=0)
         # Suppression points do not move the middle.
         asked = beacons.sources.foci if isinstance(beacons.sources, Beacons) else len(foci)
-        boards_move = uncertainty.board_position or uncertainty.board_rotation
         sampler = cls(
             field=beacons,
             array=array,
-            pieces=_boards(array) if boards_move else (),
             uncertainty=uncertainty,
             solver=solver,
             groups=_groups(bodies, bool(independent), bool(uncertainty.along_skin)),
@@ -341,8 +328,8 @@ class _Sampler:
         if solver is not None or scene.planes:
             return sampler
         everything = np.arange(len(foci))
-        centres, carrier = sampler._at_centres([(array, Pose.identity(), 1.0)], everything)
-        return replace(sampler, remainder=(nominal - centres[0] * array.gains) / carrier[0])
+        centres, carrier = sampler._at_centres(Pose.identity(), 1.0, everything)
+        return replace(sampler, remainder=(nominal - centres * array.gains) / carrier)
 
     @property
     def together(self) -> bool:
@@ -369,31 +356,20 @@ class _Sampler:
             for body, obstacle in enumerate(obstacles):
                 carried = foci[self.bodies == body]
                 pivots.append((carried if len(carried) else obstacle.surface.vertices).mean(axis=0))
-        boards = [piece.positions.mean(axis=0) for piece in self.pieces]
-        return draws(self.uncertainty, samples, seed, self.middle, pivots, len(foci), boards)
+        return draws(self.uncertainty, samples, seed, self.middle, pivots, len(foci))
 
     def matrices(self, samples: Iterable[Draw]) -> Iterator[FociRows | None]:
         """Yield the transfer matrix of each draw; None for impossible ones."""
         if self.solver is not None or self.field.scene.planes:
             yield from self._solved(list(samples))
             return
-        remaining = iter(samples)
-        while batch := list(islice(remaining, 16)):
-            placed = [_if_possible(self._placed, draw) for draw in batch]
-            rows = iter(self._evaluated([place for place in placed if place is not None]))
-            yield from (None if place is None else next(rows) for place in placed)
-
-    def _array(self, draw: Draw) -> PhasedArray:
-        if not self.pieces:
-            return self.array
-        pairs = zip(self.pieces, draw.boards, strict=True)
-        return join([piece.moved(pose) for piece, pose in pairs])
+        for draw in samples:
+            yield _if_possible(self._evaluated, draw)
 
     # --- from one solve ---
 
-    def _placed(self, draw: Draw) -> tuple[PhasedArray, Sequence[Pose], float]:
-        """Return the array of a draw and the motion of each group of foci; raise if impossible."""
-        array = self._array(draw)
+    def _evaluated(self, draw: Draw) -> FociRows:
+        """Evaluate the solved field at the array from where each group of foci sees it."""
         foci = self.field.sources.positions
         poses = [draw.hand] * len(self.groups)
         if not self.together:
@@ -402,48 +378,32 @@ class _Sampler:
                 draw.hand @ Pose(motion.rotation, motion.translation + shifts[group[0]])
                 for motion, group in zip(draw.groups, self.groups, strict=True)
             ]
+        rows = np.empty_like(self.remainder)
         for pose, group in zip(poses, self.groups, strict=True):
-            self._check(self.field.scene, array, pose, foci[group], self.ball)
-        return array, poses, draw.slower
-
-    def _evaluated(
-        self, placed: Sequence[tuple[PhasedArray, Sequence[Pose], float]]
-    ) -> Complex128[np.ndarray, "samples foci elements"]:
-        """Evaluate the solved field at the array from where each group of foci sees it."""
-        rows = np.empty((len(placed), *self.remainder.shape), dtype=np.complex128)
-        if not placed:
-            return rows
-        for number, group in enumerate(self.groups):
-            seen = [(array, poses[number], slower) for array, poses, slower in placed]
-            centres, carrier = self._at_centres(seen, group)
-            rows[:, group] = centres * self.array.gains + self.remainder[group] * carrier
+            self._check(pose, foci[group])
+            centres, carrier = self._at_centres(pose, draw.slower, group)
+            rows[group] = centres * self.array.gains + self.remainder[group] * carrier
         return rows
 
     def _at_centres(
-        self, seen: Sequence[tuple[PhasedArray, Pose, float]], group: Int64[np.ndarray, "group"]
-    ) -> tuple[
-        Complex128[np.ndarray, "samples group elements"],
-        Complex128[np.ndarray, "samples group elements"],
-    ]:
+        self, pose: Pose, slower: float, group: Int64[np.ndarray, "group"]
+    ) -> tuple[FociRows, FociRows]:
         """Pressure at the centres of the elements times their directivity, and the carrier wave.
 
         This costs a twelfth of the mean over the faces. The remainder is taken from the nominal
         matrix and multiplied by the carrier, the wave from the focus to the centre.
         """
         element = self.array.element
-        slower = np.array([[[factor]] for _, _, factor in seen])
-        turned = [(array.positions - pose.translation) @ pose.rotation for array, pose, _ in seen]
+        turned = (self.array.positions - pose.translation) @ pose.rotation
         # Scaled about the middle: see the module docstring.
-        points = self.middle + slower * (np.stack(turned) - self.middle)
+        points = self.middle + slower * (turned - self.middle)
         foci = self.middle + slower * (self.field.sources.positions[group] - self.middle)
-        away = points[:, None] - foci[:, :, None]
-        distance = np.sqrt(np.einsum("sfed,sfed->sfe", away, away))
+        away = points - foci[:, None]
+        distance = np.sqrt(np.einsum("fed,fed->fe", away, away))
         carrier = slower * np.exp(1j * self.field.scene.wavenumber * distance) / distance
-        received = self.field.at(points.reshape(-1, 3))[:, group]
-        received = received.reshape(*points.shape[:2], -1).transpose(0, 2, 1)
+        received = self.field.at(points)[:, group].T
         if len(element.weights) > 1:
-            normals = np.stack([array.normals @ pose.rotation for array, pose, _ in seen])
-            cosines = np.einsum("sfed,sed->sfe", away, normals) / distance
+            cosines = np.einsum("fed,ed->fe", away, self.array.normals @ pose.rotation) / distance
             sines = slower * np.sqrt(np.maximum(1.0 - cosines**2, 0.0))
             received = received * np.interp(sines, *self.pattern)
         return slower * element.sensitivity * received, carrier
@@ -511,22 +471,16 @@ class _Sampler:
         return self.solver.radiate(moved, Monopoles(foci, self.field.sources.strengths))
 
     def _at_array(self, field: RadiatedField, draw: Draw) -> FociRows:
-        return transfer_matrix(field, self._array(draw).seen_from(draw.hand)).matrix
+        return transfer_matrix(field, self.array.seen_from(draw.hand)).matrix
 
-    @staticmethod
-    def _check(
-        scene: Scene,
-        array: PhasedArray,
-        pose: Pose,
-        foci: Real[np.ndarray, "group 3"],
-        ball: tuple[Float64[np.ndarray, "3"], float] | None,
-    ) -> None:
+    def _check(self, pose: Pose, foci: Real[np.ndarray, "group 3"]) -> None:
         """Check the placement of an array, but only if something is near enough to fail."""
+        array = self.array
         spheres = pose.apply(foci)
         radii = np.zeros(len(foci))
         suspect = False
-        if ball is not None:
-            centre, radius = ball
+        if self.ball is not None:
+            centre, radius = self.ball
             spheres = np.vstack([spheres, pose.apply(centre)])
             radii = np.append(radii, radius)
             nearest = np.linalg.norm(array.positions - spheres[-1], axis=1).min()
@@ -535,7 +489,7 @@ class _Sampler:
             heights = spheres @ array.normals.T - np.sum(array.positions * array.normals, axis=1)
             suspect = suspect or not (heights > radii[:, None]).all()
         if suspect:
-            check_placement(scene, array.seen_from(pose), foci)
+            check_placement(self.field.scene, array.seen_from(pose), foci)
 
 
 def _expanded(field: RadiatedField) -> RadiatedField:
@@ -589,15 +543,3 @@ def _groups(
     if along_skin or len(different) == 1:
         return tuple(np.arange(len(bodies))[:, None])
     return tuple(np.flatnonzero(bodies == body) for body in different)
-
-
-def _boards(array: PhasedArray) -> tuple[PhasedArray, ...]:
-    """Return the boards of an array."""
-    boards = kind_of_array(array.positions, array.normals)
-    count = len(boards[1]) if boards else 1
-    parts = (array.positions, array.normals, array.tangents, array.gains)
-    pieces = zip(*(np.split(part, count) for part in parts), strict=True)
-    return tuple(
-        PhasedArray(positions, normals, array.element, tangents, gains)
-        for positions, normals, tangents, gains in pieces
-    )

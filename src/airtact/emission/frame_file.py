@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from airtact.drives.drive import Drive
-from airtact.drives.drive_file import ENDINGS as DRIVE_ENDINGS
 from airtact.drives.drive_file import (
     DriveFile,
     checked_ending,
@@ -21,20 +20,20 @@ from airtact.files.atomic import written
 from airtact.transducers.boards import boards_needed
 from airtact.transducers.modulation import AmplitudeModulation
 
-# File name extensions: those of drives, and the one for the bytes of the boards.
-ENDINGS = (*DRIVE_ENDINGS, ".bin")
+# File name extensions: drives, and bytes of the boards.
+ENDINGS = (".h5", ".bin")
 
 
 def load_drive(path: str | Path, *, rate: float | None = None) -> Drive | Sequence:
     """Read a drive or a sequence from a file.
 
-    It reads the files of ``Drive.save``, ``Sequence.save`` and ``write_frames``, except for
-    ``.bin``. The saved amplitudes and phases are the computed ones, to 1e-15 (in a table to nine
-    digits); those of ``write_frames`` are rounded to the levels of the boards.
+    It reads the .h5 files of ``Drive.save``, ``Sequence.save`` and ``write_frames``. The saved
+    amplitudes and phases are the computed ones, to 1e-15; those of ``write_frames`` are rounded to
+    the levels of the boards.
 
     Parameters
     ----------
-    path : file that ends in .h5 or .csv.
+    path : file that ends in .h5.
     rate : frames per second, if the file does not contain the rate.
 
     Returns
@@ -68,7 +67,7 @@ def write_frames(
 
     Parameters
     ----------
-    path : file that ends in .h5, .csv or .bin (the bytes of the boards' messages).
+    path : file that ends in .h5 or .bin (the bytes of the boards' messages).
     sound : a drive, which is written once or for one period of its modulation, or a sequence.
     board : name of the kind of board.
     modulation : amplitude modulation of a drive.

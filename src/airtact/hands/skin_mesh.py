@@ -26,62 +26,25 @@ Sizes = Float64[np.ndarray, "vertices"]
 Ends = Int64[np.ndarray, "edges 2"]
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Tuned parameters of the mesher.
+# Level of the distance divided by the grid step, and share of the usual step. The pairs are tried
+# in order until a mesh is good: a tiny tunnel that one grid meshes badly vanishes or is resolved
+# in another.
+GRIDS = (
+    *((0.0, 1.0), (0.2, 1.0), (-0.2, 1.0), (0.4, 1.0)),
+    *((0.0, 0.8), (0.3, 0.8), (0.0, 0.63), (0.4, 0.63), (0.0, 0.5)),
+)
 
-    Attributes
-    ----------
-    grids : level of the distance divided by the grid step, and share of the usual step. The pairs
-        are tried in order until a mesh is good: a tiny tunnel that one grid meshes badly vanishes
-        or is resolved in another.
-    step_to_radius, step_to_edge : largest grid step, divided by the radius of the smallest ball and
-        by the wanted edge length.
-    first_edge, edge_growth : edge length of the first pass divided by the grid step, and its growth
-        factor from pass to pass.
-    passes : number of passes at the wanted edge length.
-    pull : share of the way to the centre of its neighbours that a vertex moves in a pass.
-    grading : largest increase of the edge length per distance along the skin.
-    bend_to_edge : largest edge length divided by the radius of curvature of the skin.
-    smallest_edge, smallest_share : lower limits of the edge length at gaps and bends [m], and as a
-        share of the wanted edge length.
-    min_angle, max_bulge, max_off : limits of a good mesh: smallest angle [degrees], largest
-        distance of the skin from an edge's midpoint divided by the edge length, and largest
-        distance of a vertex from the skin [m].
-    repairs, shrink_from : largest number of repair passes, and the pass from which poor triangles
-        also get smaller.
-    shrink, max_growth : factor on the size of poor triangles, and largest number of triangles
-        divided by that of the best mesh.
-    poor_angle, repair_pull : triangles with a smaller angle are poor [degrees]; ``pull`` of the
-        repair passes.
-    """
+# Largest increase of the edge length per distance along the skin.
+GRADING = 0.35
 
-    grids: tuple[tuple[float, float], ...] = (
-        *((0.0, 1.0), (0.2, 1.0), (-0.2, 1.0), (0.4, 1.0)),
-        *((0.0, 0.8), (0.3, 0.8), (0.0, 0.63), (0.4, 0.63), (0.0, 0.5)),
-    )
-    step_to_radius: float = 0.42
-    step_to_edge: float = 0.9
-    first_edge: float = 1.2
-    edge_growth: float = 1.7
-    passes: int = 4
-    pull: float = 0.6
-    grading: float = 0.35
-    bend_to_edge: float = 1.1
-    smallest_edge: float = 0.8e-3
-    smallest_share: float = 0.25
-    min_angle: float = 20.0
-    max_bulge: float = 0.47
-    max_off: float = 1e-6
-    repairs: int = 6
-    shrink_from: int = 3
-    shrink: float = 0.7
-    max_growth: float = 1.25
-    poor_angle: float = 22.0
-    repair_pull: float = 0.4
+# Largest distance of the skin from an edge's midpoint divided by the edge length.
+MAX_BULGE = 0.47
 
+# Smallest wanted edge length at gaps and bends [m].
+SMALLEST_EDGE = 0.8e-3
 
-SETTINGS = Settings()
+# Triangles with a smaller angle are poor, and are collapsed in repairs [degrees].
+POOR_ANGLE = 22.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,17 +78,17 @@ def even_skin(hulls: Hulls, edge: float) -> HandMesh:
     """Cover a body with even triangles of about an edge [m], smaller at bends and narrow gaps."""
     best = None
     best_fault = np.inf
-    usual_step = min(
-        SETTINGS.step_to_edge * edge, SETTINGS.step_to_radius * float(hulls.balls[:, 3].min())
-    )
-    for level, share in SETTINGS.grids:
+    # The grid must resolve the smallest ball.
+    usual_step = min(0.9 * edge, 0.42 * float(hulls.balls[:, 3].min()))
+    for level, share in GRIDS:
         step = share * usual_step
         mesh = _projected(hulls, _marching_cubes(hulls, step, level * step), edge)
-        growing = SETTINGS.first_edge * step
+        # The edges grow from pass to pass up to the wanted length.
+        growing = 1.2 * step
         while growing < edge:
             mesh = _evened(hulls, mesh, edge, max_size=growing)
-            growing *= SETTINGS.edge_growth
-        for _ in range(SETTINGS.passes):
+            growing *= 1.7
+        for _ in range(4):
             mesh = _evened(hulls, mesh, edge)
         fault, mesh = _repaired(hulls, mesh, edge)
         if best is None or fault < best_fault:
@@ -143,7 +106,7 @@ def graded(hulls: Hulls, mesh: HandMesh, edge: float, fine: float, points: Point
     for _ in range(4):
         away = tree.query(mesh.vertices)[0]
         # Edges stay fine within a distance of four edge lengths.
-        sizes = np.clip(fine + SETTINGS.grading * (away - 4.0 * fine), fine, edge)
+        sizes = np.clip(fine + GRADING * (away - 4.0 * fine), fine, edge)
         mesh = _evened(hulls, replace(mesh, sizes=sizes), edge, hold=True)
     return _repaired(hulls, mesh, edge)[1]
 
@@ -169,24 +132,18 @@ def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMes
     """Make poor triangles more even, and smaller where skins meet; return fault and mesh."""
     best = mesh
     best_fault = _fault(hulls, mesh)
-    for attempt in range(SETTINGS.repairs):
-        if best_fault <= 0.0 or len(mesh.triangles) > SETTINGS.max_growth * len(best.triangles):
+    for attempt in range(6):
+        if best_fault <= 0.0 or len(mesh.triangles) > 1.25 * len(best.triangles):
             break
-        if attempt >= SETTINGS.shrink_from:
+        # If evening alone has not helped, poor triangles also get smaller.
+        if attempt >= 3:
             ends, edges = _edges(mesh.triangles)
-            bulging = (_middles(hulls, mesh, ends)[1][edges] > SETTINGS.max_bulge).any(axis=1)
-            poor = bulging | (mesh.angles < SETTINGS.poor_angle)
+            bulging = (_middles(hulls, mesh, ends)[1][edges] > MAX_BULGE).any(axis=1)
+            poor = bulging | (mesh.angles < POOR_ANGLE)
             sizes = mesh.sizes.copy()
-            sizes[mesh.triangles[poor]] *= SETTINGS.shrink
-            mesh = replace(mesh, sizes=np.maximum(sizes, SETTINGS.smallest_edge / 2.0))
-        mesh = _evened(
-            hulls,
-            mesh,
-            edge,
-            collapse_angle=SETTINGS.poor_angle,
-            pull=SETTINGS.repair_pull,
-            hold=True,
-        )
+            sizes[mesh.triangles[poor]] *= 0.7
+            mesh = replace(mesh, sizes=np.maximum(sizes, SMALLEST_EDGE / 2.0))
+        mesh = _evened(hulls, mesh, edge, collapse_angle=POOR_ANGLE, pull=0.4, hold=True)
         fault = _fault(hulls, mesh)
         if fault < best_fault:
             best = mesh
@@ -201,9 +158,9 @@ def _fault(hulls: Hulls, mesh: HandMesh) -> float:
     bulge = float(_middles(hulls, mesh, ends)[1].max())
     off = float(np.abs(hulls.look(mesh.vertices).distance).max())
     return max(
-        1.0 - float(mesh.angles.min()) / SETTINGS.min_angle,
-        bulge / SETTINGS.max_bulge - 1.0,
-        off / SETTINGS.max_off - 1.0,
+        1.0 - float(mesh.angles.min()) / 20.0,  # smallest angle [degrees]
+        bulge / MAX_BULGE - 1.0,
+        off / 1e-6 - 1.0,  # largest distance of a vertex from the skin [m]
     )
 
 
@@ -243,7 +200,7 @@ def _distance_grid(
     All points of a block far from the skin take the value at its middle; other blocks are halved.
     """
     side = 4
-    highest_level = max(level for level, _ in SETTINGS.grids)
+    highest_level = max(level for level, _ in GRIDS)
     centres = hulls.balls[:, :3]
     radii = hulls.balls[:, 3:]
     low = (centres - radii).min(axis=0) - 1.6 * step
@@ -281,7 +238,7 @@ def _evened(
     *,
     max_size: float = np.inf,
     collapse_angle: float = 0.0,
-    pull: float = SETTINGS.pull,
+    pull: float = 0.6,
     keep: bool = False,
     hold: bool = False,
 ) -> HandMesh:
@@ -293,7 +250,7 @@ def _evened(
     edge : wanted edge [m].
     max_size : longest edges [m].
     collapse_angle : triangles with a smaller angle are collapsed [degrees].
-    pull : as in ``Settings``.
+    pull : share of the way to the centre of its neighbours that a vertex moves.
     keep : whether the triangles stay the same and only vertices move.
     hold : whether the sizes of the mesh are upper limits.
     """
@@ -319,12 +276,12 @@ def _projected(
     """Project the vertices onto the skin and find the edges that bends and gaps allow there."""
     vertices = hulls.project(mesh.vertices)
     look = hulls.look(vertices, reach=edge)
-    smallest = max(SETTINGS.smallest_share * edge, min(SETTINGS.smallest_edge, edge))
+    smallest = max(0.25 * edge, min(SMALLEST_EDGE, edge))
     by_gap = LARGEST_TO_GAP * np.maximum(look.facing, 0.0)
-    allowed = np.minimum(SETTINGS.bend_to_edge * look.bend, by_gap)
+    allowed = np.minimum(1.1 * look.bend, by_gap)
     sizes = np.minimum(np.clip(allowed, smallest, edge), max_sizes)
     rounds = 3  # over all edges
-    _kernels.grade_sizes(vertices, mesh.triangles, SETTINGS.grading, rounds, sizes)
+    _kernels.grade_sizes(vertices, mesh.triangles, GRADING, rounds, sizes)
     return HandMesh(vertices, mesh.triangles, sizes)
 
 

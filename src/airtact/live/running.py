@@ -32,8 +32,8 @@ from airtact.setup.examples import example, file_or_example
 from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
 
-# Default ports that trackers send to.
-PORTS = {"websocket": 8765, "osc": 9000}
+# Default port that trackers send to.
+PORT = 8765
 
 
 def run(
@@ -114,7 +114,7 @@ def record(
     Parameters
     ----------
     file : recording to write, ``.jsonl``, in the tracker's frame.
-    source : "websocket" or "osc", with ":PORT" for another port and 0 for a free one.
+    source : "websocket", with ":PORT" for another port and 0 for a free one.
     seconds : duration [s]; until Ctrl-C by default.
     report_step : called with the address once it is open.
 
@@ -129,10 +129,10 @@ def record(
             f"a recording ends in {ENDING}, not in {file.suffix!r}: change the file name.",
             code="unknown_format",
         )
-    hands = _received(source, None, every=True)
+    hands = _received(source, None)
     if hands is None:
         raise InvalidInput(
-            f"only frames from trackers are recorded, not {source}: give {' or '.join(PORTS)}.",
+            f"only frames from trackers are recorded, not {source}: give websocket.",
             code="unknown_name",
         )
     frames: list[HandFrame] = []
@@ -162,8 +162,8 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     Parameters
     ----------
     setup : its tracker pose transforms the frames of recordings and trackers to the scene.
-    source : a recording, a session or its folder, "websocket" or "osc", with ":PORT" for another
-        port and 0 for a free one; "page" for the hand on the page; by default an example motion,
+    source : a recording, a session or its folder, "websocket", with ":PORT" for another port and 0
+        for a free one; "page" for the hand on the page; by default an example motion,
         repeated.
     folder : folder for the session of the run, which cannot be the source.
 
@@ -194,18 +194,18 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     return RecordedHands(replace(recording, frames=frames))
 
 
-def _received(source: str, setup: Setup | None, every: bool = False) -> ReceivedHands | None:
+def _received(source: str, setup: Setup | None) -> ReceivedHands | None:
     """Open the socket that a source names, if any."""
     kind, colon, port = source.partition(":")
-    if kind not in PORTS:
+    if kind != "websocket":
         return None
     if colon and not port.isdecimal():
         raise InvalidInput(
-            f"--from {source} has no port number: give one such as {kind}:{PORTS[kind]}.",
+            f"--from {source} has no port number: give one such as websocket:{PORT}.",
             code="not_a_number",
         )
     tracker = None if setup is None else setup.tracker
-    return ReceivedHands(kind, int(port) if colon else PORTS[kind], tracker, every)
+    return ReceivedHands(int(port) if colon else PORT, tracker)
 
 
 def output_to(

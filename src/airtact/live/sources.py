@@ -8,11 +8,11 @@ from threading import Event, Lock, Thread
 
 import numpy as np
 
-from airtact.errors import InvalidInput, between, check_choice, positive
+from airtact.errors import InvalidInput, between, positive
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.hands.hand import Hand
 from airtact.hands.tracking.frame import HandFrame
-from airtact.hands.tracking.receivers import OscReceiver, WebSocketReceiver
+from airtact.hands.tracking.receivers import WebSocketReceiver
 from airtact.hands.tracking.recordings import Recording
 from airtact.hands.tracking.stream import HandStream
 
@@ -35,7 +35,6 @@ class HandSource:
     ----------
     words : short description of the source.
     tracker : pose of the tracker in the scene.
-    every : whether to use frames overtaken by newer ones, as for a recording.
 
     Attributes
     ----------
@@ -43,9 +42,9 @@ class HandSource:
     ended : whether no more frames will come.
     """
 
-    def __init__(self, words: str, tracker: Pose | None = None, every: bool = False) -> None:
+    def __init__(self, words: str, tracker: Pose | None = None) -> None:
         self.words: str = words
-        self.stream: HandStream = _MovedStream(tracker, self._arrived, every)
+        self.stream: HandStream = _MovedStream(tracker, self._arrived)
         self.ended: bool = False
         # Frames that come before ``begin`` are kept, up to the newest 1024.
         self._early: deque[tuple[HandFrame, float]] = deque(maxlen=1024)
@@ -75,10 +74,8 @@ class HandSource:
 class _MovedStream(HandStream):
     """A stream that transforms frames from tracker to scene coordinates."""
 
-    def __init__(
-        self, pose: Pose | None, on_frame: Callable[[HandFrame], None], every: bool
-    ) -> None:
-        super().__init__(on_frame=on_frame, every=every)
+    def __init__(self, pose: Pose | None, on_frame: Callable[[HandFrame], None]) -> None:
+        super().__init__(on_frame=on_frame)
         self._pose = pose
 
     def feed(self, frame):
@@ -154,14 +151,12 @@ class RecordedHands(HandSource):
 
 
 class ReceivedHands(HandSource):
-    """Source that receives frames from trackers at a socket, which it opens at once.
+    """Source that receives frames from trackers at a websocket, which it opens at once.
 
     Parameters
     ----------
-    kind : "websocket" or "osc".
     port : port to listen at; 0 takes a free one.
     tracker : pose of the tracker in the scene.
-    every : whether to use frames overtaken by newer ones, as for a recording.
 
     Raises
     ------
@@ -169,15 +164,10 @@ class ReceivedHands(HandSource):
         If the port is taken or the extra is not installed.
     """
 
-    def __init__(
-        self, kind: str, port: int, tracker: Pose | None = None, every: bool = False
-    ) -> None:
-        receivers = {"websocket": WebSocketReceiver, "osc": OscReceiver}
-        check_choice(kind, "the kind of socket", list(receivers))
-        super().__init__(kind, tracker, every)
-        self._receiver = receivers[kind](self.stream, port)
-        scheme = "ws://" if kind == "websocket" else "OSC at "
-        self.words = f"{scheme}127.0.0.1:{self._receiver.port}"
+    def __init__(self, port: int, tracker: Pose | None = None) -> None:
+        super().__init__("websocket", tracker)
+        self._receiver = WebSocketReceiver(self.stream, port)
+        self.words = f"ws://127.0.0.1:{self._receiver.port}"
 
     def close(self) -> None:
         """Stop listening."""

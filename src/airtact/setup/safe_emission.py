@@ -87,14 +87,15 @@ class Plan:
     def weakest(self) -> float | None:
         """Pressure at the weakest focus [Pa]; None without a transfer matrix in the file."""
         stored = self.stored
-        if stored.matrix is None or stored.matrix.shape[1] != stored.drives.shape[1]:
+        matrix = stored.transfer_matrix
+        if matrix is None or matrix.shape[1] != stored.drives.shape[1]:
             return None
         levels = codec_of(self.board).levels
         share = share_under_cap(stored.drives, levels, self.cap)
         frames = [frame_at(row, levels, share).drive().amplitudes for row in stored.drives]
-        foci = len(stored.matrix) if stored.foci is None else len(stored.foci)
+        foci = len(matrix) if stored.foci is None else len(stored.foci)
         # Each focus counts in the frame of a sequence that is made for it.
-        pressures = np.abs(stored.matrix[:foci] @ np.stack(frames, axis=1))
+        pressures = np.abs(matrix[:foci] @ np.stack(frames, axis=1))
         return float(pressures.max(axis=1).min())
 
     def facts(self, link: str) -> list[tuple[str, str]]:

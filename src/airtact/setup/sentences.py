@@ -7,16 +7,16 @@ from jaxtyping import Bool, Float64
 
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import upper_bound
+from airtact.drives.methods import METHODS
 from airtact.drives.reach import MIN_FOCUS_DISTANCE, nearest_foci
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import counted, in_mm
+from airtact.errors import counted
 from airtact.evaluation.metrics import pascals
 from airtact.evaluation.tactile_thresholds import sensation
 from airtact.setup.setup import Setup
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.placement import (
     open_air_bound,
-    overlapping_boards,
     strongest_open_air,
 )
 
@@ -54,27 +54,14 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         "left out: they radiate forwards only, so no sound reaches it."
         for plane in setup.left_out
     ]
-    overlap = overlapping_boards(setup.array)
-    if overlap is not None:
-        first, second, point = overlap
+    if len(setup.target.suppression_points) and not METHODS[setup.method].heeds_suppression_points:
         cautions.append(
-            f"boards {first} and {second} overlap around {in_mm(point)}: two boards cannot be at "
-            "one place; move one of them."
+            f"the method {setup.method} ignores the suppression points: give best, gradient or "
+            "inverse_filter."
         )
     if setup.contacts is not None and not setup.contacts.runs:
         note = setup.contacts.foci(wavelength=scene.wavelength).note
         cautions += [f"{note}."] if note else []
-    motion = setup.motion
-    if motion is not None and not motion.through_points(len(points)):
-        distances = motion.strayed(scene, setup.target, setup.array.positions.mean(axis=0))
-        for name, off in zip(setup.foci, distances, strict=True):
-            count = int((off > scene.wavelength / 2.0).sum())
-            if count:
-                cautions.append(
-                    f"the path around {name} leaves the body: {count} of {len(off)} positions are "
-                    f"up to {1e3 * off.max():.2g} mm farther from it than the focus, over half a "
-                    "wavelength. Give a smaller radius or length."
-                )
     # A focus in mid-air may be intended, so this is no error.
     bare = int(np.count_nonzero(~with_skin(setup)))
     if bare:

@@ -152,7 +152,7 @@ class Setup:
 
             with about("uncertainty"):
                 check_counts(self.samples, self.seed)
-                check_doubts(self.uncertainty, self.scene, self.array)
+                check_doubts(self.uncertainty, self.scene)
 
     def __repr__(self) -> str:
         return one_line(

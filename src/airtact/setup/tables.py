@@ -582,7 +582,6 @@ class UncertaintyTable(Table, frozen=True):
     temperature, humidity : the air [K, 1].
     gain, phase : each element [1, °].
     dead : share of elements that emit nothing.
-    board_position, board_rotation : each board [m, °].
     samples : number of samples that the drive is made for.
     seed : seed of the random samples.
     """
@@ -599,8 +598,6 @@ class UncertaintyTable(Table, frozen=True):
     gain: NotNegative = 0.0
     phase: NotNegative = 0.0
     dead: NotNegative = 0.0
-    board_position: NotNegative = 0.0
-    board_rotation: NotNegative = 0.0
     samples: Annotated[int, Meta(ge=1)] = 64
     seed: Annotated[int, Meta(ge=0)] = 0
 

@@ -7,12 +7,13 @@ from jaxtyping import Complex, Float64, Real
 
 from airtact.errors import (
     InvalidInput,
+    between,
     counted,
-    number,
     one_line,
     points_of,
     positive,
     real_numbers,
+    within,
 )
 
 # Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m]: √2 times 3.10 Pa rms,
@@ -76,12 +77,8 @@ class Element:
                 code="out_of_range",
             )
         sensitivity = positive(self.sensitivity, "the sensitivity of an element", "Pa·m")
-        radius = number(self.radius, "the radius of an element", "m")
-        if not 0.0 <= radius < np.inf:
-            raise InvalidInput(
-                f"the radius of an element is {radius:g} m: give 0 or a length in metres.",
-                code="out_of_range",
-            )
+        hint = "is it in millimetres? Give 0 or a length in metres."
+        radius = between(self.radius, 0.0, 0.1, "the radius of an element", "m", hint)
         # ``vars`` bypasses the frozen dataclass.
         vars(self).update(points=points, weights=weights, sensitivity=sensitivity, radius=radius)
 
@@ -193,13 +190,8 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     >>> round(float(piston(4.8e-3).far_pattern(sideways, 3.5 / 4.8e-3)[0].real), 3)
     0.216
     """
-    radius = positive(radius, "the radius of a piston", "m")
-    if radius > 0.1:
-        raise InvalidInput(
-            f"the radius of a piston is {radius:g} m: is it in millimetres? Give metres, "
-            "such as 4.5e-3.",
-            code="out_of_range",
-        )
+    hint = "is it in millimetres? Give metres, such as 4.5e-3."
+    radius = within(radius, 0.0, 0.1, "the radius of a piston", "m", hint)
     if points not in MAX_PISTON_SIZE:
         raise InvalidInput(
             f"there is no piston of {points} points: take 12 or 19.", code="out_of_range"

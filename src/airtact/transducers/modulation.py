@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.errors import InvalidInput, number, positive
+from airtact.errors import InvalidInput, within
 
 # Frequency of amplitude modulation [Hz].
 DEFAULT_FREQUENCY = 200.0
@@ -33,20 +33,13 @@ class AmplitudeModulation:
     depth: float = 1.0
 
     def __post_init__(self) -> None:
-        frequency = positive(self.frequency, "the frequency of the modulation", "Hz")
+        hint = "skin feels vibration up to some 1000 Hz."
+        frequency = within(
+            self.frequency, 0.0, 1000.0, "the frequency of the modulation", "Hz", hint
+        )
+        hint = "5 per cent is depth=0.05."
+        depth = within(self.depth, 0.0, 1.0, "the depth of the modulation", "of the force", hint)
         object.__setattr__(self, "frequency", frequency)
-        if frequency > 1000.0:
-            raise InvalidInput(
-                f"the frequency of the modulation is {frequency:g} Hz, but skin feels vibration up "
-                "to some 1000 Hz: give that or less, such as 200.",
-                code="out_of_range",
-            )
-        depth = number(self.depth, "the depth of the modulation", "")
-        if not 0.0 < depth <= 1.0:
-            raise InvalidInput(
-                f"the depth of the modulation is {depth:g}, but it must be above 0 and at most 1.",
-                code="out_of_range",
-            )
         object.__setattr__(self, "depth", depth)
 
     def envelope(self, frames: int) -> Float64[np.ndarray, "frames"]:

@@ -73,7 +73,7 @@ def test_leap_is_received_through_its_own_process():
         for identity in range(5):
             connection.send(leap_message(identity, "left"))
 
-    stream = at.hands.HandStream(silence=PATIENCE, every=True)
+    stream = at.hands.HandStream(silence=PATIENCE)
     with serve(service, "127.0.0.1", 0) as server, at.hands.WebSocketReceiver(stream) as receiver:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()

@@ -1,22 +1,16 @@
 """Frames and messages: faults, and that nothing is lost on the way."""
 
 import json
+from contextlib import suppress
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pythonosc.osc_message_builder import OscMessageBuilder
 
 import airtact as at
 from airtact.hands.joints import TRACKED
-from airtact.hands.tracking.messages import (
-    ADDRESS,
-    from_json,
-    from_osc,
-    to_json,
-    to_osc,
-)
+from airtact.hands.tracking.messages import from_json, to_json
 from faults import raises_code
 from references.motions import JOINTS, RADII, still
 
@@ -68,10 +62,9 @@ def test_a_frame_moves_with_its_cloud():
 
 @pytest.mark.parametrize("landmarks", [JOINTS, JOINTS[TRACKED], None], ids=["25", "21", "lost"])
 @pytest.mark.parametrize("cloud", [CLOUD, None], ids=["cloud", "no cloud"])
-@pytest.mark.parametrize("form", ["json", "osc"])
-def test_messages_hold_all_of_a_frame(landmarks, cloud, form):
+def test_messages_hold_all_of_a_frame(landmarks, cloud):
     frame = still(7, time=1234.5678, landmarks=landmarks, cloud=cloud)
-    back = from_json(to_json(frame)) if form == "json" else from_osc(to_osc(frame))[0]
+    back = from_json(to_json(frame))
     assert (back.time, back.side, back.sequence) == (1234.5678, "left", 7)
     for points, original in ((back.landmarks, landmarks), (back.cloud, cloud)):
         assert (points is None) == (original is None)
@@ -124,49 +117,10 @@ def test_other_json_is_unreadable(text):
         from_json(text)
 
 
-def osc(*arguments):
-    builder = OscMessageBuilder(ADDRESS)
-    for argument in arguments:
-        builder.add_arg(*argument) if isinstance(argument, tuple) else builder.add_arg(argument)
-    return builder.build().dgram
-
-
-@pytest.mark.parametrize(
-    "packet",
-    [
-        b"",
-        b"\x00",
-        b"/airtact/hand",
-        osc(),
-        osc(1.0, "left"),
-        osc(1.0, "up", 3),
-        osc("left", 1.0, 3),
-        osc(1.0, "left", "3"),
-        osc(1.0, "left", 3, 0.1),
-        osc(1.0, "left", 3, *[0.1] * 63, b"four"),
-        osc(1.0, "left", 3, "x"),
-    ],
-)
-def test_other_osc_is_unreadable(packet):
-    with raises_code("unreadable"):
-        from_osc(packet)
-
-
-def test_other_addresses_of_osc_are_passed_over():
-    assert from_osc(OscMessageBuilder("/lights").build().dgram) == []
-
-
 # --- fuzzed messages --------------------------------------------------------------------------
 
 
-def read_or_fault(read, message):
-    try:
-        return read(message)
-    except at.hands.FaultyFrame:
-        return None
-
-
 @given(st.binary(max_size=400))
-def test_no_bytes_break_the_readers(raw):
-    read_or_fault(from_json, raw)
-    read_or_fault(from_osc, raw)
+def test_no_bytes_break_the_reader(raw):
+    with suppress(at.hands.FaultyFrame):
+        from_json(raw)

@@ -11,8 +11,6 @@ from airtact.hands.joints import TRACKED
 from airtact.hands.tracking.prediction import (
     BENDING,
     COMMON,
-    first_seen,
-    measured,
     process_noise,
     transition,
 )
@@ -64,27 +62,6 @@ def test_the_covariance_settles_at_the_solution_of_the_riccati_equation(rate, no
     variance = steady_variance(1 / rate, np.sqrt(COMMON) * noise, agility)
     variance += steady_variance(1 / rate, np.sqrt(1.0 - COMMON) * noise, BENDING * agility)
     assert predictor.spread(199 / rate) == pytest.approx(np.sqrt(variance), rel=1e-6)
-
-
-def test_errors_are_as_large_as_the_riccati_equation_says():
-    """Points pushed by white noise of acceleration and measured with noise: the model itself, 1,000 times three."""
-    random = np.random.default_rng(5)
-    step = 1 / 60
-    noise = 1e-3
-    agility = 0.3
-    push = np.linalg.cholesky(process_noise(step, agility))
-    state = np.zeros((2, 1000, 3))
-    motion = first_seen(0.0, noise * random.normal(size=(1000, 3)), noise)
-    errors = []
-    for index in range(1, 80):
-        pushed = np.tensordot(push, random.normal(size=(2, 1000, 3)), 1)
-        state = np.tensordot(transition(step), state, 1) + pushed
-        if index > 60:
-            errors.append(motion.at(index * step, agility).positions - state[0])
-        seen = state[0] + noise * random.normal(size=(1000, 3))
-        motion = measured(motion, index * step, seen, noise, agility)
-    variance = steady_variance(step, noise, agility)
-    assert np.mean(np.square(errors)) == pytest.approx(variance, rel=0.03)
 
 
 def test_a_moving_pad_is_predicted_better_than_by_the_last_frame(motion):

@@ -1,4 +1,4 @@
-"""Receivers by real sockets: a websocket and OSC over UDP at this computer, and senders that die.
+"""A receiver at a real websocket of this computer, and senders that die.
 
 No stream here falls silent while a test waits, so that no result depends on the machine's load.
 """
@@ -15,11 +15,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 import airtact as at
-from airtact.hands.tracking.receivers import (
-    MAX_MESSAGE,
-    OscReceiver,
-    WebSocketReceiver,
-)
+from airtact.hands.tracking.receivers import MAX_MESSAGE, WebSocketReceiver
 from faults import raises_code
 from references.motions import still
 
@@ -45,16 +41,6 @@ def receiver(stream):
         yield receiver
 
 
-@pytest.fixture
-def osc(stream):
-    """A function that sends packets to a receiver of OSC."""
-    with (
-        OscReceiver(stream) as receiver,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-    ):
-        yield lambda packet: sender.sendto(packet, ("127.0.0.1", receiver.port))
-
-
 def tracker_of(receiver, **options):
     return connect(f"ws://127.0.0.1:{receiver.port}", **options)
 
@@ -75,23 +61,12 @@ def test_frames_come_by_websocket(receiver):
     assert receiver.stream.health.used == 2
 
 
-def test_nonsense_on_the_wire_is_counted_and_survived(receiver, osc, stream):
+def test_nonsense_on_the_wire_is_counted_and_survived(receiver, stream):
     with tracker_of(receiver) as tracker:
         for message in ("rubbish", b"\xff" * 100, "", "[" * 50_000, at.hands.to_json(still(1))):
             tracker.send(message)
         assert stream.wait(PATIENCE).sequence == 1
-    bundle = b"#bundle\0" + b"\xff" * 40
-    for packet in (
-        b"",
-        b"rubbish",
-        bundle,
-        at.hands.to_osc(still(2))[:50],
-        at.hands.to_osc(still(2)),
-    ):
-        osc(packet)
-    assert stream.wait(PATIENCE).sequence == 2
-    assert stream.health.unreadable == 8
-    assert stream.health.used == 2
+    assert (stream.health.unreadable, stream.health.used) == (4, 1)
 
 
 def test_bytes_that_are_no_websocket_do_not_end_it(receiver):
@@ -146,7 +121,7 @@ def test_a_slow_reader_gets_the_latest(receiver, stream):
             tracker.send(at.hands.to_json(still(index)))
     until(lambda: (newest := stream.latest("left")) is not None and newest.sequence == 99)
     health = stream.health
-    assert (health.received, health.used + health.overtaken, health.skipped) == (100, 100, 0)
+    assert (health.received, health.used, health.skipped) == (100, 100, 0)
     assert health.interrupted == 0  # the connection was closed in order
     assert stream.wait(0.0).sequence == 99
     assert stream.wait(0.0) is None
@@ -164,9 +139,8 @@ def test_closing_ends_all_connections_and_threads(stream):
     until(lambda: threading.active_count() <= before)
 
 
-@pytest.mark.parametrize("kind", [WebSocketReceiver, OscReceiver])
-def test_a_port_that_is_taken_is_rejected(kind):
-    with kind() as first, raises_code("link_in_use", str(first.port)):
-        kind(port=first.port)
+def test_a_port_that_is_taken_is_rejected(receiver):
+    with raises_code("link_in_use", str(receiver.port)):
+        WebSocketReceiver(port=receiver.port)
     with raises_code("out_of_range", "70000"):
-        kind(port=70000)
+        WebSocketReceiver(port=70000)

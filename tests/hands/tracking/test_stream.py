@@ -81,8 +81,6 @@ def test_invalid_frames_are_counted_by_kind():
     }.items():
         assert stream.feed_json(json.dumps(good | changed)).fault == fault
         assert counted(stream)[fault] == 1
-    assert stream.feed_osc(b"noise").fault == "unreadable"
-    assert stream.health.unreadable == 2
     assert stream.feed_json(at.hands.to_json(still(0))) is None
     assert stream.latest("left").sequence == 0
     assert stream.latest("right") is None
@@ -150,30 +148,6 @@ def test_a_slow_reader_gets_the_latest_of_each_hand(clock):
     assert stream.wait(0.0) is None
 
 
-def test_the_newest_good_frame_of_each_hand_is_used(clock):
-    used = []
-    stream = HandStream(on_frame=used.append, clock=clock)
-    waiting = [at.hands.to_json(still(index)) for index in range(8)]
-    waiting += [at.hands.to_json(mirrored(index)) for index in range(3)]
-    next_frame = at.hands.to_json(still(8))
-    waiting += [b"rubbish", next_frame[:200], next_frame.replace(b"left", b"right")]
-    stream.feed_waiting(waiting)
-    assert [(frame.side, frame.sequence) for frame in used] == [("left", 7), ("right", 2)]
-    assert stream.health.received == len(waiting)
-    assert counted(stream) == {"overtaken": 7 + 2, "unreadable": 2, "mirrored": 1}
-    stream.feed_waiting([at.hands.to_json(still(index)) for index in (8, 9, 12)])
-    assert stream.latest("left").sequence == 12
-    assert counted(stream)["skipped"] == 2  # 10 and 11 never came
-
-
-def test_every_waiting_message_is_used_for_a_recording():
-    used = []
-    stream = HandStream(on_frame=used.append, every=True)
-    stream.feed_waiting([at.hands.to_json(still(index)) for index in range(5)])
-    assert [frame.sequence for frame in used] == list(range(5))
-    assert stream.health.overtaken == 0
-
-
 def test_a_silence_must_be_above_zero():
     with raises_code("out_of_range"):
         HandStream(silence=-0.1)
@@ -181,7 +155,7 @@ def test_a_silence_must_be_above_zero():
 
 @given(
     st.lists(
-        st.tuples(st.integers(0, 40), st.sampled_from(["good", "json", "osc", "lost", "mirrored"])),
+        st.tuples(st.integers(0, 40), st.sampled_from(["good", "json", "lost", "mirrored"])),
         max_size=60,
     )
 )
@@ -193,8 +167,6 @@ def test_all_messages_are_counted_and_the_newest_is_kept(messages):
         clock.now += 0.01
         if kind == "json":
             stream.feed_json(b"{%d" % index)
-        elif kind == "osc":
-            stream.feed_osc(at.hands.to_osc(still(index))[: 4 * index])
         elif kind == "mirrored":
             stream.feed_json(at.hands.to_json(still(index)).replace(b"left", b"right"))
         else:
@@ -216,16 +188,12 @@ CLOUD = np.random.default_rng(0).normal(scale=0.03, size=(20, 3))
 
 
 @pytest.mark.parametrize("batch", seeds(60, 1000))
-@pytest.mark.parametrize("form", ["json", "osc"])
-def test_a_damaged_message_is_used_or_counted_and_the_next_frames_are_used(batch, form):
+def test_a_damaged_message_is_used_or_counted_and_the_next_frames_are_used(batch):
     for seed in batch:
         draw = random.Random(seed)
         stream = HandStream(silence=1e6)
         frame = draw.choice([still(5), still(5, landmarks=None), still(5, cloud=CLOUD)])
-        if form == "json":
-            fault = stream.feed_json(damaged(at.hands.to_json(frame), draw))
-        else:
-            fault = stream.feed_osc(damaged(at.hands.to_osc(frame), draw))
+        fault = stream.feed_json(damaged(at.hands.to_json(frame), draw))
         if fault is not None:
             assert str(fault).isprintable()
             assert len(str(fault)) <= LONGEST_SENTENCE

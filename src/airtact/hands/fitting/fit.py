@@ -1,6 +1,6 @@
 """Fit a hand to the point cloud of a depth camera and to the inaccurate landmarks of a tracker."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -22,21 +22,21 @@ from airtact.errors import (
 )
 from airtact.geometry.pose import nearest_motion
 from airtact.geometry.surface import Surface
-from airtact.hands.body import FREE, OWNER, PARTS, Hulls
+from airtact.hands.body import Hulls
 from airtact.hands.fitting.gauss_newton import (
-    HandEstimate,
     Observation,
+    Solution,
     best_hand,
     next_hand,
     skin_residuals,
-    skin_spread,
 )
 from airtact.hands.fitting.priors import (
     JOINTS,
-    SIZE_RADII,
+    RADII,
     SIZES,
     HandAnatomy,
     Sizes,
+    joints_in,
     population_prior,
 )
 from airtact.hands.fitting.silhouette import silhouette_of
@@ -44,7 +44,6 @@ from airtact.hands.hand import Hand
 from airtact.hands.joints import (
     BONES,
     CHAINS,
-    FINGERS,
     NAMES,
     Joints,
     PerPoint,
@@ -83,7 +82,6 @@ class FittedHand:
     hand : the hand.
     anatomy : sizes of the person's hand, learned from the frames so far.
     joint_errors : (25,) standard deviation of the position of each joint [m].
-    part_errors : standard deviation of the skin of each part along its normal [m].
     points : (N, 3) means of the cloud in cells around the hand [m].
     distances : (N,) distances of these points from the skin, positive outside [m].
     outliers : (N,) mask of the points without weight in the fit.
@@ -93,7 +91,6 @@ class FittedHand:
     hand: Hand
     anatomy: HandAnatomy
     joint_errors: Float64[np.ndarray, "25"]
-    part_errors: Mapping[str, float]
     points: Points
     distances: PerPoint
     outliers: Bool[np.ndarray, "points"]
@@ -185,8 +182,8 @@ def fit_hand(
     start = _start_from(before, joints) if before is not None and before.hand.side == side else None
     sizes = prior.mean if person is None else person.mean
     with one_thread():  # the matrices are too small for several threads
-        estimate = _best_estimate(seen, start, sizes, progress or no_progress)
-        fitted = _fitted(seen, estimate, before, person or prior)
+        solution = _solved(seen, start, sizes, progress or no_progress)
+        fitted = _fitted(seen, solution, before, person or prior)
         _check_explained(seen, fitted, cloud)
         return fitted
 
@@ -198,9 +195,9 @@ def _start_from(before: FittedHand, joints: Joints) -> Joints | None:
     return moved if np.linalg.norm(moved - joints, axis=1).max() < 25e-3 else None
 
 
-def _best_estimate(
+def _solved(
     seen: Observation, start: Joints | None, sizes: Sizes, report_step: Progress
-) -> HandEstimate:
+) -> Solution:
     prior = seen.anatomy
     cloud = counted(len(seen.points), "point", "points")
     if start is not None:
@@ -210,35 +207,30 @@ def _best_estimate(
     no_points = replace(seen, points=np.zeros((0, 3)), camera=None, silhouette=None)
     bent = evenly_bent(seen.landmarks, np.exp(prior.mean[: len(BONES)]), seen.side)
     # Fit to the landmarks alone first, because it is unknown to which finger each point belongs.
-    by_landmarks = best_hand(no_points, (bent,), prior.mean, hold=prior.settled).joints
+    first, _ = best_hand(no_points, (bent,), prior.mean, hold=prior.settled)
     report_step(f"fitting it to {cloud}")
-    return best_hand(seen, (by_landmarks, seen.landmarks), sizes, hold=prior.settled)
+    starts = (joints_in(first.unknowns), seen.landmarks)
+    return best_hand(seen, starts, sizes, hold=prior.settled)
 
 
 def _fitted(
-    seen: Observation, estimate: HandEstimate, before: FittedHand | None, person: HandAnatomy
+    seen: Observation, solution: Solution, before: FittedHand | None, person: HandAnatomy
 ) -> FittedHand:
+    end, covariance = solution
     anatomy = person
     if not person.settled:
-        anatomy = person.learned(estimate.sizes, estimate.covariance[SIZES, SIZES])
+        anatomy = person.learned(end.unknowns[SIZES], covariance[SIZES, SIZES])
     keyframe = None if before is None else before.hand.shape.keyframe
-    radii = np.exp(estimate.sizes[SIZE_RADII])
-    hand = Hand(fixed(estimate.joints), fixed(radii), seen.side, keyframe)
+    radii = fixed(np.exp(end.unknowns[RADII]))
+    hand = Hand(fixed(joints_in(end.unknowns)), radii, seen.side, keyframe)
     # The best accuracy of a joint under skin is 1 mm in each coordinate.
-    variance = np.diag(estimate.covariance)[JOINTS].reshape(25, 3).sum(axis=1) + 3.0 * 1e-3**2
-    spread = skin_spread(estimate)
-    owner = np.r_[OWNER, np.full(len(PARTS) - FREE, len(FINGERS))]
-    part_errors = {
-        name: float(np.sqrt(np.mean(spread[owner == index] ** 2)))
-        for index, name in enumerate((*FINGERS, "palm"))
-    }
-    distances = fixed(estimate.residuals.distance)
-    outliers = estimate.weights == 0.0
+    variance = np.diag(covariance)[JOINTS].reshape(25, 3).sum(axis=1) + 3.0 * 1e-3**2
+    distances = fixed(end.residuals.distance)
+    outliers = end.weights == 0.0
     return FittedHand(
         hand,
         anatomy,
         joint_errors=fixed(np.sqrt(variance)),
-        part_errors=part_errors,
         points=fixed(seen.points),
         distances=distances,
         outliers=outliers,

@@ -48,6 +48,9 @@ from airtact.hands.joints import Joints, PerPoint, Point, Points, Side
 
 HullIndices = Int64[np.ndarray, "points"]
 
+# The result of a search, and the covariance of joints and sizes (137, 137).
+Solution = tuple["NormalEquations", UnknownsMatrix]
+
 # One number for the fingers and one for the palm.
 FingersAndPalm = Float64[np.ndarray, "2"]
 
@@ -233,37 +236,12 @@ def _equations_of_points(
 # --- the search -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class HandEstimate:
-    """The best hand for a point cloud.
-
-    Attributes
-    ----------
-    joints : (25, 3) [m].
-    sizes : (62,) logarithms.
-    covariance : (137, 137) covariance of joints and sizes.
-    residuals : residuals of the points.
-    weights : (N,) weights of the points, 0 for outliers.
-    common : (2,) standard deviation of the correlated misfit of neighbouring points, at fingers and
-        at the palm [m].
-    """
-
-    joints: Joints
-    sizes: Sizes
-    covariance: UnknownsMatrix
-    residuals: SkinResiduals
-    weights: PerPoint
-    common: FingersAndPalm
-
-
 # Lower limit of the scale of the misfit in the first step [m]; it decreases from step to step. With
 # a large scale, points attract fingers that are far away.
 FIRST_SCALE = 3e-3
 
 
-def best_hand(
-    seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: bool
-) -> HandEstimate:
+def best_hand(seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: bool) -> Solution:
     """Find the best hand from several initial joints [m], then continue from the best result.
 
     ``sizes`` are the initial logarithms of the sizes; ``hold`` fixes them.
@@ -278,10 +256,10 @@ def best_hand(
         best = _better(best, end)
     if len(starts) > 1:
         best = _better(best, search(best.unknowns))
-    return _estimate(seen, best, hold)
+    return best, _covariance(seen, best, hold)
 
 
-def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> HandEstimate:
+def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> Solution:
     """Find the best hand near the joints of the previous frame [m]."""
     unknowns = np.concatenate([joints.ravel(), sizes])
     hulls, _ = hand_hulls(joints, np.exp(sizes[SIZE_RADII]))
@@ -291,7 +269,8 @@ def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> Ha
         few = replace(seen, points=np.ascontiguousarray(seen.points[::each]), each=each)
         end, min_scale = _descended(few, unknowns, min_scale, max_steps, hold, hulls)
         unknowns = end.unknowns
-    return _estimate(seen, normal_equations(seen, hulls, unknowns, min_scale), hold)
+    end = normal_equations(seen, hulls, unknowns, min_scale)
+    return end, _covariance(seen, end, hold)
 
 
 def _better(first: NormalEquations, second: NormalEquations) -> NormalEquations:
@@ -348,64 +327,35 @@ def _descended(
 # --- uncertainty ------------------------------------------------------------------------------
 
 
-def skin_spread(estimate: HandEstimate) -> Float64[np.ndarray, "hulls"]:
-    """Return the standard deviation of the skin of each hull (H,) along its normal [m].
-
-    It is averaged over all directions and includes the error of the model's shape, which is at
-    least the correlated misfit of neighbouring points.
-    """
-    normals = np.vstack([np.eye(3), -np.eye(3)])
-    by_numbers = np.column_stack([normals, np.ones(len(normals))])
-    covariance = estimate.covariance[BODY_BLOCK]
-    variance = np.zeros(len(PARTS))
-    for hull, part in enumerate(PARTS.tolist()):
-        balls = [ball for ball in part if ball >= 0]
-        shares = np.vstack([np.eye(len(balls)), np.full((1, len(balls)), 1.0 / len(balls))])
-        by_balls = np.zeros((len(shares), len(normals), 26, 4))
-        by_balls[:, :, balls] = shares[:, None, :, None] * by_numbers[None, :, None]
-        rows = by_body(by_balls.reshape(-1, 104), estimate.sizes)
-        variance[hull] = ((rows @ covariance) * rows).sum(axis=1).mean()
-    # Smallest distance of real skin from hulls of balls, measured with the example GLB hand: 1 mm
-    # at fingers and 2.5 mm at the palm. Fingers with fewer than 5 points are as inaccurate as the
-    # palm: 11 such hulls in 20 views had an rms error of 4.1 mm; the covariance leaves 2.6 mm of
-    # it unexplained.
-    points = np.bincount(estimate.residuals.hull[estimate.weights > 0.0], minlength=len(PARTS))
-    shape = np.where((KIND == 1) | (points < 5), 2.5e-3, 1.0e-3)
-    return np.sqrt(variance + np.maximum(shape, estimate.common[KIND]) ** 2)
-
-
-def _estimate(seen: Observation, here: NormalEquations, hold: bool) -> HandEstimate:
+def _covariance(seen: Observation, here: NormalEquations, hold: bool) -> UnknownsMatrix:
     """Estimate the covariance, with correlated neighbouring points counted as one."""
-    sizes = here.unknowns[SIZES]
     kinds = KIND[here.residuals.hull]
     alike = np.ones(2)
-    common = np.zeros(2)
     for kind in range(2):
         used = np.flatnonzero((here.weights > 0.0) & (kinds == kind))
-        alike[kind], common[kind] = _shared_misfit(
+        alike[kind] = _points_as_one(
             seen.points[used], here.residuals.distance[used], here.residuals.hull[used]
         )
     matrix = equations_of_rules(seen, here.unknowns)[0]
     by_variance = here.weights / (alike * here.scale**2)[kinds]
-    matrix[BODY_BLOCK] += _equations_of_points(here.residuals, by_variance, sizes)[0]
-    if hold:  # the covariance of the sizes is that of the prior
-        by_sizes = -np.linalg.solve(matrix[JOINTS, JOINTS], matrix[JOINTS, SIZES])
-        follow = np.vstack([by_sizes, np.eye(62)])
-        covariance = follow @ seen.anatomy.covariance @ follow.T
-        covariance[JOINTS, JOINTS] += np.linalg.inv(matrix[JOINTS, JOINTS])
-    else:
-        covariance = cho_solve(cho_factor(matrix), np.eye(137))
-    joints = joints_in(here.unknowns)
-    return HandEstimate(joints, sizes, covariance, here.residuals, here.weights, common)
+    matrix[BODY_BLOCK] += _equations_of_points(here.residuals, by_variance, here.unknowns[SIZES])[0]
+    if not hold:
+        return cho_solve(cho_factor(matrix), np.eye(137))
+    # The covariance of the sizes is that of the prior.
+    by_sizes = -np.linalg.solve(matrix[JOINTS, JOINTS], matrix[JOINTS, SIZES])
+    follow = np.vstack([by_sizes, np.eye(62)])
+    covariance = follow @ seen.anatomy.covariance @ follow.T
+    covariance[JOINTS, JOINTS] += np.linalg.inv(matrix[JOINTS, JOINTS])
+    return covariance
 
 
-def _shared_misfit(points: Points, off: PerPoint, hull: HullIndices) -> tuple[float, float]:
-    """Return the number of correlated points that count as one, and their common misfit [m].
+def _points_as_one(points: Points, off: PerPoint, hull: HullIndices) -> float:
+    """Return the number of correlated points that count as one.
 
     Errors of the shape correlate the misfit of points of a hull within a cube of 25 mm.
     """
     if len(points) < MIN_POINTS:
-        return 1.0, MAX_SCALE
+        return 1.0
     cells = np.column_stack([np.floor(points / 25e-3).astype(np.int64), hull])
     _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     mean = np.bincount(cell, off) / count
@@ -414,4 +364,4 @@ def _shared_misfit(points: Points, off: PerPoint, hull: HullIndices) -> tuple[fl
     common = max(total - within, 0.0)
     usual_count = float((count**2).sum() / count.sum())
     alike = 1.0 + (usual_count - 1.0) * common / max(total, 1e-18)
-    return min(alike, 80.0), float(np.sqrt(common))
+    return min(alike, 80.0)

@@ -1,13 +1,12 @@
-"""Servers that receive frames of trackers by websocket or OSC.
+"""A server that receives frames of trackers by websocket.
 
-Each runs in its own threads and feeds a ``HandStream``. They are meant for trackers on the same
+It runs in its own threads and feeds a ``HandStream``. It is meant for trackers on the same
 computer: the default address is 127.0.0.1, and web pages of other sites cannot connect.
 """
 
 import re
 import socket
 import time
-from contextlib import suppress
 from threading import Lock, Thread
 from typing import TYPE_CHECKING
 
@@ -21,20 +20,18 @@ if TYPE_CHECKING:
 MAX_MESSAGE = 2**22
 
 
-def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
-    """Make a socket bound to a port; 0 selects a free one."""
+def _listening(host: str, port: int) -> socket.socket:
+    """Make a socket that listens at a port; 0 selects a free one."""
     if not 0 <= port <= 65535:
         raise InvalidInput(
             f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.",
             code="out_of_range",
         )
-    bound = socket.socket(socket.AF_INET, kind)
+    bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
-        if kind == socket.SOCK_STREAM:
-            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bound.bind((host, port))
-        if kind == socket.SOCK_STREAM:
-            bound.listen()
+        bound.listen()
     except OSError as error:
         bound.close()
         raise InvalidInput(
@@ -70,7 +67,7 @@ class WebSocketReceiver:
             from websockets.sync.server import serve
 
         self.stream = HandStream() if stream is None else stream
-        bound = _bound(socket.SOCK_STREAM, host, port)
+        bound = _listening(host, port)
         self.port: int = bound.getsockname()[1]
         self._closed = False
         self._connections: set[ServerConnection] = set()
@@ -115,7 +112,7 @@ class WebSocketReceiver:
             self._connections.add(connection)
         try:
             while True:
-                self.stream.feed_waiting(_waiting_messages(connection))
+                self.stream.feed_json(connection.recv())
         except ConnectionClosedOK:
             pass
         except ConnectionClosed:
@@ -123,51 +120,3 @@ class WebSocketReceiver:
         finally:
             with self._lock:
                 self._connections.discard(connection)
-
-
-def _waiting_messages(connection: "ServerConnection") -> list[bytes | str]:
-    """Wait for a message and return it with further waiting ones, up to about ``MAX_MESSAGE``."""
-    from websockets.exceptions import ConnectionClosed
-
-    messages = [connection.recv()]
-    size = len(messages[0])
-    with suppress(TimeoutError, ConnectionClosed):  # the next wait raises the latter again
-        while len(messages) < 256 and size < MAX_MESSAGE:
-            messages.append(connection.recv(timeout=0))
-            size += len(messages[-1])
-    return messages
-
-
-class OscReceiver:
-    """OSC receiver over UDP; parameters, exceptions and use are as for ``WebSocketReceiver``."""
-
-    def __init__(
-        self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1"
-    ) -> None:
-        self.stream = HandStream() if stream is None else stream
-        self._socket = _bound(socket.SOCK_DGRAM, host, port)
-        self._socket.settimeout(0.1)
-        self.port: int = self._socket.getsockname()[1]
-        self._closed = False
-        self._thread = Thread(target=self._listen, daemon=True)
-        self._thread.start()
-
-    def __enter__(self) -> "OscReceiver":
-        return self
-
-    def __exit__(self, *fault: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Stop listening."""
-        self._closed = True
-        self._thread.join()
-        self._socket.close()
-
-    def _listen(self) -> None:
-        while not self._closed:
-            try:
-                packet = self._socket.recv(2**16)
-            except OSError:  # a timeout, after which the thread checks whether it was closed; on
-                continue  # Windows also if an answer could not be delivered
-            self.stream.feed_osc(packet)

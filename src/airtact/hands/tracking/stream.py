@@ -7,14 +7,14 @@ for a while, the newest frame is a ``lost`` one.
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from threading import Condition
 
 from airtact.errors import positive
 from airtact.hands.hand import Side
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
-from airtact.hands.tracking.messages import from_json, from_osc, side_of
+from airtact.hands.tracking.messages import from_json
 
 # Number of successive frames older than the newest one after which the tracker has restarted.
 MAX_STALE_FRAMES = 20
@@ -43,7 +43,6 @@ class StreamHealth:
     repeated : duplicate frames.
     out_of_order : frames with a lower number than an earlier frame.
     backwards : frames with a higher number but not a later time.
-    overtaken : frames that were not read because newer ones of the same hand were waiting.
     skipped : missing frames, by their numbers.
     restarted : restarts of a tracker.
     interrupted : connections that ended without being closed.
@@ -61,7 +60,6 @@ class StreamHealth:
     repeated: int = 0
     out_of_order: int = 0
     backwards: int = 0
-    overtaken: int = 0
     skipped: int = 0
     restarted: int = 0
     interrupted: int = 0
@@ -100,8 +98,6 @@ class HandStream:
     ----------
     silence : time without frames after which a hand is lost [s].
     on_frame : called with every used frame, in order, in the thread that received it.
-    every : whether all frames are used, as for a recording. By default older frames are skipped if
-        newer ones are waiting.
     clock : function that returns the time [s]; the system clock by default.
 
     Raises
@@ -115,12 +111,10 @@ class HandStream:
         silence: float = 0.3,
         on_frame: Callable[[HandFrame], None] = lambda frame: None,
         clock: Callable[[], float] = time.monotonic,
-        every: bool = False,
     ) -> None:
         self._silence = positive(silence, "silence", "s")
         self._on_frame = on_frame
         self._clock = clock
-        self._every = every
         self._changed = Condition()
         self._counts: Counter[str] = Counter()
         self._hands: dict[Side, _TrackedHand] = {"left": _TrackedHand(), "right": _TrackedHand()}
@@ -138,39 +132,6 @@ class HandStream:
             return self.feed(from_json(text))
         except FaultyFrame as fault:
             return self.feed(fault)
-
-    def feed_osc(self, packet: bytes) -> FaultyFrame | None:
-        """Process an OSC packet; return the fault of its last frame, or None."""
-        try:
-            faults = [self.feed(frame) for frame in from_osc(packet)]
-        except FaultyFrame as fault:
-            return self.feed(fault)
-        return faults[-1] if faults else None
-
-    def feed_waiting(self, messages: Sequence[bytes | str]) -> None:
-        """Process waiting messages in JSON, oldest first.
-
-        The newest good frame of each hand is used. Older ones are counted as overtaken, unless
-        ``every`` frame is used.
-        """
-        waiting: dict[Side, list[bytes | str]] = {"left": [], "right": []}
-        for message in messages:
-            side = None if self._every else side_of(message)
-            if side is None:
-                self.feed_json(message)
-            else:
-                waiting[side].append(message)
-        for of_hand in waiting.values():
-            skipped = self._counts["skipped"]
-            # Newest first, until one is good.
-            while of_hand and self.feed_json(of_hand.pop()) is not None:
-                pass
-            with self._changed:
-                # Overtaken frames were not skipped by the tracker.
-                newly_skipped = max(self._counts["skipped"] - skipped, 0)
-                self._counts["skipped"] -= min(len(of_hand), newly_skipped)
-                self._counts["received"] += len(of_hand)
-                self._counts["overtaken"] += len(of_hand)
 
     def feed(self, frame: HandFrame | FaultyFrame) -> FaultyFrame | None:
         """Process a frame, or the fault of an unreadable one.
