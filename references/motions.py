@@ -1,5 +1,7 @@
 """Made-up motions of a hand, for streams, recordings and prediction."""
 
+from functools import cache
+
 import numpy as np
 
 from airtact.hands.hand import hand_from_joints
@@ -94,6 +96,7 @@ def to_and_fro(time: float) -> np.ndarray:
     return np.array([_minimum_jerk(time, 0.06, 0.6, 0.4) - 0.03, 0.0, 0.0])
 
 
+@cache
 def reaching_recording() -> list[HandFrame]:
     """Make the frames of ``examples/hands/reaching.jsonl``: 4 s at 60 frames/s, which can be played in a loop."""
     motion = Pinching()

@@ -27,14 +27,12 @@ def open_air(points: np.ndarray, wavelength: float | None = WAVELENGTH) -> at.Tr
 def in_open_air(
     points: np.ndarray, pressures: np.ndarray | float | None = None, **asked: np.ndarray
 ) -> tuple[at.TransferMatrix, at.Target]:
-    """The transfer matrix of ``open_air`` and the target of its points."""
     return open_air(points), at.Target(points, pressures, **asked)
 
 
 def at_random(
     seed: int, foci: int, pressures: np.ndarray | float | None = None, elements: int = 40
 ) -> tuple[at.TransferMatrix, at.Target]:
-    """A random transfer matrix and a target for it."""
     return random_matrix(seed, foci, elements), at.Target(any_points(foci), pressures)
 
 

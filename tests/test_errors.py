@@ -79,20 +79,6 @@ def test_fixed_copies_and_locks():
         copy[0] = 1.0
 
 
-@pytest.mark.parametrize("shape", [(3,), (4, 2), (2, 3, 1)])
-def test_points_need_three_columns(shape):
-    with raises_code("wrong_shape"):
-        points_of(np.ones(shape), "foci")
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_not_finite_values_are_counted_and_placed(value):
-    points = np.zeros((5, 3))
-    points[3, 1] = points[4, 2] = value
-    with raises_code("not_finite"):
-        points_of(points, "foci")
-
-
 @pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
     ("value", "written"),
@@ -148,9 +134,12 @@ def test_the_range_of_frequencies_has_its_ends(value):
         ),
         (None, "not_a_number", "points are a NoneType of type object and shape ()"),
         (0.0, "wrong_shape", "points have shape ()"),
+        (np.ones((4, 2)), "wrong_shape", "(4, 2)"),
+        (np.ones((2, 3, 1)), "wrong_shape", "(2, 3, 1)"),
+        ([[0.0, 0.0, 0.0], [0.0, np.nan, np.inf]], "not_finite", ""),
     ],
 )
-def test_points_are_real_numbers(points, code, written):
+def test_points_are_finite_real_numbers_in_three_columns(points, code, written):
     with raises_code(code, written):
         points_of(points, "points")
 

@@ -37,7 +37,6 @@ NotConverged VirtualObject contact
 
 
 def public() -> dict[str, Any]:
-    """Public functions and classes by name."""
     names = {
         f"{package.__name__}.{name}": getattr(package, name)
         for package in PACKAGES
@@ -106,26 +105,6 @@ def without_shape(hint: Any) -> list[str]:
 def test_names_that_others_rely_on_are_there() -> None:
     assert set(RELIED_ON.split()) <= set(at.__all__)
     assert all(hasattr(package, name) for package in PACKAGES for name in package.__all__)
-
-
-def test_the_main_path_works_with_the_names_that_others_rely_on() -> None:
-    medium = at.Medium(sound_speed=343.1, density=1.293)
-    thumb = at.capsule((-0.014, 0, 0), (-0.014, 0, -0.01), radius=8e-3, edge=2.5e-3)
-    scene = at.Scene(medium, [at.sound_hard(thumb)], frequency=40e3)
-    target = at.Target(np.array([[-0.005, 0.0, 0.0]]), pressures=1500.0)
-    pose = at.Pose(np.eye(3), np.array([0.08, 0.06, 0.1]))
-    array = at.autd3_board(at.Pose.identity()).seen_from(pose)
-    solver = at.BoundaryElement(accuracy=0.1)
-
-    beacons = solver.radiate(scene, target.beacons())
-    drive = at.time_reversal(at.transfer_matrix(beacons, array), target)
-    frame = at.quantise(drive)
-    pressure = at.field_map(scene, array, drive, target.points, solver=solver)
-    evaluation = at.evaluate(scene, array, drive, target, solver=solver)
-
-    assert frame.amplitude.dtype == frame.phase.dtype == np.uint8
-    np.testing.assert_allclose(abs(pressure[0]), 1500.0, rtol=0.05)
-    np.testing.assert_allclose(evaluation.worst, 1.0, rtol=0.05)
 
 
 def test_public_arguments_results_and_fields_carry_shapes() -> None:

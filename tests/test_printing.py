@@ -15,12 +15,16 @@ LONGEST = 130
 
 @pytest.fixture(scope="module")
 def objects() -> dict[str, object]:
+    ball = at.sphere(5e-3, edge=2e-3)
+    small, spot = at.Scene(at.air(), [at.sound_hard(ball)]), at.Target(np.array([[0, 0, 8e-3]]))
+    board = at.autd3_board().facing((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.1)
+    few = at.Drive(np.ones(249, dtype=complex))
     pinch = at.pinch(gap=0.012)
     scene = at.Scene(at.air(celsius=22), [at.sound_hard(surface) for surface in pinch.surfaces])
     target = at.Target(pinch.foci(offset=0.5e-3), pressures=1500.0)
     array, solver = at.surrounding_box(), at.BoundaryElement(accuracy=0.1)
-    beacons = solver.radiate(scene, target.beacons())
-    transfer = at.transfer_matrix(beacons, array)
+    beacons = solver.radiate(small, spot.beacons())
+    transfer = at.open_air_matrix(at.Scene(scene.medium, []), array, target)
     drive = at.max_min(transfer, target)
     made = {
         "pinch": pinch,
@@ -40,13 +44,9 @@ def objects() -> dict[str, object]:
         "frame": at.quantise(drive),
         "sequence": at.drives.Sequence(np.stack([drive.amplitudes] * 4), 800.0),
         "bound": at.upper_bound(transfer, target),
-        "evaluation": at.evaluate(scene, array, drive, target, solver=solver),
-        "comparison": at.compare(
-            scene, array, {"one": drive, "two": drive.phase_only()}, target, solver=solver
-        ),
-        "verification": at.evaluation.verify(
-            scene, array, drive, target, solver=solver, transfer=transfer
-        ),
+        "evaluation": at.evaluate(small, board, few, spot, solver=solver),
+        "comparison": at.compare(small, board, {"one": few, "two": few}, spot, solver=solver),
+        "verification": at.evaluation.verify(small, board, few, spot, solver=solver),
         "hand": at.load_hand(HANDS / "relaxed.json"),
         "expansion": at.multipole_expansion(beacons),
         "free field": at.FreeField().radiate(at.Scene(scene.medium, []), target.beacons()),

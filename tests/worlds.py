@@ -11,7 +11,6 @@ WAVELENGTH = 343.1 / 40e3
 
 
 def directions(count: int, seed: int) -> np.ndarray:
-    """Random unit vectors."""
     vectors = np.random.default_rng(seed).normal(size=(count, 3))
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
@@ -33,17 +32,14 @@ def far_points(count: int = 60, seed: int = 7) -> np.ndarray:
 
 
 def one_each(positions: np.ndarray) -> at.Monopoles:
-    """Unit monopoles, each an excitation of its own."""
     return at.Monopoles(positions, np.eye(len(positions)))
 
 
 def hard(*surfaces: at.Surface, frequency: float = 40e3) -> at.Scene:
-    """Sound-hard bodies in the paper's air."""
     return at.Scene(AIR, [at.sound_hard(surface) for surface in surfaces], frequency=frequency)
 
 
 def ball(radius: float, frequency: float = 40e3) -> at.Scene:
-    """One sound-hard sphere at the origin."""
     return hard(at.sphere(radius, radius / 2), frequency=frequency)
 
 

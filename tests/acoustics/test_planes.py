@@ -15,7 +15,6 @@ SOURCE = at.Monopoles(np.array([[0.0, 0.0, 0.03]]), np.ones(1))
 
 
 def ball(height: float = 0.01) -> at.acoustics.Obstacle:
-    """A ball of 5 mm radius, its middle so far over the table [m]."""
     return at.sound_hard(at.sphere(5e-3, 2e-3, centre=(0, 0, height)))
 
 

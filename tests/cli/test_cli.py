@@ -78,7 +78,6 @@ def test_check_reports_what_is_in_a_scene(capsys):
 
 
 def box_file(folder, change=lambda vertices, triangles: (vertices, triangles), name="box.stl"):
-    """Write a box of 20 x 30 x 40 mm in millimetres."""
     vertices, triangles = change(*box_mesh())
     trimesh.Trimesh(1e3 * vertices, triangles, process=False).export(folder / name)
     return folder / name

@@ -47,7 +47,6 @@ def scan_file(tmp_path_factory):
 
 
 def compared(capsys, *arguments) -> tuple[dict, str]:
-    """Return the record and the printed text."""
     assert main(["compare-scan", *map(str, arguments), "--json"]) == 0
     printed = capsys.readouterr()
     return json.loads(printed.out), " ".join(printed.err.split())

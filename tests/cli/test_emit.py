@@ -327,7 +327,6 @@ def test_sequences_that_boards_check_are_told_the_nearest(
 
 
 def ended_by(kind, path: Path, moment: float) -> None:
-    """A process of its own, told to end while it plays on a serial board."""
     with wired(SonicSurface()) as wire:
         command = [
             sys.executable,

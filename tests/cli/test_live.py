@@ -38,7 +38,6 @@ def live(capsys):
 
 
 def changed_scene(path, change):
-    """Write the example scene with a change of its text."""
     text = (EXAMPLES / "live_pinch.toml").read_text()
     hand = str(EXAMPLES / "hands/pinch.json")
     path.write_text(change(text.replace("hands/pinch.json", hand)))
@@ -87,7 +86,6 @@ def test_it_runs_at_once_with_what_comes_along(tmp_path, live):
 
 
 def reach_through(tracker, ended: Event) -> None:
-    """Send frames of a hand that reaches through the array, until the end."""
     index = 60
     while not ended.wait(1 / 60):
         joints = still(0).landmarks + [0.19, 0.0, 0.0]
@@ -149,7 +147,6 @@ def test_what_is_no_session_is_not_followed(tmp_path, live):
 
 
 def recorded_without_a_hand(folder):
-    """A session in which nothing came."""
     at.live.SessionWriter(
         folder / "session.h5", at.live.live_scene(at.read_scene(at.example("live_pinch")))
     ).close()

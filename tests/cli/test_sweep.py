@@ -100,7 +100,6 @@ def test_the_table_of_the_command_line(open_air, tmp_path, capsys) -> None:
 
 
 def matrix(setup):
-    """Return the transfer matrix in open air."""
     return at.open_air_matrix(setup.scene, setup.array, setup.target)
 
 

@@ -21,7 +21,6 @@ def ball(centre=(0.0, 0.0, 0.0)) -> at.Surface:
 
 @cache
 def beacons() -> at.acoustics.RadiatedField:
-    """Two foci on a ball, in closed form."""
     scene = at.Scene(MEDIUM, [at.sound_hard(ball())], frequency=40e3)
     return at.SphereSeries().radiate(scene, at.Target(FOCI).beacons())
 

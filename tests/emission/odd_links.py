@@ -19,8 +19,6 @@ class SignalledLink(RecordingLink):
 
 
 class SlowLink(RecordingLink):
-    """Takes 30 ms for a frame."""
-
     def _transmit(self, frame: at.drives.Frame) -> None:
         time.sleep(0.03)
         super()._transmit(frame)
@@ -33,14 +31,12 @@ class Audit(at.AUTD3Link):
         super().__init__([at.Pose.identity()])
 
     def cut(self) -> None:
-        """Cut the cable; opening the link again restores it."""
         if self._elsewhere is not None:
             self._elsewhere("cut")
         else:
             self._controller.link().break_down()
 
     def played_modulation(self) -> np.ndarray:
-        """The factors of the modulation, 255 for 1."""
         if self._elsewhere is not None:
             return self._elsewhere("played_modulation")
         model = self._controller.link()

@@ -171,7 +171,6 @@ class Wire:
                         return
 
     def settle(self, count: int, seconds: float = 60.0) -> None:
-        """Wait until so many bytes were heard."""
         waiter = threading.Event()
         for _ in range(int(seconds / 0.002)):
             if self.heard >= count:

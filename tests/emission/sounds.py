@@ -43,7 +43,6 @@ def events(log: Path) -> list[str]:
 
 
 def strongest(link: RecordingLink) -> list[int]:
-    """Return the largest level of each frame."""
     return [int(frame.amplitude.max()) for frame in link.frames]
 
 

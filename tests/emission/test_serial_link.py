@@ -67,7 +67,6 @@ def test_a_board_that_sounds_from_power_on_is_silenced_by_opening(
 
 
 def until_it_fails(link: SerialLink, frame: Frame) -> str:
-    """Send until the cut cable is noticed."""
     for _ in range(50):
         try:
             link.send(frame)

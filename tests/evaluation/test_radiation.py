@@ -10,8 +10,8 @@ from scipy.special import spherical_jn, spherical_yn
 import airtact as at
 from airtact.evaluation.radiation import radiation_of, radiation_pressure
 from faults import raises_code
+from worlds import AIR, two_fingers
 
-AIR = at.Medium(343.1, 1.293)
 FAR = 50.0
 PEAK = 1000.0
 
@@ -75,9 +75,8 @@ def test_air_that_moves_along_the_skin_pulls() -> None:
 
 @pytest.fixture(scope="module")
 def fingers():
-    shape = at.pinch()
-    scene = at.Scene(AIR, [at.sound_hard(surface) for surface in shape.surfaces])
-    array = at.surrounding_box()
+    shape, array = at.pinch(), at.surrounding_box()
+    scene = two_fingers(8e-3, 20, shape.gap, length=0.012)  # the tips of the pinch
     reach = np.linalg.norm(array.positions[:, None] - shape.foci(), axis=-1)
     phases = np.exp(-1j * scene.wavenumber * reach).sum(axis=1)
     sources = at.evaluation.drive_sources(array, [at.Drive(phases / np.abs(phases).max())])

@@ -55,7 +55,6 @@ def whole_tables(folder: Path) -> None:
 
 
 def table(path: Path) -> None:
-    """Read a table by the reader that takes its columns."""
     head = path.read_bytes()[:200]
     if b"phase" in head and b"gain" not in head:
         at.evaluation.load_scan(path)

@@ -145,16 +145,19 @@ def test_a_pad_inside_the_body_is_rejected_with_the_gap_that_frees_it(touching):
     assert touching.place("ring.pad")[0] == pytest.approx(touching.pads[3])
 
 
-def test_impossible_gaps_and_unknown_places_are_rejected(opened):
-    with raises_code("out_of_range", "12 m", "0.15 m"):
-        opened.open_to(12)
-    with raises_code("misplaced", "1 mm"):
-        opened.open_to(1e-3, "thumb", "pinky")
-    for first, second in (("thumb", "nose"), ("thumb", "thumb")):
-        with raises_code("unknown_name", second):
-            opened.open_to(1e-2, first, second)
-    with raises_code("unknown_name", "'index.tip'"):
-        opened.place("index.tip")
+@pytest.mark.parametrize(
+    ("ask", "code", "words"),
+    [
+        (lambda hand: hand.open_to(12), "out_of_range", "12 m 0.15 m"),
+        (lambda hand: hand.open_to(1e-3, "thumb", "pinky"), "misplaced", "1 mm"),
+        (lambda hand: hand.open_to(1e-2, "thumb", "nose"), "unknown_name", "nose"),
+        (lambda hand: hand.open_to(1e-2, "thumb", "thumb"), "unknown_name", "thumb"),
+        (lambda hand: hand.place("index.tip"), "unknown_name", "'index.tip'"),
+    ],
+)
+def test_impossible_gaps_and_unknown_places_are_rejected(opened, ask, code, words):
+    with raises_code(code, words):
+        ask(opened)
 
 
 # --- frame after frame ----------------------------------------------------------------------------------------------

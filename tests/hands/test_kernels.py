@@ -32,7 +32,6 @@ pytestmark = pytest.mark.usefixtures("variant")
 
 
 def simplex(part: np.ndarray, fineness: int) -> np.ndarray:
-    """Balls all over a hull (N, 4)."""
     if part[2] < 0:
         shares = np.linspace(0, 1, 40 * fineness + 1)[:, None]
         return (1 - shares) * BALLS[part[0]] + shares * BALLS[part[1]]

@@ -28,13 +28,11 @@ def example_scene(example_setup):
 
 @pytest.fixture(scope="session")
 def board():
-    """One board under a hand that pinches."""
     return one_board()
 
 
 @pytest.fixture(scope="session")
 def joints():
-    """A hand that holds thumb and index finger 20 mm apart."""
     return open_pinch(0.02)
 
 

@@ -31,7 +31,6 @@ def one_board() -> at.live.LiveScene:
 
 
 def open_pinch(gap: float) -> np.ndarray:
-    """Joints of the left hand that pinches, thumb and index finger a gap apart [m]."""
     joints, radii = pinch_pose()
     return np.array(at.hand_from_joints(joints, radii, side="left").open_to(gap).joints)
 
@@ -47,12 +46,10 @@ def direct_sound(
 
 
 def distances(scene: at.live.LiveScene) -> at.live.HandAware:
-    """Drives from distances alone."""
     return at.live.HandAware(scene, solvers=[])
 
 
 def playing(scene: at.live.LiveScene, time: float = 0.0) -> Moment:
-    """A moment of a drive from distances, at a hand that moves to and fro."""
     joints, radii = pinch_pose()
     hand = at.hand_from_joints(joints + [0.0, 0.0, 0.01 * np.sin(6.0 * time)], radii, side="left")
     foci = np.array([hand.places[name][0] + 1e-3 * hand.places[name][1] for name in scene.places])
@@ -116,7 +113,6 @@ class Scheduled(at.live.HandSource):
         return self
 
     def wait(self, timeout: float):
-        """Wait for the next frame as ``HandStream.wait`` does."""
         if self.frames:
             due = self.begun + self.frames[0].time - self.start
             if due <= self.clock.now + timeout:

@@ -30,7 +30,6 @@ def opened_page(browser, address):
 
 
 def until(true, what: str) -> None:
-    """Wait until something that a click changes is true."""
     end = time.monotonic() + PATIENCE
     while not true():
         assert time.monotonic() < end, f"{what} did not happen."
@@ -38,13 +37,11 @@ def until(true, what: str) -> None:
 
 
 def colours(page) -> int:
-    """Count the colours between the panels."""
     picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     return len(np.unique(np.asarray(picture)[:, 330:950].reshape(-1, 3), axis=0))
 
 
 def slider(page, label: str):
-    """Find the handle of the slider with a label."""
     return page.locator(
         f"xpath=//label[normalize-space()='{label}']/following::*[@role='slider'][1]"
     )

@@ -38,7 +38,6 @@ def open_address():
 
 
 def asked(address: str, path: str, **headers: str) -> int:
-    """Ask for a path with these headers; return the status."""
     port = urlsplit(address).port
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
     connection.putrequest("GET", path, skip_host=True)

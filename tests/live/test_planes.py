@@ -1,6 +1,7 @@
 """The live loop over a table: rows against other solvers, what drives keep there, sessions, hands through the table."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -37,10 +38,15 @@ def exact() -> at.TransferMatrix:
     )
 
 
-def drive_of(scene: LiveScene, part="hand", method: str | None = None, joints=JOINTS) -> np.ndarray:
-    found = [Ready(solved(scene, joints, part, 0.0))] if part else []
+@cache
+def solution(table: bool, part: str):
+    return solved(OVER if table else BEFORE, JOINTS, part, 0.0)
+
+
+def drive_of(scene: LiveScene, part="hand", method: str | None = None) -> np.ndarray:
+    found = [Ready(solution(scene is OVER, part))] if part else []
     maker = at.live.HandAware(scene, noise=1e-4, solvers=found)
-    maker.take(at.hands.HandFrame(0.0, "left", 0, joints))
+    maker.take(at.hands.HandFrame(0.0, "left", 0, JOINTS))
     return maker.make(0.01, at.live.Controls(method=method)).amplitudes
 
 

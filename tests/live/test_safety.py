@@ -10,7 +10,6 @@ from emission.odd_links import SlowLink
 
 
 def loudness(link: RecordingLink) -> np.ndarray:
-    """Largest amplitude in each frame that the boards took."""
     return np.array(
         [float(frame.levels.amplitudes[frame.amplitude.max()]) for frame in link.frames]
     )

@@ -17,7 +17,6 @@ SKIN = 1.6e6 / 415
 
 
 def relative(values: np.ndarray, exact: np.ndarray) -> float:
-    """Largest error of an excitation."""
     return float(relative_columns(values, exact).max())
 
 
@@ -80,18 +79,18 @@ def test_finer_panels_and_double_precision_converge_on_the_surface_too():
 def test_the_power_that_enters_is_what_the_field_around_has_lost(ratio):
     """The power that leaves a sphere round body and source, and what enters the body, are the source's own."""
     source = np.array([[0.0, 0.004, 0.02]])
-    field = at.BoundaryElement(0.003).radiate(sphere_scene(ratio), one_each(source))
+    field = at.BoundaryElement(0.006).radiate(sphere_scene(ratio), one_each(source))
     own = field.scattered_at(source)[0, 0] + 1j * K  # p − 1/r at the source
     emitted = 2 * np.pi * np.imag(own) / (AIR.density * 2 * np.pi * 40e3)
-    ways, area = sphere_rule(40)
+    ways, area = sphere_rule(24)
     intensity = 0.5 * np.abs(field.at(10.0 * ways)[:, 0]) ** 2 / (AIR.density * AIR.sound_speed)
     left = 100.0 * area @ intensity
-    assert left + power_into(field) == pytest.approx(emitted, rel=5e-3)
-    assert (power_into(field) > 0.02 * emitted) == (complex(ratio).real > 0)
+    absorbed = power_into(field)
+    assert left + absorbed == pytest.approx(emitted, rel=5e-3)
+    assert (absorbed > 0.02 * emitted) == (complex(ratio).real > 0)
 
 
 def two_kinds() -> tuple[at.Scene, tuple[complex, complex]]:
-    """A hard ball and an absorbing one, 2 mm apart."""
     balls = [at.sphere(9e-3, 9e-3), at.sphere(6e-3, 6e-3, centre=(0.017 * 0.6, 0.0, 0.017 * 0.8))]
     ratio = 1.5 + 0.5j
     return at.Scene(AIR, [at.sound_hard(balls[0]), at.impedance(balls[1], ratio)]), (

@@ -14,7 +14,6 @@ AXES = np.array([15, 10, 7]) * 1e-3
 
 
 def surface_of(mesh: trimesh.Trimesh, **options: float) -> at.Surface:
-    """A body of flat triangles, as it comes from a file."""
     return at.Surface(np.array(mesh.vertices), np.array(mesh.faces), **options)
 
 
@@ -57,7 +56,7 @@ def test_boxes_against_finer_panels(size, sources):
     box = 1e-3 * np.array(size)
     scene = hard(surface_of(trimesh.creation.box(box)))
     beacons = one_each(1e-3 * np.array(sources))
-    coarse, fine = (at.BoundaryElement(a).radiate(scene, beacons) for a in (0.01, 0.0005))
+    coarse, fine = (at.BoundaryElement(a).radiate(scene, beacons) for a in (0.02, 0.002))
     assert relative_columns(coarse.at(far_points()), fine.at(far_points())).max() < 0.03
     volume = enclosed_volume(coarse.surface.nodes.quadratic_triangles)
     assert volume == pytest.approx(np.prod(box), rel=0.005)

@@ -69,8 +69,7 @@ def test_a_drag_turns_the_scene_and_a_wheel_comes_nearer(report):
     report.mouse.move(*stage(report))
     report.mouse.down()
     x, y = stage(report)
-    for step in range(60):
-        report.mouse.move(x + 3 * step, y + step)
+    report.mouse.move(x + 180, y + 60, steps=6)
     report.mouse.up()
     pictures.append(still(report))
     report.mouse.wheel(0, -400)
@@ -225,7 +224,7 @@ def test_a_plane_is_a_sheet_seen_from_its_front(browser, tmp_path):
     still(page)
     box = page.locator(".stage").bounding_box()
     words = set()
-    for share in np.linspace(0.1, 0.9, 60):
+    for share in np.linspace(0.1, 0.9, 25):
         page.mouse.move(box["x"] + share * box["width"], box["y"] + 0.6 * box["height"])
         words.add(page.inner_text("output").split(" at ")[0] if page.is_visible("output") else "")
     assert "rigid plane" in words

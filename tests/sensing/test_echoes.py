@@ -69,26 +69,29 @@ def test_echoes_that_cannot_be_are_rejected(given, code) -> None:
         at.Echoes(**{**right, **given})
 
 
-def test_files_that_are_none_are_rejected(tmp_path) -> None:
-    path = tmp_path / "echoes.h5"
+@pytest.mark.parametrize(
+    ("code", "fields"),
+    [
+        ("data_missing", {"format_version": 1, "frequency": 40e3}),
+        ("unsupported_version", {"format_version": 7}),
+    ],
+)
+def test_files_of_other_fields_are_rejected(code, fields, tmp_path) -> None:
+    with h5py.File(tmp_path / "echoes.h5", "w") as file:
+        for name, value in fields.items():
+            file[name] = value
+    with raises_code(code):
+        at.sensing.load_echoes(tmp_path / "echoes.h5")
+
+
+@pytest.mark.parametrize(
+    ("code", "name"), [("unknown_format", "echoes.csv"), ("not_writable", "none/echoes.h5")]
+)
+def test_echoes_are_saved_in_hdf5_where_there_is_a_folder(code, name, tmp_path) -> None:
+    with raises_code(code):
+        at.Echoes(np.eye(2), np.ones((2, 2))).save(tmp_path / name)
     with raises_code("file_missing"):
-        at.sensing.load_echoes(path)
-    with h5py.File(path, "w") as file:
-        file["format_version"] = 1
-        file["frequency"] = 40e3
-    with raises_code("data_missing"):
-        at.sensing.load_echoes(path)
-    with h5py.File(path, "w") as file:
-        file["format_version"] = 7
-    with raises_code("unsupported_version"):
-        at.sensing.load_echoes(path)
-    path.write_bytes(b"no file")
-    with raises_code("file_unreadable"):
-        at.sensing.load_echoes(path)
-    with raises_code("unknown_format"):
-        at.Echoes(np.eye(2), np.ones((2, 2))).save(tmp_path / "echoes.csv")
-    with raises_code("not_writable"):
-        at.Echoes(np.eye(2), np.ones((2, 2))).save(tmp_path / "none" / "echoes.h5")
+        at.sensing.load_echoes(tmp_path / "none.h5")
 
 
 def test_codes_are_at_full_scale_and_independent() -> None:

@@ -14,6 +14,7 @@ TRUE_AIR = at.Medium(344.4, 1.2)
 calibrate = partial(at.calibrate, boards=2)
 simulate_transmissions = partial(at.sensing.simulate_transmissions, boards=2)
 FACING = at.Pose.turn((1, 0, 0), np.pi, (0, 0.03, 0.06))
+CODES = at.sensing.hadamard_codes(24)
 OFF = at.Pose.turn((1, 2, -1), 0.012, (4e-4, -3e-4, 2e-4))
 
 
@@ -155,44 +156,52 @@ def test_dead_elements_and_few_receivers() -> None:
         found.as_emitted(at.Echoes(np.eye(24), np.ones((1, 24)), np.array([20])))
 
 
-def test_something_between_the_boards_is_not_believed() -> None:
-    heard = by_hand(pair(OFF), np.ones(24), at.sensing.hadamard_codes(24), 1e-3)
+def test_something_between_the_boards_is_not_believed(heard) -> None:
     random = np.random.default_rng(0)
     pressures = np.asarray(heard.pressures)
     spoilt = pressures + 0.3 * np.abs(pressures).mean() * random.normal(size=pressures.shape)
-    found = calibrate(at.Echoes(heard.codes, spoilt, noise=heard.noise), pair(), BELIEVED_AIR)
+    found = calibrate(at.Echoes(CODES, spoilt, noise=heard.noise), pair(), BELIEVED_AIR)
     assert not found.converged
     assert "NOT converged" in repr(found)
 
 
-def test_transmissions_that_tell_too_little_are_rejected() -> None:
-    heard = by_hand(pair(OFF), np.ones(24), at.sensing.hadamard_codes(24), 1e-3)
-    pressures = np.asarray(heard.pressures)
-    with raises_code("sizes_differ"):
-        calibrate(heard, at.transducers.board_array("nano16"), BELIEVED_AIR)
-    with raises_code("given_twice"):
-        calibrate(at.Echoes(heard.codes[:, :8], pressures[:, :8]), pair(), BELIEVED_AIR)
-    with raises_code("signal_unusable"):
-        calibrate(at.Echoes(heard.codes, np.zeros((24, 32))), pair(), BELIEVED_AIR)
-    side = at.Pose(np.eye(3), np.array([0.1, 0.0, 0.0]))
-    flat = at.transducers.board_array("nano16", [at.Pose.identity(), side])
-    with raises_code("misplaced"):
-        calibrate(heard, flat, BELIEVED_AIR)
-    with raises_code("unknown_name"):
-        at.calibrate(heard, pair(), BELIEVED_AIR)
-    with raises_code("unknown_name"):
-        at.calibrate(heard, pair(), BELIEVED_AIR, boards=5)
-    size = np.abs(pressures)
-    with raises_code("signal_unusable"):
-        calibrate(
-            at.Echoes(heard.codes, pressures * np.minimum(1, 0.5 * size.max() / size)),
+@pytest.fixture(scope="module")
+def heard() -> at.Echoes:
+    return by_hand(pair(OFF), np.ones(24), CODES, 1e-3)
+
+
+FEW = np.array([0, 1, 12, 13])
+FLAT = at.transducers.board_array("nano16", [at.Pose.identity(), at.Pose.shift((0.1, 0, 0))])
+
+
+@pytest.mark.parametrize(
+    ("code", "changed", "array", "boards"),
+    [
+        ("sizes_differ", lambda p: {}, at.transducers.board_array("nano16"), 2),
+        ("given_twice", lambda p: {"codes": CODES[:, :8], "pressures": p[:, :8]}, pair(), 2),
+        ("signal_unusable", lambda p: {"pressures": 0 * p}, pair(), 2),
+        ("misplaced", lambda p: {}, FLAT, 2),
+        ("unknown_name", lambda p: {}, pair(), None),
+        ("unknown_name", lambda p: {}, pair(), 5),
+        (  # clipped
+            "signal_unusable",
+            lambda p: {"pressures": p * np.minimum(1, 0.5 * abs(p).max() / abs(p))},
             pair(),
+            2,
+        ),
+        ("pose_not_found", lambda p: {"pressures": p[FEW], "receivers": FEW}, pair(), 2),
+    ],
+)
+def test_transmissions_that_tell_too_little_are_rejected(
+    heard, code, changed, array, boards
+) -> None:
+    fields = {"codes": CODES, "pressures": heard.pressures, "noise": heard.noise}
+    with raises_code(code):
+        at.calibrate(
+            at.Echoes(**fields | changed(heard.pressures)),
+            array,
             BELIEVED_AIR,
-        )
-    few = np.array([0, 1, 12, 13])
-    with raises_code("pose_not_found"):
-        calibrate(
-            at.Echoes(heard.codes, pressures[few], few, noise=heard.noise), pair(), BELIEVED_AIR
+            **({"boards": boards} if boards else {}),
         )
     with raises_code("sizes_differ"):
         simulate_transmissions(pair(), TRUE_AIR, np.eye(8))

@@ -7,7 +7,6 @@ import airtact as at
 
 @pytest.fixture
 def read(tmp_path):
-    """Read a scene from parts of its text."""
 
     def reader(*parts: str) -> at.Setup:
         path = tmp_path / "scene.toml"

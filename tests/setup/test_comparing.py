@@ -17,7 +17,6 @@ CONTROL = "without the object"
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory):
-    """One comparison on the small scene: its folder and its result."""
     folder = tmp_path_factory.mktemp("methods")
     result = at.compare(at.read_scene(BALL))
     result.save(folder)

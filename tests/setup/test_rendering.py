@@ -92,8 +92,8 @@ def test_the_worst_focus_gets_what_it_asked_by_the_series(result, exact):
 
 def test_the_report_states_the_error_of_the_pictured_pressures(page, plane, exact):
     stated = 0.01 * float(re.search(r"estimated error is ([\d.e-]+) %", page)[1])
-    pressures = next(iter(plane.pressures.values()))
-    true = exact(plane.window.points)
+    pressures = next(iter(plane.pressures.values()))[::50]
+    true = exact(plane.window.points[::50])
     outside = np.isfinite(pressures) & np.isfinite(true)
     error = np.linalg.norm((pressures - true)[outside]) / np.linalg.norm(true[outside])
     assert 0.3 < stated / error < 10.0

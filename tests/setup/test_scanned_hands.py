@@ -21,7 +21,6 @@ INDEX = '[[foci]]\nat = "index.pad"\n'
 
 @pytest.fixture
 def bare(tmp_path):
-    """A scan without a rig, and the joints beside it."""
     trimesh.load_scene(GENERIC_HAND, process=False).to_mesh().export(tmp_path / "scan.stl")
     hand = at.hands.load_rigged_hand(GENERIC_HAND)
     pose = {"joints": list(NAMES), "positions_m": hand.joints.tolist(), "side": hand.side}

@@ -103,8 +103,6 @@ def test_a_damaged_file_is_computed_again(threads, tmp_path) -> None:
 
 @dataclass(frozen=True)
 class Power:
-    """Raises to a power."""
-
     exponent: float
     note: str = field(default="", compare=False)
 

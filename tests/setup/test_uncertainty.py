@@ -27,19 +27,20 @@ def test_the_table_is_an_uncertainty_with_its_samples(read) -> None:
     assert read("").uncertainty is None
 
 
-def test_wrong_numbers_name_the_table(read) -> None:
-    with raises_code("out_of_range", "uncertainty", "0.035", "radians"):
-        read("[uncertainty]\nrotation = 0.035\n")
-    with raises_code("out_of_range", "uncertainty", "-0.001"):
-        read("[uncertainty]\nposition = -1e-3\n")
-    with raises_code("out_of_range", "uncertainty", "0"):
-        read("[uncertainty]\nsamples = 0\n")
-    with raises_code("not_finite", "uncertainty", "nan"):
-        read("[uncertainty]\nposition = nan\n")
-    with raises_code("empty", "uncertainty", "along_skin"):
-        read("[uncertainty]\nalong_skin = 1e-3\n")
-    with raises_code("unknown_key", "uncertainty.positon"):
-        read("[uncertainty]\npositon = 1e-3\n")
+@pytest.mark.parametrize(
+    ("line", "code", "words"),
+    [
+        ("rotation = 0.035", "out_of_range", "uncertainty 0.035 radians"),
+        ("position = -1e-3", "out_of_range", "uncertainty -0.001"),
+        ("samples = 0", "out_of_range", "uncertainty 0"),
+        ("position = nan", "not_finite", "uncertainty nan"),
+        ("along_skin = 1e-3", "empty", "uncertainty along_skin"),
+        ("positon = 1e-3", "unknown_key", "uncertainty.positon"),
+    ],
+)
+def test_wrong_numbers_name_the_table(read, line, code, words) -> None:
+    with raises_code(code, words):
+        read(f"[uncertainty]\n{line}\n")
 
 
 @pytest.mark.slow

@@ -11,8 +11,8 @@ from airtact.transducers.placement import (
     strongest_open_air,
 )
 from faults import raises_code
+from worlds import AIR
 
-AIR = at.Medium(sound_speed=343.1, density=1.293)
 SCENE = at.Scene(AIR, [], planes=[at.plane((0, 0, 0), (0, 0, 1))])
 FOCUS = np.array([[0.08, 0.06, 0.15]])
 
@@ -27,19 +27,19 @@ def test_a_board_in_the_plane_or_facing_it_is_right():
     check_placement(SCENE, at.autd3_board(turned), FOCUS)
 
 
-def test_an_element_behind_the_plane_is_rejected():
-    with raises_code("behind_plane"):
-        check_placement(SCENE, at_height(-1e-3), FOCUS)
-
-
-def test_a_board_over_the_plane_that_turns_its_back_to_it_is_rejected():
-    """Its elements radiate forwards only, and the image of its back would sound."""
-    with raises_code("behind_faces"):
-        check_placement(SCENE, at_height(0.02), FOCUS)
-    ball = at.sound_hard(at.sphere(5e-3, 2e-3, centre=(0.08, 0.06, 0.15)))
-    body = at.Scene(AIR, [ball], planes=SCENE.planes)
-    with raises_code("behind_faces"):
-        check_placement(body, at_height(0.02))
+@pytest.mark.parametrize(
+    ("obstacles", "height", "code"),
+    [
+        ([], -1e-3, "behind_plane"),
+        # its elements radiate forwards only, and the image of its back would sound
+        ([], 0.02, "behind_faces"),
+        ([at.sound_hard(at.sphere(5e-3, 2e-3, centre=(0.08, 0.06, 0.15)))], 0.02, "behind_faces"),
+    ],
+)
+def test_a_board_behind_the_plane_or_with_its_back_to_it_is_rejected(obstacles, height, code):
+    scene = at.Scene(AIR, obstacles, planes=SCENE.planes)
+    with raises_code(code):
+        check_placement(scene, at_height(height), None if obstacles else FOCUS)
 
 
 def twice(array: at.PhasedArray, shift: float) -> at.PhasedArray:

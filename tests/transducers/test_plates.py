@@ -7,43 +7,14 @@ import airtact as at
 from airtact.transducers.placement import check_placement
 from airtact.transducers.plates import THICKNESS
 from faults import raises_code
+from geometry.mesh.meshes import box_mesh
+from references import relative
+from worlds import AIR
 
 DULL = at.Medium(sound_speed=343.1, density=1.293, absorption=100.0)
 """Air in which hardly any sound comes back from the edge of a board, so that it is a baffle without end."""
 
-AIR = at.Medium(sound_speed=343.1, density=1.293)
 BALL = at.sound_hard(at.sphere(6e-3, 3e-3, centre=(0.0, 0.0, 0.03)))
-
-
-def board_array(name="autd3"):
-    return at.transducers.board_array(name)
-
-
-def box(width, height, thickness):
-    """Eight corners under the plane z = 0."""
-    x = 0.5 * width
-    y = 0.5 * height
-    z = -thickness
-    corners = np.array([[a, b, c] for a in (-x, x) for b in (-y, y) for c in (z, 0.0)])
-    faces = [
-        (0, 1, 3),
-        (0, 3, 2),
-        (4, 6, 7),
-        (4, 7, 5),
-        (0, 4, 5),
-        (0, 5, 1),
-        (2, 3, 7),
-        (2, 7, 6),
-        (0, 2, 6),
-        (0, 6, 4),
-    ]
-    return at.Surface(corners, np.array([*faces, (1, 5, 7), (1, 7, 3)]))
-
-
-def few(array, chosen):
-    """Some elements of an array."""
-    parts = array.positions[chosen], array.normals[chosen], array.element, array.tangents[chosen]
-    return at.PhasedArray(*parts)
 
 
 def small_board():
@@ -51,11 +22,8 @@ def small_board():
     across = 10.16e-3 * (np.arange(4) - 1.5)
     positions = np.array([(x, y, 0.0) for y in across for x in across])
     array = at.PhasedArray(positions, np.tile([0.0, 0.0, 1.0], (16, 1)), at.piston(4e-3, points=12))
-    return array, at.acoustics.Obstacle(box(0.08, 0.08, THICKNESS), "sound_hard", board=True)
-
-
-def relative(found, exact):
-    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+    plate = at.Surface(*box_mesh((-0.04, -0.04, -THICKNESS), (0.04, 0.04, 0.0)))
+    return array, at.acoustics.Obstacle(plate, "sound_hard", board=True)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +75,7 @@ def test_a_body_before_a_board_without_edges_is_as_before_a_plane():
 
 @pytest.mark.slow
 def test_a_small_board_with_its_edges_is_that_of_finite_elements():
-    plate = box(0.024, 0.02, 4e-3)
+    plate = at.Surface(*box_mesh((-0.012, -0.01, -4e-3), (0.012, 0.01, 0.0)))
     source = np.array([[0.003, 0.001, 0.007]])
     faces = np.array([[0.0, 0.0, 0.0], [0.007, 0.004, 0.0], [-0.006, -0.005, 0.0]])
     array = at.PhasedArray(faces, np.tile([0.0, 0.0, 1.0], (3, 1)), at.piston(3e-3, points=12))
@@ -138,25 +106,42 @@ def test_what_a_drive_makes_is_what_its_transfer_matrix_says():
     assert np.isnan(made[3])  # beside the face
 
 
-def test_what_does_not_go_together_is_rejected():
-    array = board_array()
-    boards = at.reflecting_boards(array)
-    with raises_code("wrong_kind"):
-        at.reflecting_boards(few(array, slice(0, 3)))
-    with raises_code("unknown_name"):
-        at.reflecting_boards(board_array("openmpd"))
-    with raises_code("out_of_range"):
-        at.reflecting_boards(array, thickness=1.6)
-    with raises_code("bodies_overlap"):
-        at.Scene(AIR, [at.sound_hard(at.sphere(6e-3, 3e-3, centre=(0.09, 0.07, 0.003))), *boards])
-    with raises_code("bodies_overlap"):
-        at.Scene(AIR, [at.sound_hard(at.sphere(6e-3, 3e-3, centre=(0.09, 0.07, 6.1e-3))), *boards])
-    with raises_code("bodies_overlap"):
-        at.Scene(AIR, boards, planes=[at.plane((0, 0, -2e-3), (0, 0, 1))])
-    scene = at.Scene(AIR, boards)
-    target = at.Target(np.array([[0.086, 0.066, 0.1]]))
-    lifted = array.moved(at.Pose(np.eye(3), np.array([0, 0, 2e-3])))
-    with raises_code("not_supported"):
-        check_placement(scene, lifted, target.points)
-    with raises_code("not_supported"):
-        at.FiniteElement().radiate(scene, target.beacons())
+ARRAY = at.autd3_board()
+BOARDS = at.reflecting_boards(ARRAY)
+FOCUS = np.array([[0.086, 0.066, 0.1]])
+
+
+def beside(height: float) -> at.acoustics.Obstacle:
+    return at.sound_hard(at.sphere(6e-3, 3e-3, centre=(0.09, 0.07, height)))
+
+
+@pytest.mark.parametrize(
+    ("code", "make"),
+    [
+        ("wrong_kind", lambda: at.reflecting_boards(at.PhasedArray(ARRAY.positions[:3]))),
+        (
+            "unknown_name",
+            lambda: at.reflecting_boards(at.transducers.board_array("openmpd")),
+        ),
+        ("out_of_range", lambda: at.reflecting_boards(ARRAY, thickness=1.6)),
+        ("bodies_overlap", lambda: at.Scene(AIR, [beside(0.003), *BOARDS])),
+        ("bodies_overlap", lambda: at.Scene(AIR, [beside(6.1e-3), *BOARDS])),
+        (
+            "bodies_overlap",
+            lambda: at.Scene(AIR, BOARDS, planes=[at.plane((0, 0, -2e-3), (0, 0, 1))]),
+        ),
+        (
+            "not_supported",
+            lambda: check_placement(
+                at.Scene(AIR, BOARDS), ARRAY.moved(at.Pose.shift((0, 0, 2e-3))), FOCUS
+            ),
+        ),
+        (
+            "not_supported",
+            lambda: at.FiniteElement().radiate(at.Scene(AIR, BOARDS), at.Target(FOCUS).beacons()),
+        ),
+    ],
+)
+def test_what_does_not_go_together_is_rejected(code, make):
+    with raises_code(code):
+        make()

@@ -158,15 +158,6 @@ def test_krylov_steps_find_the_least_residual(size, precision, kind, tolerance):
             assert np.allclose(weights, best, atol=1000 * tolerance)
 
 
-def test_vectors_of_no_length_stay_as_they_are_and_leave_nothing():
-    bases = np.zeros((2, 2, 9), np.complex64)
-    spaces = krylov_spaces(2, 1)
-    spaces.right[:] = 0
-    _kernels.krylov_step(bases, spaces)
-    arrays = (bases, spaces.right, spaces.weights, spaces.squares)
-    assert not any(array.any() for array in arrays)
-
-
 LANES = _kernels.lanes
 STORES = [("bfloat16", np.complex64, 2.5e-3), *PRECISIONS]
 

@@ -44,7 +44,6 @@ def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
 
 
 def accepted(vertices: np.ndarray, triangles: np.ndarray, **settings) -> RepairedMesh:
-    """Repair, and let the checks of a scene look at what came out."""
     result = repaired(vertices, triangles, **settings)
     check_surface(at.Surface(result.vertices, result.triangles, repairs=result.notes))
     return result

@@ -9,10 +9,9 @@ from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
 from geometry.mesh.meshes import torus_mesh
 
 
-@pytest.mark.parametrize("edge", [3e-3, 8e-3])
-def test_a_thin_ring_keeps_its_shape_however_large_the_panels_asked(edge):
+def test_a_thin_ring_keeps_its_shape_however_large_the_panels_asked():
     vertices, triangles = torus_mesh(0.02, 0.001, around=120, across=24)
-    panels = at.Surface(vertices, triangles).panelled(edge)
+    panels = at.Surface(vertices, triangles).panelled(8e-3)
     assert enclosed_volume(panels.quadratic_triangles) == pytest.approx(
         2 * np.pi**2 * 0.02 * 0.001**2, rel=1e-2
     )

@@ -168,7 +168,6 @@ def hand() -> at.Hand:
 
 
 def points_off(hand: at.Hand, distance: float) -> np.ndarray:
-    """Points off the skin of a hand [m], on one side of it."""
     places = hand.shape.skin(2.5e-3).vertices
     normals = hand.shape.hulls.look(places).gradient
     return (places + distance * normals)[normals[:, 1] > 0.3]

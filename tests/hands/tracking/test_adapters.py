@@ -27,7 +27,6 @@ PATIENCE = 120.0
 
 
 def run(name, *arguments, **options):
-    """Run an adapter to its end."""
     command = [sys.executable, ADAPTERS / name, *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, **options)
 
@@ -104,7 +103,6 @@ needs_realsense = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def depths(tmp_path_factory):
-    """A picture of depth with a hand, and one without."""
     hand = at.hand_from_joints(JOINTS, RADII)
     pose = facing(hand, np.radians([10.0, -15.0, 5.0]), (0.02, 0.01, 0.4))
     folder = tmp_path_factory.mktemp("depths")

@@ -24,7 +24,6 @@ def motion():
 
 
 def gliding(sequence, time):
-    """A frame of a hand that moves at a constant velocity of 0.5 m/s."""
     return still(sequence, time, landmarks=JOINTS + time * np.array([0.3, -0.2, 0.35]))
 
 
@@ -48,7 +47,6 @@ def test_a_constant_velocity_is_predicted_exactly(latency):
 
 
 def steady_variance(step, noise, agility):
-    """Variance of a predicted position, by the Riccati equation."""
     measures = np.array([[1.0], [0.0]])
     push = process_noise(step, agility)
     return solve_discrete_are(transition(step).T, measures, push, np.array([[noise**2]]))[0, 0]

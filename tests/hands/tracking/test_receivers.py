@@ -46,7 +46,6 @@ def tracker_of(receiver, **options):
 
 
 def send(receiver, sequence, **options):
-    """Connect, send a frame, and wait for it."""
     with tracker_of(receiver, **options) as tracker:
         tracker.send(at.hands.to_json(still(sequence)))
         assert receiver.stream.wait(PATIENCE).sequence == sequence

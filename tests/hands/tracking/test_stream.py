@@ -29,7 +29,6 @@ def counted(stream):
 
 
 def fed(frames, **settings):
-    """Feed frames that arrive when they were taken."""
     clock = Clock()
     stream = HandStream(clock=clock, **settings)
     for frame in frames:

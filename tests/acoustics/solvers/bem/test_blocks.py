@@ -12,14 +12,13 @@ from airtact.acoustics.solvers.bem.block_matrix import (
     blocks_of,
 )
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule
-from airtact.acoustics.solvers.bem.operator import assemble, dual_surface
+from airtact.acoustics.solvers.bem.operator import DualSurface, assemble, dual_surface
 from airtact.acoustics.solvers.bem.quadrature import place_nodes
 
 WAVENUMBER = 732.5 + 0.2j
 
 
 def stick(length: float) -> np.ndarray:
-    """Panels of a stick, turned out of the axes."""
     shape = (
         at.capsule((0, 0, 0), (0, 0, length), 0.005, 0.003)
         .moved(at.Pose.turn((1, 2, 3), 0.7))
@@ -39,8 +38,13 @@ def test_panels_of_a_block_lie_together_and_no_panel_is_lost():
     )  # across the stick it is 0.01, and 0.09 along it
 
 
+def surface_of(panels: np.ndarray, precision: str) -> DualSurface:
+    ordered, nothing = panels[block_order(panels[:, :3].mean(axis=1))], np.zeros(len(panels))
+    nodes = place_nodes(ordered, nothing.astype(np.int64), nothing)
+    return dual_surface(nodes, WAVENUMBER, NearRule(1.6, (4, 4)), precision)
+
+
 def boxes(*heights: float, size: tuple[float, float, float]) -> np.ndarray:
-    """Panels of boxes over each other."""
     panels = []
     for height in heights:
         mesh = trimesh.creation.box(size).subdivide().apply_translation((0, 0, height))
@@ -68,10 +72,7 @@ def boxes(*heights: float, size: tuple[float, float, float]) -> np.ndarray:
 )
 def test_low_rank_terms_miss_nothing(panels):
     """Each far block is compared with its entries: some rows may lack a part that others have."""
-    centres = panels()[:, :3].mean(axis=1)
-    order, nothing = block_order(centres), np.zeros(len(centres))
-    nodes = place_nodes(panels()[order], nothing.astype(np.int64), nothing)
-    surface = dual_surface(nodes, WAVENUMBER, NearRule(1.6, (4, 4)), "float32")
+    surface = surface_of(panels(), "float32")
     dense, lanes, error = assemble(surface, "float32").dense(), 6 * PANELS, 5e-3
     matrix = assemble(surface, "float32", error)
     assert len(matrix.far.ranks) > 5
@@ -97,19 +98,14 @@ def test_low_rank_terms_miss_nothing(panels):
 
 @pytest.mark.parametrize("store", ["bfloat16", "float32", "float64"])
 def test_a_matrix_of_low_rank_terms_has_the_error_asked_for(store):
-    panels = stick(0.08)
-    order = block_order(panels[:, :3].mean(axis=1))
-    nothing = np.zeros(len(panels))
-    nodes = place_nodes(panels[order], nothing.astype(np.int64), nothing)
-    precision = "float64" if store == "float64" else "float32"
-    surface = dual_surface(nodes, WAVENUMBER, NearRule(1.6, (4, 4)), precision)
+    surface = surface_of(stick(0.08), "float64" if store == "float64" else "float32")
     whole = assemble(surface, store)
     assert not whole.far.column.size
     random = np.random.default_rng(1)
     vectors = random.normal(size=(3, whole.count)) + 1j * random.normal(size=(3, whole.count))
     rounding = {"bfloat16": 2e-3, "float32": 1e-5, "float64": 1e-12}[store]
     stored = []
-    for error in (0.03, 1e-3, 1e-5):
+    for error in (0.03, 1e-4):
         matrix = assemble(surface, store, error)
         stored.append(
             len(matrix.blocks) / len(whole.blocks)

@@ -19,7 +19,6 @@ POINTS = np.array(
 
 
 def over(height: float) -> at.Scene:
-    """A ball at a height over the table [m]."""
     ball = at.sphere(RADIUS, RADIUS, centre=(0, 0, height + RADIUS))
     return at.Scene(AIR, [at.sound_hard(ball)], planes=[TABLE])
 

@@ -10,7 +10,7 @@ from airtact.hands.body import Hulls
 from airtact.hands.shape import HandShape
 from references.hand_poses import example
 
-LARGEST = 60e-3
+LARGEST = 20e-3
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,6 @@ def test_the_loops_are_those_of_numpy(variant, excitations):
 
 
 def loops(solver: str) -> set[str]:
-    """Compiled loops that the modules of a solver name."""
     sources = (ROOT / "src/airtact/acoustics/solvers" / solver).rglob("*.py")
     called = r"_kernels\.([a-z]\w+)"
     return set().union(*[re.findall(called, path.read_text()) for path in sources])

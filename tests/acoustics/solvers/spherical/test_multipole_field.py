@@ -12,7 +12,6 @@ DAMP = at.air(20.0, 0.5, 40e3)
 
 
 def around(centre: np.ndarray, nearest: float, count: int = 60) -> np.ndarray:
-    """Random points from a sphere outwards."""
     random = np.random.default_rng(7)
     directions = random.normal(size=(count, 3))
     return centre + nearest / random.uniform(0.02, 1.0, (count, 1)) * directions / np.linalg.norm(
