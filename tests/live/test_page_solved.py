@@ -68,7 +68,6 @@ def test_a_focus_gets_what_a_beacon_there_sends_to_the_array() -> None:
         sound = solver.solved(SoundRequest(0.0, moment.joints, foci, amplitudes, skin, section))
         nearest = np.argmin(np.linalg.norm(section.points() - focus, axis=1))
         np.testing.assert_allclose(section.points()[nearest], focus, atol=1e-9)
-        print(np.abs(sound.field[nearest]) / expected)
         assert np.abs(sound.field[nearest]) == pytest.approx(expected, rel=0.1)
 
 
@@ -93,7 +92,6 @@ def test_skin_and_slice_are_those_of_a_finer_solution() -> None:
     ):
         known = np.isfinite(true)
         error = np.linalg.norm((found - true)[known]) / np.linalg.norm(true[known])
-        print(f"{known.sum()} points: {error:.3f} off")
         assert known.sum() > least
         assert error < 0.25
     known = np.isfinite(truth[: len(points)])
