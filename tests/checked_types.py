@@ -3,8 +3,10 @@
 A function is checked in its first calls in a process: to check all would take a third of the time of the tests.
 """
 
+import sys
 from collections.abc import Callable
-from functools import cache, wraps
+from contextlib import suppress
+from functools import cache, reduce, wraps
 from itertools import count
 
 from beartype import BeartypeConf, beartype
@@ -18,6 +20,11 @@ def check(function: Callable) -> Callable:
 
     @wraps(function)
     def checking(*arguments, **named):
-        return (checked() if next(calls) < CHECKED_CALLS else function)(*arguments, **named)
+        if next(calls) < CHECKED_CALLS:
+            return checked()(*arguments, **named)
+        with suppress(AttributeError):  # properties and inner functions cannot be marked
+            path = function.__qualname__.split(".")
+            reduce(getattr, path, sys.modules[function.__module__]).__no_type_check__ = True
+        return function(*arguments, **named)
 
     return checking
