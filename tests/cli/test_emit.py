@@ -270,7 +270,12 @@ FAULTS = {
         "--cap 0.5",
     ),
     "modulation": (lambda path: path, (*AUDIT, "--modulate", "fm:3"), "unknown_name", "fm:3"),
-    "depth": (lambda path: path, (*AUDIT, "--modulate", "am:200:3"), "out_of_range", "is 3 of the force"),
+    "depth": (
+        lambda path: path,
+        (*AUDIT, "--modulate", "am:200:3"),
+        "out_of_range",
+        "is 3 of the force",
+    ),
     "seconds": (lambda path: path, (*AUDIT, "--seconds", "-1"), "out_of_range", "-1 s"),
     "remote": (
         lambda path: path,
