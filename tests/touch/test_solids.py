@@ -5,7 +5,7 @@ import pytest
 
 import airtact as at
 from airtact.touch import Box, Button, Cylinder, HalfSpace
-from airtact.touch.solids import grid_of
+from airtact.touch.solids import solid_of
 
 SOLIDS = [
     Box((0.03, 0.02, 0.01), (0.01, 0.0, 0.02)),
@@ -35,6 +35,14 @@ def test_the_mesh_for_pictures_lies_on_the_surface(solid) -> None:
     assert triangles.max() < len(solid.mesh()[0])
 
 
+@pytest.mark.parametrize("solid", SOLIDS, ids=lambda solid: type(solid).__name__)
+def test_the_ball_holds_the_solid(solid, rng) -> None:
+    centre, radius = solid.ball
+    points = rng.uniform(-0.05, 0.05, (4000, 3))
+    inside = points[solid.depth(points) > 0.0]
+    assert np.linalg.norm(inside - centre, axis=1).max() <= radius
+
+
 def test_depths_at_known_points() -> None:
     box = Box((0.04, 0.02, 0.02))
     corner_off = np.array([[0.02 + 0.003, 0.01 + 0.004, 0.0]])
@@ -44,15 +52,19 @@ def test_depths_at_known_points() -> None:
     np.testing.assert_allclose(rod.depth(rim_off), [-0.005, 0.006, 0.001], atol=1e-12)
 
 
-def test_the_grid_of_a_mesh_states_its_error(box, rng) -> None:
+def test_the_solid_of_a_mesh_states_its_error(box, rng) -> None:
     sides = np.array([0.04, 0.02, 0.03])
     mesh = box(-sides / 2, sides / 2)
-    grid = grid_of(mesh)
+    grid = solid_of(mesh)
     points = rng.uniform(-0.5, 0.5, (2000, 3)) * (sides + 2e-3)
     error = np.abs(grid.depth(points) - Box(tuple(sides)).depth(points))
     assert grid.error < 0.1e-3
     assert np.sqrt(np.mean(error**2)) < 2.0 * grid.error
     assert error.max() < 1.1e-3  # less than the step, along the ridges of the distance
+    away = points + [0.05, 0.0, 0.0]
+    far = grid.depth(away) - Box(tuple(sides)).depth(away)
+    assert far.min() > -1e-3  # beyond the grid it may seem nearer, but not inside
+    assert grid.depth(away)[away[:, 0] > 0.5 * sides[0]].max() < 0.0
 
 
 def test_a_moved_object_keeps_its_shape(rng) -> None:

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.spatial import KDTree
 
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import outward
@@ -127,7 +128,8 @@ class Contacts:
                 code="empty",
             )
         points = np.concatenate([spaced_along(curve, 2.5e-3) for curve in curves])
-        return Target(points + self.offset * self._normals_at(points))
+        nearest = KDTree(self.skin.points).query(points)[1]
+        return Target(points + self.offset * self.skin.normals[nearest])
 
     @property
     def runs(self) -> bool:
@@ -140,12 +142,6 @@ class Contacts:
                 code="options_clash",
             )
         return styles == {"outline"}
-
-    def _normals_at(self, points: Float64[np.ndarray, "some 3"]) -> Float64[np.ndarray, "some 3"]:
-        from scipy.spatial import KDTree
-
-        nearest = KDTree(self.skin.points).query(points)[1]
-        return self.skin.normals[nearest]
 
 
 def contact(

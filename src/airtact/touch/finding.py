@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from airtact.touch.objects import VirtualObject
 from airtact.touch.skin import Skin
@@ -106,20 +108,16 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Foun
 def _connected(
     skin: Skin, row: Int64[np.ndarray, "nodes"], point: Int64[np.ndarray, "nodes"], rows: int
 ) -> Int64[np.ndarray, "nodes"]:
-    """Label nodes by the lowest node that neighbours inside the same object lead to."""
-    count = len(skin.points)
+    """Return the number of the connected piece of skin that each node belongs to."""
     nodes = np.arange(len(point))
-    slot = np.full(rows * count, -1)
-    slot[row * count + point] = nodes
-    beside = slot[row[:, None] * count + skin.neighbours[point]]
+    slot = np.full(rows * len(skin.points), -1)
+    slot[row * len(skin.points) + point] = nodes
+    beside = slot[(row * len(skin.points))[:, None] + skin.neighbours[point]]
     beside = np.where(beside < 0, nodes[:, None], beside)
-    labels = nodes
-    while True:
-        lower = np.minimum(labels, labels[beside].min(axis=1, initial=len(nodes)))
-        lower = lower[lower]  # labels of labels halve the number of rounds
-        if np.array_equal(lower, labels):
-            return labels
-        labels = lower
+    ends = beside.shape[1] * np.arange(len(nodes) + 1)
+    graph = csr_array((np.ones(beside.size), beside.ravel(), ends), shape=(len(nodes),) * 2)
+    # Every edge has its reverse, so strong components are the connected ones, and fastest.
+    return connected_components(graph, connection="strong")[1].astype(np.int64)
 
 
 def peaks(

@@ -11,9 +11,8 @@ from jaxtyping import Float64, Real
 from airtact.errors import InvalidInput, check_choice, of_kind, one_line, positive
 from airtact.geometry.mesh.arrays import FlatMesh, PointLengths, Vector3
 from airtact.geometry.pose import Pose
-from airtact.geometry.primitives import Capsule
 from airtact.geometry.surface import Surface
-from airtact.touch.solids import Button, HalfSpace, Solid, grid_of, near_point
+from airtact.touch.solids import Button, Solid, near_point, solid_of
 from airtact.touch.textures import Grating, HeightMap
 
 MAX_OBJECTS = 64
@@ -95,43 +94,34 @@ class VirtualObject:
         of_kind(pose, Pose, "the motion of a virtual object", "Pose(rotation, translation)")
         return replace(self, pose=pose if self.pose is None else pose @ self.pose)
 
+    @property
+    def solid(self) -> Solid:
+        """The solid in its own frame."""
+        return solid_of(self.shape) if isinstance(self.shape, Surface) else self.shape
+
     @cached_property
     def ball(self) -> tuple[Vector3, float]:
         """Centre (3,) and radius [m] of a ball around the object; infinite for a half-space."""
-        vertices = self.mesh[0]
-        centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-        if isinstance(self.shape, HalfSpace):
-            return centre, np.inf
-        # The solid of a button extends below the part that is drawn, so add its reach.
-        margin = 20e-3 if isinstance(self.shape, Button) else 0.0
-        return centre, float(np.linalg.norm(vertices - centre, axis=1).max()) + margin
+        centre, radius = self.solid.ball
+        return (centre if self.pose is None else self.pose.apply(centre)), radius
 
-    @cached_property
+    @property
     def mesh(self) -> FlatMesh:
         """Vertices (V, 3) [m] and triangles (T, 3) for pictures, at the object's pose."""
-        if isinstance(self.shape, Surface):
-            vertices = self.shape.vertices
-            triangles = self.shape.triangles
-        else:
-            vertices, triangles = self.shape.mesh()
+        vertices, triangles = self.solid.mesh()
         return (vertices if self.pose is None else self.pose.apply(vertices)), triangles
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> PointLengths:
         """Depth in the object [m] of points (P, 3) [m], negative outside.
 
-        Depths in a mesh are interpolated on a grid of 1/40 of its longest side, exact ones are in
-        ``exact_depth``.
+        Depths in a mesh are interpolated on a grid of 1/40 of its longest side; ``exact_depth``
+        gives the exact ones.
         """
-        if isinstance(self.shape, Solid):
-            return self.shape.depth(self._local(points))
-        if isinstance(self.shape.shape, Capsule):
-            return self.shape.shape.depth(self._local(points))
-        return grid_of(self.shape).depth(self._local(points))
+        return self.solid.depth(self._local(points))
 
     def exact_depth(self, points: Real[np.ndarray, "points 3"]) -> PointLengths:
         """Depth in the object [m] of points (P, 3) [m] without interpolation."""
-        shape = self.shape.shape if isinstance(self.shape, Surface) else self.shape
-        return shape.depth(self._local(points))
+        return self.solid.exact_depth(self._local(points))
 
     def strengths(
         self, points: Real[np.ndarray, "points 3"], depths: PointLengths

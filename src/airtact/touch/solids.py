@@ -17,7 +17,7 @@ from airtact.errors import (
 )
 from airtact.geometry.mesh.arrays import FlatMesh, PointLengths, Vector3
 from airtact.geometry.mesh.topology import check_size
-from airtact.geometry.primitives import turn_from_z
+from airtact.geometry.primitives import Capsule, turn_from_z
 from airtact.geometry.surface import Surface
 
 Points = Real[np.ndarray, "points 3"]
@@ -29,6 +29,15 @@ class Solid(ABC):
     @abstractmethod
     def depth(self, points: Points) -> PointLengths:
         """Distance to the surface [m] of points (P, 3) [m], positive inside."""
+
+    def exact_depth(self, points: Points) -> PointLengths:
+        """Return the same as ``depth``, without interpolation."""
+        return self.depth(points)
+
+    @property
+    @abstractmethod
+    def ball(self) -> tuple[Vector3, float]:
+        """Centre (3,) and radius [m] of a ball around the solid; infinite for a half-space."""
 
     @abstractmethod
     def mesh(self) -> FlatMesh:
@@ -72,6 +81,10 @@ class Box(Solid):
     def depth(self, points: Points) -> PointLengths:
         beyond = np.abs(points - self.centre) - 0.5 * np.asarray(self.sides)
         return _depth_in(*beyond.T)
+
+    @property
+    def ball(self) -> tuple[Vector3, float]:
+        return np.asarray(self.centre), 0.5 * float(np.linalg.norm(self.sides))
 
     def mesh(self) -> FlatMesh:
         from trimesh.creation import box
@@ -132,6 +145,11 @@ class Cylinder(Solid):
         half = 0.5 * self.length
         return _depth_in(beside, np.abs(along - half) - half)
 
+    @property
+    def ball(self) -> tuple[Vector3, float]:
+        middle = 0.5 * (np.asarray(self.start) + self.end)
+        return middle, float(np.hypot(self.radius, 0.5 * self.length))
+
     def mesh(self) -> FlatMesh:
         from trimesh.creation import cylinder
 
@@ -173,6 +191,10 @@ class HalfSpace(Solid):
     def depth(self, points: Points) -> PointLengths:
         normal = np.asarray(self.normal)
         return float(np.asarray(self.point) @ normal) - points @ normal
+
+    @property
+    def ball(self) -> tuple[Vector3, float]:
+        return np.asarray(self.point), np.inf
 
     def mesh(self) -> FlatMesh:
         # A disc of 0.2 m shows where the plane is.
@@ -230,20 +252,25 @@ class Button(Solid):
     def depth(self, points: Points) -> PointLengths:
         return self._body.depth(points)
 
+    @property
+    def ball(self) -> tuple[Vector3, float]:
+        return self._body.ball
+
     def mesh(self) -> FlatMesh:
         bottom = np.asarray(self.centre) - self.travel * np.asarray(self.normal)
         return Cylinder(bottom, self.centre, self.radius).mesh()
 
 
 @dataclass(frozen=True, eq=False)
-class DistanceGrid(Solid):
-    """Depths in a closed mesh, interpolated on a grid around it.
+class SurfaceSolid(Solid):
+    """The inside of a closed surface: exact for spheres and capsules, on a grid for meshes.
 
-    A grid answers in 10 ns per point, the mesh in 10 µs.
+    The depth in a mesh takes 10 µs per point. Interpolated between the nodes of a grid, 1/40 of the
+    longest side apart, it takes 0.05 µs.
 
     Attributes
     ----------
-    surface : the mesh.
+    surface : the closed surface.
     """
 
     surface: Surface
@@ -252,7 +279,7 @@ class DistanceGrid(Solid):
 
     @cached_property
     def _lowest(self) -> Vector3:
-        # 2 mm around the mesh serve the release of a contact 1 mm outside.
+        # The grid ends 2 mm around the mesh.
         return self.surface.vertices.min(axis=0) - 2e-3
 
     @cached_property
@@ -278,23 +305,41 @@ class DistanceGrid(Solid):
         chosen = corners[rng.integers(len(corners), size=500)]
         points = np.einsum("pc,pci->pi", rng.dirichlet(np.ones(3), 500), chosen)
         points = points + rng.uniform(-2e-3, 2e-3, (500, 3)) / np.sqrt(3.0)
-        return float(np.sqrt(np.mean((self.depth(points) - self.surface.depth(points)) ** 2)))
+        return float(np.sqrt(np.mean((self.depth(points) - self.exact_depth(points)) ** 2)))
 
     def depth(self, points: Points) -> PointLengths:
+        if isinstance(self.surface.shape, Capsule):
+            return self.surface.shape.depth(points)
         from scipy.ndimage import map_coordinates
 
+        last = np.array(self._depths.shape) - 1.0
         cells = (points - self._lowest) / self._step
-        # Points beyond the grid are outside by at least 2 mm.
-        return map_coordinates(self._depths, cells.T, order=1, mode="constant", cval=-2e-3)
+        nearest = np.clip(cells, 0.0, last)
+        # Beyond the grid the distance to it is added, a distance that is at most too small.
+        beyond = self._step * np.linalg.norm(cells - nearest, axis=1)
+        return map_coordinates(self._depths, nearest.T, order=1) - beyond
+
+    def exact_depth(self, points: Points) -> PointLengths:
+        return self.surface.shape.depth(points)
+
+    @property
+    def ball(self) -> tuple[Vector3, float]:
+        return self._ball
+
+    @cached_property
+    def _ball(self) -> tuple[Vector3, float]:
+        vertices = self.surface.vertices
+        centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+        return centre, float(np.linalg.norm(vertices - centre, axis=1).max())
 
     def mesh(self) -> FlatMesh:
         return self.surface.vertices, self.surface.triangles
 
 
-@lru_cache(maxsize=64)  # an object that moves keeps its mesh and so its grid
-def grid_of(surface: Surface) -> DistanceGrid:
-    """Return the grid of a mesh, made at its first use."""
-    return DistanceGrid(surface)
+@lru_cache(maxsize=64)  # an object that moves keeps its surface and so its grid
+def solid_of(surface: Surface) -> SurfaceSolid:
+    """Return the inside of a surface; the grid of a mesh is made at its first use."""
+    return SurfaceSolid(surface)
 
 
 def near_point(vector: Vector, what: str) -> Vector3:

@@ -15,7 +15,7 @@ from airtact.touch.skin import Skin
 
 @dataclass(eq=False)
 class _Focus:
-    """A focus that plays: its identity, its contact and its level."""
+    """A focus that plays; its contact is -1 while it fades."""
 
     number: int
     thing: str
@@ -23,8 +23,8 @@ class _Focus:
     skin_point: int
     shift: Float64[np.ndarray, "3"]  # from that skin point [m]
     strength: float
+    contact: int
     level: float = 0.0
-    held: bool = True
 
 
 class TouchState:
@@ -110,7 +110,7 @@ class TouchState:
         self._time = time
         found = find(skin, self._objects, self.release)
         # Skin just outside an object counts if a focus is held there already.
-        held = {(focus.thing, focus.place) for focus in self._playing if focus.held}
+        held = {(focus.thing, focus.place) for focus in self._playing if focus.contact >= 0}
         names = [self._objects[index].name for index in found.objects]
         begun = [
             index
@@ -119,13 +119,12 @@ class TouchState:
         ]
         found = found.chosen(np.array(begun, dtype=np.int64))
         foci = chosen_foci(skin, self._objects, found, self.offset, self.most, self.wavelength)
-        contacts = self._matched(skin, foci, [names[index] for index in begun], found.places)
+        self._match(skin, foci, [names[index] for index in begun], found.places)
         for focus in self._playing:
             change = elapsed / self.ramp
-            goal = focus.strength if focus.held else 0.0
+            goal = focus.strength if focus.contact >= 0 else 0.0
             focus.level += float(np.clip(goal - focus.level, -change, change))
-        playing = [focus for focus in self._playing if focus.held or focus.level > 0.0]
-        contacts = {id(focus): contacts.get(id(focus), -1) for focus in playing}
+        playing = [focus for focus in self._playing if focus.contact >= 0 or focus.level > 0.0]
         self._playing = playing
         at_skin = np.array([focus.skin_point for focus in playing], dtype=np.int64)
         shifts = np.array([focus.shift for focus in playing]).reshape(-1, 3)
@@ -133,51 +132,47 @@ class TouchState:
             foci,
             points=skin.points[at_skin] + shifts,
             strengths=np.array([focus.level for focus in playing]),
-            contacts=np.array([contacts[id(focus)] for focus in playing], dtype=np.int64),
+            contacts=np.array([focus.contact for focus in playing], dtype=np.int64),
             names=tuple(f"{skin.places[focus.place]} at {focus.thing}" for focus in playing),
             skin_points=at_skin,
         )
 
-    def _matched(
+    def _match(
         self,
         skin: Skin,
         foci: TouchFoci,
         things: list[str],
         places: Int64[np.ndarray, "contacts"],
-    ) -> dict[int, int]:
-        """Match new foci with those that play; return the contacts of the playing ones."""
+    ) -> None:
+        """Update the playing foci to new ones, given the object and place of each contact."""
         unmatched = list(self._playing)
         for focus in unmatched:
-            focus.held = False
-        contacts = {}
+            focus.contact = -1
         new = []
-        for index, contact in enumerate(foci.contacts):
+        for index, contact in enumerate(foci.contacts.tolist()):
             point = foci.points[index]
             thing = things[contact]
             place = int(places[contact])
+            skin_point = int(foci.skin_points[index])
+            shift = point - skin.points[skin_point]
+            strength = float(foci.strengths[index])
             # The nearest of the same part and object within a wavelength is the same focus.
             same = [focus for focus in unmatched if (focus.thing, focus.place) == (thing, place)]
             distances = [
                 float(np.linalg.norm(skin.points[focus.skin_point] + focus.shift - point))
                 for focus in same
             ]
-            skin_point = int(foci.skin_points[index])
-            shift = point - skin.points[skin_point]
-            strength = float(foci.strengths[index])
-            if same and min(distances) < self.wavelength:
-                focus = same[int(np.argmin(distances))]
-                unmatched.remove(focus)
-                focus.skin_point = skin_point
-                focus.shift = shift
-                focus.strength = strength
-                focus.held = True
-                contacts[id(focus)] = int(contact)
-            else:
-                new.append((contact, _Focus(0, thing, place, skin_point, shift, strength)))
+            if not same or min(distances) >= self.wavelength:
+                new.append(_Focus(0, thing, place, skin_point, shift, strength, contact))
+                continue
+            focus = same[int(np.argmin(distances))]
+            unmatched.remove(focus)
+            focus.skin_point = skin_point
+            focus.shift = shift
+            focus.strength = strength
+            focus.contact = contact
         # New foci wait until there is room beside those that fade.
-        for contact, focus in new[: max(self.most - len(self._playing), 0)]:
+        for focus in new[: max(self.most - len(self._playing), 0)]:
             self._count += 1
             focus.number = self._count
             self._playing.append(focus)
-            contacts[id(focus)] = int(contact)
-        return contacts
