@@ -105,6 +105,19 @@ def test_moving_skin_gives_nearly_the_same_contacts_as_the_exact_surface() -> No
         np.testing.assert_allclose(found.normals, exact.normals, atol=0.03)
 
 
+def test_a_coarse_skin_of_a_hand_serves_the_pads(hand) -> None:
+    coarse = skin_of(hand, longest_edge=10e-3)
+    assert len(coarse.points) < 2000 < len(skin_of(hand).points)
+    for finger in ("thumb", "index", "middle"):
+        point, normal = hand.places[f"{finger}.pad"]
+        thing = ball(15e-3, point + 13e-3 * normal, name="ball")
+        found = find(coarse, [thing])
+        exact = at.contact(hand, thing)
+        assert [coarse.places[place] for place in found.places] == [finger]
+        np.testing.assert_allclose(found.points, exact.points, atol=0.3e-3)
+        np.testing.assert_allclose(found.depths, exact.depths, atol=0.05e-3)
+
+
 def test_a_mesh_gives_the_contacts_of_its_closed_form(box) -> None:
     sides = np.array([0.03, 0.03, 0.02])
     pose = at.Pose.turn((0, 1, 0), 0.2, translation=(0.0, 0.0, -0.016))

@@ -7,16 +7,13 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from airtact.errors import InvalidInput, fixed, in_short, of_kind
+from airtact.errors import InvalidInput, between, fixed, in_short, of_kind
 from airtact.geometry.mesh.quadratic_triangles import area_vectors, longest_edges, unit
 from airtact.geometry.mesh.topology import edge_ends
 from airtact.geometry.surface import Surface
 from airtact.hands.body import FREE, OWNER
 from airtact.hands.hand import Hand
 from airtact.hands.joints import FINGERS
-
-LONGEST_EDGE = 6e-3
-"""Longest edge between skin points [m]; a fingertip 2 mm deep in a ball has several inside."""
 
 MAX_POINTS = 100_000
 """Largest number of skin points."""
@@ -72,22 +69,26 @@ class Skin:
         return replace(self, points=points, normals=normals, bodies=None)
 
 
-def skin_of(bodies: Bodies) -> Skin:
+def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     """Return the skin of a hand, of another surface, or of several bodies.
 
     Parameters
     ----------
     bodies : a ``Hand``, a ``Surface``, a list of them, or a mapping from names to them.
+    longest_edge : longest distance of neighbours [m]. With the default a fingertip 2 mm deep in a
+        ball has several points inside. A hand has about 6,000 points, and 1,600 with 10 mm, which
+        are as dense at the pads of the fingers; they serve a live loop.
 
     Returns
     -------
-    Points at most 6 mm apart along each edge. The parts of a hand are its fingers, "palm" and
+    Points of the skin with their neighbours. The parts of a hand are its fingers, "palm" and
     "back", with two hands "left.index" and so on. A surface is one part, named as in the mapping.
 
     Raises
     ------
     InvalidInput
-        If an argument has the wrong type, or a surface needs more than 100,000 points.
+        If an argument has the wrong type, the edge is not from 1 to 50 mm, or a surface needs more
+        than 100,000 points.
 
     Examples
     --------
@@ -96,6 +97,8 @@ def skin_of(bodies: Bodies) -> Skin:
     >>> skin.places, bool(skin.areas.min() > 0.0)
     (('body 1', 'body 2'), True)
     """
+    slip = "is it in millimetres? Give metres."
+    longest_edge = between(longest_edge, 1e-3, 0.05, "the longest edge", "m", slip)
     if isinstance(bodies, Hand | Surface):
         named: dict[str, Hand | Surface] = {"skin": bodies}
     elif isinstance(bodies, Mapping):
@@ -115,7 +118,7 @@ def skin_of(bodies: Bodies) -> Skin:
     for name, body in named.items():
         of_kind(body, Hand | Surface, f"the body {name!r}", "a hand or a surface")
         surface = body.surface if isinstance(body, Hand) else body
-        vertices, triangles = _fine_mesh(surface)
+        vertices, triangles = _fine_mesh(surface, longest_edge)
         vectors = 0.5 * area_vectors(vertices[triangles])
         sums = np.zeros((len(vertices), 3))
         areas = np.zeros(len(vertices))
@@ -145,18 +148,18 @@ def skin_of(bodies: Bodies) -> Skin:
 
 
 def _fine_mesh(
-    surface: Surface,
+    surface: Surface, longest_edge: float
 ) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
     """Cut the triangles of a surface in four until their edges are short enough."""
     vertices = np.asarray(surface.vertices)
     triangles = np.asarray(surface.triangles)
-    while longest_edges(vertices[triangles]).max() > LONGEST_EDGE:
+    while longest_edges(vertices[triangles]).max() > longest_edge:
         ends = np.sort(edge_ends(triangles).reshape(-1, 2), axis=1)
         edges, inverse = np.unique(ends, axis=0, return_inverse=True)
         if len(vertices) + len(edges) > MAX_POINTS:
             raise InvalidInput(
                 f"the surface needs more than {MAX_POINTS:,} skin points at most "
-                f"{1e3 * LONGEST_EDGE:g} mm apart: give the part that touches.",
+                f"{1e3 * longest_edge:g} mm apart: give the part that touches.",
                 code="too_many",
             )
         middles = surface.shape.project(vertices[edges].mean(axis=1))
