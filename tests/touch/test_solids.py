@@ -37,7 +37,7 @@ def test_the_mesh_for_pictures_lies_on_the_surface(solid) -> None:
 
 @pytest.mark.parametrize("solid", SOLIDS, ids=lambda solid: type(solid).__name__)
 def test_the_ball_holds_the_solid(solid, rng) -> None:
-    centre, radius = solid.ball
+    centre, radius = solid.ball()
     points = rng.uniform(-0.05, 0.05, (4000, 3))
     inside = points[solid.depth(points) > 0.0]
     assert np.linalg.norm(inside - centre, axis=1).max() <= radius

@@ -102,7 +102,7 @@ class VirtualObject:
     @cached_property
     def ball(self) -> tuple[Vector3, float]:
         """Centre (3,) and radius [m] of a ball around the object; infinite for a half-space."""
-        centre, radius = self.solid.ball
+        centre, radius = self.solid.ball()
         return (centre if self.pose is None else self.pose.apply(centre)), radius
 
     @property

@@ -34,7 +34,6 @@ class Solid(ABC):
         """Return the same as ``depth``, without interpolation."""
         return self.depth(points)
 
-    @property
     @abstractmethod
     def ball(self) -> tuple[Vector3, float]:
         """Centre (3,) and radius [m] of a ball around the solid; infinite for a half-space."""
@@ -82,7 +81,6 @@ class Box(Solid):
         beyond = np.abs(points - self.centre) - 0.5 * np.asarray(self.sides)
         return _depth_in(*beyond.T)
 
-    @property
     def ball(self) -> tuple[Vector3, float]:
         return np.asarray(self.centre), 0.5 * float(np.linalg.norm(self.sides))
 
@@ -145,7 +143,6 @@ class Cylinder(Solid):
         half = 0.5 * self.length
         return _depth_in(beside, np.abs(along - half) - half)
 
-    @property
     def ball(self) -> tuple[Vector3, float]:
         middle = 0.5 * (np.asarray(self.start) + self.end)
         return middle, float(np.hypot(self.radius, 0.5 * self.length))
@@ -192,7 +189,6 @@ class HalfSpace(Solid):
         normal = np.asarray(self.normal)
         return float(np.asarray(self.point) @ normal) - points @ normal
 
-    @property
     def ball(self) -> tuple[Vector3, float]:
         return np.asarray(self.point), np.inf
 
@@ -252,9 +248,8 @@ class Button(Solid):
     def depth(self, points: Points) -> PointLengths:
         return self._body.depth(points)
 
-    @property
     def ball(self) -> tuple[Vector3, float]:
-        return self._body.ball
+        return self._body.ball()
 
     def mesh(self) -> FlatMesh:
         bottom = np.asarray(self.centre) - self.travel * np.asarray(self.normal)
@@ -322,7 +317,6 @@ class SurfaceSolid(Solid):
     def exact_depth(self, points: Points) -> PointLengths:
         return self.surface.shape.depth(points)
 
-    @property
     def ball(self) -> tuple[Vector3, float]:
         return self._ball
 
