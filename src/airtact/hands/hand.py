@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64, Real
@@ -34,6 +34,21 @@ from airtact.hands.skin_mesh import even_skin, graded, midpoints
 
 # Named positions on the skin of a hand.
 PLACES = (*(f"{finger}.pad" for finger in FINGERS), "palm")
+
+
+@runtime_checkable
+class HasFront(Protocol):
+    """Positions and directions of elements, as of an array."""
+
+    @property
+    def positions(self) -> Float64[np.ndarray, "elements 3"]:
+        """Positions of the elements [m]."""
+        ...
+
+    @property
+    def normals(self) -> Float64[np.ndarray, "elements 3"]:
+        """Directions in which the elements radiate."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +167,7 @@ class Hand:
         of_kind(pose, Pose, "the motion of a hand", "Pose(rotation, translation)")
         return Hand(fixed(pose.apply(self.joints)), self.radii, self.side)
 
-    def over(self, array: Any, height: float, place: str = "palm") -> "Hand":
+    def over(self, array: HasFront, height: float, place: str = "palm") -> "Hand":
         """Move the hand in front of an array, so that a named position faces it.
 
         Parameters
