@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 import airtact as at
+from airtact.setup.sentences import reach_cautions, touches
 from faults import raises_code
 from paths import HANDS
 
@@ -83,6 +84,27 @@ def test_a_grating_sets_the_strength(read) -> None:
     )
     assert at_ridge.contacts.foci().strengths[0] == pytest.approx(1.0, abs=1e-3)
     assert beside.contacts.foci().strengths[0] < 0.95
+
+
+def test_the_result_names_the_touch_and_its_strength(read) -> None:
+    (words,) = touches(at.read_scene("touch_ball"))
+    assert "thumb 6.0 mm" in words
+    assert "finger 6.0 mm" in words
+    shallow = read(ARRAY, FINGER, BALL.replace("-0.008", "-0.009"))
+    assert "60%" in touches(shallow)[1]
+
+
+def test_many_contacts_are_merged_or_dropped_with_a_warning(read) -> None:
+    finger = FINGER.replace("0.05]", "0.09]")
+    heights = 0.008 + 0.008 * np.arange(10)
+    balls = [
+        f"[[objects]]\nsphere = {{ radius = 0.004, centre = [0.011, 0.0, {height}] }}\n"
+        for height in heights
+    ]
+    setup = read(ARRAY, finger, *balls)
+    assert len(setup.contacts) == 10
+    assert len(setup.foci) == 8
+    assert any("2 dropped" in caution for caution in reach_cautions(setup))
 
 
 def test_given_foci_are_kept_and_the_objects_only_drawn(read) -> None:

@@ -32,7 +32,7 @@ def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
 
 
 def touches(setup: Setup) -> tuple[str, ...]:
-    """State what touches which virtual object, and how deep."""
+    """State what touches which virtual object, how deep, and how strong that is felt."""
     if setup.contacts is None:
         return ()
     contacts = setup.contacts
@@ -42,7 +42,15 @@ def touches(setup: Setup) -> tuple[str, ...]:
             contacts.places, contacts.depths, contacts.objects, strict=True
         )
     ]
-    return (f"Touching: {', '.join(words)}.",)
+    sentences = [f"Touching: {', '.join(words)}."]
+    if not contacts.runs:
+        strongest = contacts.foci(wavelength=setup.scene.wavelength).strengths.max()
+        if strongest < 0.995:
+            sentences.append(
+                f"At this depth the strongest touch has {strongest:.0%} of full strength: scale "
+                "the drive by it."
+            )
+    return tuple(sentences)
 
 
 def reach_cautions(setup: Setup) -> tuple[str, ...]:
