@@ -135,6 +135,19 @@ def test_the_frames_of_a_session_are_followed_again(tmp_path, live):
     assert len(at.live.read_session(tmp_path / "two").frame_time) == len(one.frame_time)
 
 
+@pytest.mark.slow
+def test_a_session_is_verified_with_the_recorded_hand(tmp_path, live, capsys):
+    live(*QUICK, "--out", tmp_path, seconds=2.0)
+    assert main(["live", "--verify", str(tmp_path), "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    session = at.live.read_session(tmp_path)
+    assert 1 <= len(record["verified"]) <= 10
+    for row in record["verified"]:
+        assert session.playing[row["index"]]
+        assert 0.0 < row["kept"] < 1.2
+        assert len(row["pressures"]) == 2
+
+
 def test_what_is_no_session_is_not_followed(tmp_path, live):
     (tmp_path / "bad.h5").write_bytes(b"nothing")
     for source, code in [

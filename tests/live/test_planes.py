@@ -113,6 +113,30 @@ def test_a_session_keeps_its_table(tmp_path) -> None:
             assert file.attrs["format_version"] == version
 
 
+def test_a_session_is_verified_with_its_table(exact) -> None:
+    """The drive made for hand and table gets all of the best; one from distances far less."""
+    drives = np.stack([at.best(exact, at.Target(exact.foci)).amplitudes, drive_of(BEFORE, None)])
+    nan = np.full(2, np.nan)
+    session = at.live.Session(
+        OVER,
+        "",
+        drives.astype(np.complex64),
+        np.array([0.01, 0.02]),
+        np.array([0.01, 0.02]),
+        ("hand", "distances"),
+        ("playing", "playing"),
+        nan,
+        nan,
+        np.stack([foci_on(HAND, OVER)] * 2),
+        np.stack([JOINTS] * 2),
+        np.array([0.0, 0.1]),
+        np.stack([JOINTS] * 2),
+    )
+    shares = at.live.verify_session(session, drives=2).kept
+    assert shares[0] == pytest.approx(1.0, abs=0.03)
+    assert shares[1] == pytest.approx(kept(exact, drives[1]), abs=0.03)
+
+
 def test_a_hand_through_the_table_gets_no_sound() -> None:
     workspace, foci = Workspace(OVER), foci_on(HAND, OVER)
     assert workspace.fault(JOINTS, foci) is None

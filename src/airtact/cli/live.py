@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 import airtact as at
-from airtact.cli.console import facts_table, progress, show, status_line
+from airtact.cli.console import facts_table, plain_table, progress, show, status_line
 from airtact.cli.options import FILE as OUT_FILE
 from airtact.cli.options import (
     INPUT,
@@ -41,6 +41,12 @@ from airtact.cli.options import (
     "recording",
     type=OUT_FILE,
     help="Make no drives; record the frames of --from websocket to a .jsonl file.",
+)
+@click.option(
+    "--verify",
+    "session",
+    type=OUT_FILE,
+    help="Verify ten drives of an earlier session (session.h5 or its folder); takes seconds each.",
 )
 @click.option(
     "--latency",
@@ -87,6 +93,7 @@ def live(
     folder: Path,
     source: str | None,
     recording: Path | None,
+    session: Path | None,
     seconds: float | None,
     latency: float,
     ignore_hand: bool,
@@ -107,9 +114,27 @@ def live(
     not seen for 150 ms. Without --cap and --full-scale the level half a metre off the array is
     limited to 110 dB. Ctrl-C ends the run in silence.
 
-    --record writes the frames of trackers to a recording and reads no SCENE.
+    --record writes the frames of trackers to a recording and reads no SCENE. --verify solves
+    the hand of a session at the times of its drives, and compares these with the best ones.
     """
     share = level_of(cap, full_scale)
+    if session is not None:
+        with progress() as report_step:
+            report_step(f"reading {session}")
+            recorded = at.live.read_session(session)
+            verified = at.live.verify_session(recorded, report_step=report_step)
+        table = plain_table("emitted at", "made from", "weakest focus", "share of the best")
+        rows = []
+        start = recorded.time_in_air[0]
+        for index, pressures, kept in zip(
+            verified.indices, verified.pressures.tolist(), verified.kept.tolist(), strict=True
+        ):
+            time = float(recorded.time_in_air[index] - start)
+            rule = recorded.rules[index]
+            table.add_row(f"{time:.2f} s", rule, f"{min(pressures):,.0f} Pa", f"{kept:.0%}")
+            rows.append({"index": index, "time": time, "pressures": pressures, "kept": kept})
+        show(table, record={"foci": list(recorded.scene.places), "verified": rows})
+        return
     if recording is not None:
         with progress() as report_step:
             health = at.live.record(recording, source or "websocket", seconds, report_step)

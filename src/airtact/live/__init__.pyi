@@ -22,3 +22,5 @@ from .session import recording_of as recording_of
 from .sources import HandSource as HandSource
 from .sources import ReceivedHands as ReceivedHands
 from .sources import RecordedHands as RecordedHands
+from .verification import VerifiedSession as VerifiedSession
+from .verification import verify_session as verify_session
