@@ -18,6 +18,12 @@ BALL = at.Scene(AIR, [at.sound_hard(at.sphere(3e-3, 2e-3))])
 SOURCE = at.Monopoles(np.array([[0.0, 0.0, 0.012]]), np.ones(1))
 OPEN_AIR = at.Scene(AIR, [])
 FAR = at.Monopoles(np.array([[0.1, 0.1, 9.0]]), np.ones(1))
+DRAWING = """<?xml version="1.0"?><!DOCTYPE svg [<!ENTITY a "3">]>
+<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" viewBox="0 0 10 10">
+<style>path { stroke: red }</style>
+<g transform="rotate(30) scale(2, 1)"><path d="M 0 0 L 1 0 C 1 5 5 1 0 1 Z" transform="matrix(1 0 1 1 2 3)"/></g>
+<circle cx="3" cy="&a;" r="1"/><ellipse rx="2" ry="1"/><rect width="2" height="1" rx="0.2"/>
+<polygon points="0,0 1,0 1,1"/><path d="m1,1a1 2 30 0 1 3 0q1 1 2 2t3 1s1 1 2 1h1v1"/></svg>"""
 
 
 def whole_drives(folder: Path) -> None:
@@ -68,6 +74,10 @@ def whole_poses(folder: Path) -> None:
     (folder / "pose.json").write_bytes(at.example("pinch.json").read_bytes())
 
 
+def whole_drawings(folder: Path) -> None:
+    (folder / "drawing.svg").write_text(DRAWING)
+
+
 SOLVER = at.BoundaryElement(accuracy=0.3)
 
 
@@ -88,6 +98,10 @@ KINDS = {
     "clouds": (whole_clouds, at.hands.load_cloud),
     "tables": (whole_tables, table),
     "poses": (whole_poses, at.load_hand),
+    "drawings": (
+        whole_drawings,
+        lambda path: at.acoustics.svg_path(path, width=0.05, spacing=3e-3),
+    ),
     "entries of a store": (whole_entries, entry),
 }
 

@@ -36,6 +36,9 @@ SHAPES = {
     'text = { words = "AIR", height = 0.02, spacing = 3e-3, centre = [0, 0, 0.03] }': at.acoustics.text(
         "AIR", 0.02, 3e-3, (0.0, 0.0, 0.03)
     ),
+    'svg = { path = "M 0 0 H 10 V 5", width = 0.02, spacing = 3e-3, up = [1, 0, 0] }': at.acoustics.svg_path(
+        "M 0 0 H 10 V 5", 0.02, 3e-3, up=(1.0, 0.0, 0.0)
+    ),
 }
 
 
@@ -66,6 +69,18 @@ def test_shares_and_phases_are_those_of_a_target(read) -> None:
     np.testing.assert_allclose(phased.wanted, [1j, 1.0], atol=1e-12)
     strong = read(POINT, "phase_degrees = 90.0\npressure = 300.0\n").target
     np.testing.assert_allclose(strong.wanted, [300j], atol=1e-9)
+
+
+def test_an_svg_file_lies_beside_the_scene(read, tmp_path) -> None:
+    (tmp_path / "line.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg"><path d="M 0 0 H 10 V 5"/></svg>'
+    )
+    found = read(
+        '[[foci]]\nsvg = { file = "line.svg", width = 0.02, spacing = 3e-3 }\n'
+    ).target.points
+    np.testing.assert_allclose(
+        found, at.acoustics.svg_path("M 0 0 H 10 V 5", 0.02, 3e-3), atol=1e-12
+    )
 
 
 def test_suppression_zones_stand_beside_the_foci(read) -> None:
@@ -121,6 +136,16 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
             ("foci",),
         ),
         ("out_of_range", (POINT, "share = -1.0"), ("foci[0].share is -1",)),
+        (
+            "options_clash",
+            ("[[foci]]\nsvg = { width = 0.02, spacing = 3e-3 }",),
+            ("foci[0].svg: give exactly one of file, path; 0 given",),
+        ),
+        (
+            "file_missing",
+            ('[[foci]]\nsvg = { file = "no.svg", width = 0.02, spacing = 3e-3 }',),
+            ("foci[0]: the file ", "no.svg"),
+        ),
         (
             "options_clash",
             (POINT, "[[suppression]]\n"),

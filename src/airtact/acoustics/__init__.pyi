@@ -1,4 +1,5 @@
-from .lettering import text as text
+from .drawings import svg_path as svg_path
+from .drawings import text as text
 from .planes import Plane as Plane
 from .scene import Obstacle as Obstacle
 from .solvers.bem.factorised.factorised_bodies import FactorisedBodies as FactorisedBodies

@@ -55,7 +55,7 @@ def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None) -> 
 
     Parameters
     ----------
-    path : the TOML file, or the name of an example such as "pinch". Surfaces, hands and
+    path : the TOML file, or the name of an example such as "pinch". Surfaces, hands, drawings and
         array files that it names are found beside it.
     changes : values that replace the file's, by the paths of their keys, such as
         ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``; None removes a key. ``hand`` is the only
@@ -103,7 +103,7 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
     surfaces = {
         name: obstacle.surface for name, obstacle in zip(bodies, scene.obstacles, strict=True)
     }
-    target, foci = _target(file, points, surfaces, contacts, scene.wavelength)
+    target, foci = _target(file, points, surfaces, path.parent, contacts, scene.wavelength)
     with about("solver"):
         solver = _solver(file, scene)
     with about("tracker"):
@@ -238,6 +238,7 @@ def _target(
     file: SceneFile,
     named: NamedPoints,
     bodies: Mapping[str, Surface],
+    folder: Path,
     contacts: "at.touch.Contacts | None",
     wavelength: float,
 ) -> tuple[Target, tuple[str, ...]]:
@@ -270,7 +271,7 @@ def _target(
         check_total(total)
     for index, table in enumerate(file.foci):
         with about(f"foci[{index}]"):
-            points.append(_foci(table, named, bodies))
+            points.append(_foci(table, named, bodies, folder))
             names += _names(table, index, len(points[-1]))
         total += len(points[-1])
         check_total(total)
@@ -278,7 +279,7 @@ def _target(
     for index, zone in enumerate(file.suppression):
         with about(f"suppression[{index}]"):
             if zone.surface is None:
-                zones.append(_points(zone))
+                zones.append(_points(zone, folder))
             else:
                 body = _body(zone.surface.body, bodies, "body")
                 zones.append(
@@ -338,10 +339,12 @@ def _offset(table: FocusTable) -> float:
     return DEFAULT_OFFSET if table.offset is None else table.offset
 
 
-def _foci(table: FocusTable, named: NamedPoints, bodies: Mapping[str, Surface]) -> Points:
+def _foci(
+    table: FocusTable, named: NamedPoints, bodies: Mapping[str, Surface], folder: Path
+) -> Points:
     offset = _offset(table)
     if table.at is None:
-        points = _points(table)
+        points = _points(table, folder)
         if table.onto is None:
             return points
         return at.acoustics.onto_surface(points, _body(table.onto, bodies, "onto"), offset)
@@ -366,10 +369,13 @@ def _foci(table: FocusTable, named: NamedPoints, bodies: Mapping[str, Surface]) 
     return (point + offset * normal)[None]
 
 
-def _points(table: Shape) -> Points:
+def _points(table: Shape, folder: Path) -> Points:
     """Return a point, or the points of a shape."""
     if table.point is not None:
         return np.array([table.point], dtype=np.float64)
+    if table.svg is not None:
+        drawing = table.svg.path or folder / (table.svg.file or "")
+        return built(partial(at.acoustics.svg_path, drawing), table.svg, "file", "path")
     shapes = {
         name: shape
         for name in ("segment", "polyline", "circle", "sphere_shell", "text")

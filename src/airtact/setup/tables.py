@@ -424,6 +424,30 @@ class TextTable(Table, frozen=True):
     up: Triple | None = None
 
 
+class SvgTable(Table, frozen=True):
+    """Points of the lines of an SVG drawing.
+
+    Attributes
+    ----------
+    file : SVG file beside the scene file.
+    path : text of one SVG path.
+    width : width of the drawing [m].
+    spacing : largest distance between neighbours [m].
+    centre : centre of the drawing [m].
+    normal : direction to the viewer.
+    up : upward direction of the drawing.
+    """
+
+    one_of: ClassVar = ("file", "path")
+    width: Positive
+    spacing: Positive
+    file: str | None = None
+    path: str | None = None
+    centre: Triple = (0.0, 0.0, 0.0)
+    normal: Triple = (0.0, 0.0, 1.0)
+    up: Triple | None = None
+
+
 class SurfacePointsTable(Table, frozen=True):
     """Points on the surface of a body, all or those that face a direction.
 
@@ -447,7 +471,7 @@ class Shape(Table, frozen=True):
     Attributes
     ----------
     point : one point [m].
-    segment, polyline, circle, sphere_shell, text : points of a shape.
+    segment, polyline, circle, sphere_shell, text, svg : points of a shape.
     """
 
     point: Triple | None = None
@@ -456,6 +480,7 @@ class Shape(Table, frozen=True):
     circle: CircleTable | None = None
     sphere_shell: SphereShellTable | None = None
     text: TextTable | None = None
+    svg: SvgTable | None = None
 
 
 SHAPES = Shape.__struct_fields__
