@@ -8,6 +8,7 @@ from airtact.setup.sentences import reach_cautions
 from airtact.transducers.placement import (
     check_placement,
     open_air_bound,
+    overlapping_boards,
     strongest_open_air,
 )
 from faults import raises_code
@@ -108,6 +109,13 @@ def test_a_box_reaches_its_middle_and_hardly_half_a_metre_beyond_its_end() -> No
     assert beyond < 0.1 * strongest
 
 
+def test_flat_boards_reach_a_metre() -> None:
+    boards = at.flat_boards(2, 2)
+    assert open_air_bound(boards, np.array([[0.0, 0.0, 1.0]]), WAVENUMBER)[
+        0
+    ] > 0.1 * strongest_open_air(boards, WAVENUMBER)
+
+
 def test_a_board_flush_in_a_table_keeps_its_sensitivity():
     target = at.Target(FOCUS)
     bare = at.Scene(AIR, [])
@@ -134,3 +142,19 @@ def test_a_table_under_a_board_changes_nothing_and_a_setup_says_so():
     # a board over its edge, or one that faces the table, is no board that lies on it
     facing = at.Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.12, 0.3]))
     assert at.Setup(SCENE, at.autd3_board(facing), target).scene.planes
+
+
+@pytest.mark.parametrize("shift", [(0.1, 0.0, 0.0), (0.0, 0.08, 0.0), (0.17, 0.12, 1e-3)])
+def test_boards_that_overlap_are_named_with_the_place(shift):
+    # half a pitch, so that no two elements are nearer than a radius
+    shift = np.array(shift) + [5.08e-3, 5.08e-3, 0.0]
+    boards = at.transducers.board_array("autd3", [at.Pose.identity(), at.Pose.shift(shift)])
+    setup = at.Setup(at.Scene(AIR), boards, at.Target(FOCUS))
+    (caution,) = (text for text in reach_cautions(setup) if "overlap" in text)
+    assert "boards 0 and 1" in caution
+
+
+def test_boards_edge_to_edge_and_in_the_boxes_of_the_paper_do_not_overlap():
+    for array in (at.flat_boards(), at.surrounding_box(), at.surrounding_box(board="autd3")):
+        assert overlapping_boards(array) is None
+    assert overlapping_boards(at.PhasedArray(at.autd3_board().positions)) is None

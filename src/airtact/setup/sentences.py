@@ -10,13 +10,14 @@ from airtact.drives.max_min import upper_bound
 from airtact.drives.methods import METHODS
 from airtact.drives.reach import MIN_FOCUS_DISTANCE, nearest_foci
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import counted
+from airtact.errors import counted, in_mm
 from airtact.evaluation.metrics import pascals
 from airtact.evaluation.tactile_thresholds import sensation
 from airtact.setup.setup import Setup
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.placement import (
     open_air_bound,
+    overlapping_boards,
     strongest_open_air,
 )
 
@@ -62,6 +63,13 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         "left out: they radiate forwards only, so no sound reaches it."
         for plane in setup.left_out
     ]
+    overlap = overlapping_boards(setup.array)
+    if overlap is not None:
+        first, second, point = overlap
+        cautions.append(
+            f"boards {first} and {second} overlap around {in_mm(point)}: two boards cannot be at "
+            "one place; move one of them."
+        )
     if len(setup.target.suppression_points) and not METHODS[setup.method].heeds_suppression_points:
         cautions.append(
             f"the method {setup.method} ignores the suppression points: give best, gradient or "

@@ -82,6 +82,35 @@ def check_apart(array: PhasedArray) -> None:
     )
 
 
+def overlapping_boards(
+    array: PhasedArray,
+) -> tuple[int, int, Float64[np.ndarray, "3"]] | None:
+    """Return two boards of an array that overlap, and a point in both [m]; None if none do.
+
+    Overlaps of up to 6 mm at the edges do not count, because those of the paper's box are 5.7 mm.
+    """
+    kind = kind_of_array(array.positions, array.normals)
+    if kind is None or kind[0].outline is None:
+        return None
+    board, poses = kind
+    middle = 0.5 * (board.positions.min(axis=0) + board.positions.max(axis=0))
+    half = 0.5 * np.array(kind[0].outline) - 6e-3
+    # Points 5 mm apart on the face of a board, and which of them are within the next one.
+    axes = [np.linspace(-length, length, int(2 * length / 5e-3) + 2) for length in half]
+    x, y = np.meshgrid(*axes)
+    face = middle + np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
+    for first, pose in enumerate(poses):
+        points = pose.apply(face)
+        for second in range(len(poses)):
+            if second == first:
+                continue
+            local = np.abs(poses[second].inverse().apply(points) - middle)
+            inside = (local[:, :2] <= half).all(axis=1) & (local[:, 2] < 4e-3)
+            if inside.any():
+                return min(first, second), max(first, second), points[inside].mean(axis=0)
+    return None
+
+
 def _check_body(
     array: PhasedArray,
     vertices: Float64[np.ndarray, "vertices 3"],
