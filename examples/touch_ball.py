@@ -19,4 +19,4 @@ for point, pressure in zip(contacts.points, result.pressures, strict=True):
     x, y, z = 1e3 * point
     print(f"{pressure:.0f} Pa at the contact ({x:.2f}, {y:.2f}, {z:.2f}) mm")
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
-at.plot.field(result.evaluation).figure.savefig(folder / "touch_ball.png", dpi=100)
+at.plot.field(result).figure.savefig(folder / "touch_ball.png", dpi=100)
