@@ -5,7 +5,6 @@ import pytest
 
 import airtact as at
 from airtact.evaluation.comparison import HELD_EQUAL, compare
-from airtact.evaluation.metrics import pascals
 from faults import raises_code
 
 SCENE = at.Scene(at.Medium(343.1, 1.293), [])
@@ -73,13 +72,9 @@ def test_a_comparison_reads_as_a_table_that_says_what_is_held_equal(result) -> N
     numbers = [float(word.strip("()")) for word in rows[0].split()[1:]]
     np.testing.assert_allclose(numbers, reference, rtol=1e-2)
     assert "do not reflect" in text
-    assert text.splitlines()[-1].endswith(f"{strongest(result)}.")
+    assert "real air" in text.splitlines()[-1]
     best = result.names[int(np.argmax(weakest[0]))]
     assert f"{best!r} is the strongest, {weakest[0].max():.0f} Pa" in text
-
-
-def strongest(result) -> str:
-    return pascals(float(result.pressures["equal peak"].max()))
 
 
 def test_a_comparison_lists_every_focus_of_every_drive(result) -> None:

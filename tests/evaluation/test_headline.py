@@ -8,7 +8,8 @@ import pytest
 import airtact as at
 from airtact.evaluation.comparison import compare
 from airtact.evaluation.headline import body_word, headline, shortfalls
-from airtact.evaluation.metrics import beyond_linear, pascals
+from airtact.evaluation.metrics import in_real_air, pascals
+from airtact.evaluation.steepening import Steepening
 
 SCENE = at.Scene(at.Medium(343.1, 1.293), [])
 ARRAY = at.flat_boards(1, 1)
@@ -97,11 +98,17 @@ def test_what_was_asked_and_not_reached_is_listed() -> None:
     assert shortfalls(at.Target(POINTS), ["a", "b"], np.array([1.0, 1.0]), AT_FULL_SCALE) == ()
 
 
-def test_sound_too_strong_for_the_linear_model_is_warned_of() -> None:
-    assert beyond_linear(np.array([100.0, 4.9e3])) == ()
-    (words,) = beyond_linear(np.array([100.0, 12.3e3]))
-    assert "5.00 kPa" in words
-    assert "12.3 kPa" in words
+def test_the_pressure_that_real_air_leaves_is_stated_if_it_differs() -> None:
+    none = np.zeros(2)
+    weak = Steepening(np.array([0.01, 0.05]), np.array([0.0, 5e-4]), none)
+    assert in_real_air(np.array([100.0, 500.0]), weak) == ()
+    # a plane wave at σ = 1 keeps 2 J₁(1) = 0.880
+    strong = Steepening(np.array([0.5, 0.1]), np.array([0.125, 0.005]), none)
+    (words,) = in_real_air(np.array([10e3, 2e3]), strong)
+    assert "10.0 kPa" in words
+    assert "8.80 kPa" in words
+    (words,) = in_real_air(np.array([10e3, 2e3]), strong.scaled(3.0))
+    assert "shocks" in words
 
 
 def test_pressures_have_three_digits() -> None:

@@ -59,7 +59,6 @@ def test_an_evaluation_reads_as_a_table() -> None:
     assert "do not reflect" in text
     assert "not calibrated" in text
     assert "weakest focus 300.0 Pa" in str(given_pressures(300.0, 400j))
-    assert "steepens" in str(given_pressures(300.0, 6e3)).splitlines()[-2]
     columns = [
         line.rindex(end) + len(end)
         for line, end in zip(lines[:3], ("share", "50.0%", "-"), strict=True)

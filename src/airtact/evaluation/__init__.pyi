@@ -11,6 +11,7 @@ from .scan import Scan as Scan
 from .scan import best_shift as best_shift
 from .scan import load_scan as load_scan
 from .scan import overlay_scan as overlay_scan
+from .steepening import Steepening as Steepening
 from .verification import SideLobe as SideLobe
 from .verification import Verification as Verification
 from .verification import attainable as attainable

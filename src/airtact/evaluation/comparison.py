@@ -13,7 +13,8 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, check_drive
 from airtact.errors import InvalidInput, as_sentence, counted, of_kind, one_line
 from airtact.evaluation.field import radiate_drives
-from airtact.evaluation.metrics import beyond_linear, not_modelled
+from airtact.evaluation.metrics import in_real_air, not_modelled
+from airtact.evaluation.steepening import Steepening, steepening
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 
@@ -63,6 +64,12 @@ class Comparison:
     def report(self) -> SolveReport:
         """Report of the solver, with the error estimated at the foci."""
         return self.field.report_at(self.target.points)
+
+    def steepening(self, name: str) -> Steepening:
+        """Effect of real air at the foci under a drive, its strongest element at full scale."""
+        column = self.column(name)
+        points = self.target.points
+        return steepening(self.field, points, self.field.at(points)[:, column], column)
 
     def column(self, name: str, phase_only: bool = False) -> int:
         """Return the excitation of ``field`` that belongs to a drive, or to its phases alone.
@@ -187,7 +194,10 @@ class Comparison:
             *(f"{held_equal}: {meaning}" for held_equal, meaning in HELD_EQUAL.items()),
             f"peak pressures by {report.solver}, estimated error {report.estimated_error:.2g}. "
             f"{not_modelled(report)}",
-            *map(as_sentence, [*beyond_linear(self.pressures["equal peak"]), *report.warnings]),
+            *in_real_air(
+                self.pressures["equal peak"][self.names.index(name)], self.steepening(name)
+            ),
+            *map(as_sentence, report.warnings),
         ]
         return "\n".join(lines)
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Complex128, Float64, Num
 
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import BOARDS, PLANES, RadiatedField, Solver, SolveReport
@@ -12,6 +12,7 @@ from airtact.drives.drive import Drive
 from airtact.drives.reach import fraction
 from airtact.errors import as_sentence, counted, of_kind, one_line
 from airtact.evaluation.field import radiate_drives
+from airtact.evaluation.steepening import Steepening, steepening
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 
@@ -49,15 +50,34 @@ def pascals(pressure: float) -> str:
     return f"{pressure / 1e3:.{max(0, 2 - int(np.log10(pressure / 1e3)))}f} kPa"
 
 
-def beyond_linear(reached: Float64[np.ndarray, "*foci"]) -> tuple[str, ...]:
-    """Return a warning if the largest pressure [Pa] is too large for the linear model."""
-    limit = 5e3  # the particle velocity is then 3 % of the speed of sound
-    strongest = float(reached.max())
-    if strongest <= limit:
+def in_real_air(
+    pressures: Num[np.ndarray, "foci"], steepening: Steepening | None
+) -> tuple[str, ...]:
+    """State the pressure that the focus of the largest steepening keeps, if it is noticeable.
+
+    Parameters
+    ----------
+    pressures : (F,) linear pressures [Pa].
+    steepening : the steepening at the same foci.
+    """
+    if steepening is None:
         return ()
+    focus = int(steepening.second.argmax())
+    # A second harmonic of 10 % is 20 dB lower, and takes 0.5 % of the fundamental at most.
+    if steepening.second[focus] < 0.1:
+        return ()
+    computed = pascals(float(np.abs(pressures[focus])))
+    kept = float(steepening.kept[focus])
+    if np.isnan(kept):
+        return (
+            f"{computed} computed, but real air steepens the wave until shocks limit it: less is "
+            "left, and no estimate says how much.",
+        )
+    expected = pascals(kept * float(np.abs(pressures[focus])))
+    second = f"{steepening.second_harmonic[focus]:.0%}".replace("%", " %")
     return (
-        f"the computation is linear, but above about {pascals(limit)} the wave steepens in real "
-        f"air: a real focus is weaker than the computed {pascals(strongest)}.",
+        f"{computed} computed, {expected} expected with real air's steepening (second harmonic "
+        f"{second}).",
     )
 
 
@@ -71,12 +91,14 @@ class Evaluation:
     pressures : (F,) complex pressure at each focus [Pa], peak.
     report : report of the solver that evaluated them.
     field : the field of the drive alone; None if it was solved together with others.
+    steepening : effect of real air at the foci, None if it was not estimated.
     """
 
     target: Target
     pressures: Complex128[np.ndarray, "foci"]
     report: SolveReport
     field: RadiatedField | None = None
+    steepening: Steepening | None = None
 
     def __repr__(self) -> str:
         return one_line(self, counted(len(self.pressures), "focus", "foci"), *self._summary(".0f"))
@@ -90,6 +112,18 @@ class Evaluation:
     def magnitudes(self) -> Float64[np.ndarray, "foci"]:
         """(F,) peak pressure at each focus [Pa]."""
         return np.abs(self.pressures)
+
+    @property
+    def expected(self) -> Float64[np.ndarray, "foci"]:
+        """(F,) pressure in real air, which steepens strong sound [Pa]; NaN where it is unknown."""
+        return self.magnitudes * (self.steepening.kept if self.steepening else np.nan)
+
+    @property
+    def second_harmonic(self) -> Float64[np.ndarray, "foci"]:
+        """(F,) second harmonic over ``expected``, NaN where it is unknown."""
+        if self.steepening is None:
+            return np.full(len(self.pressures), np.nan)
+        return self.steepening.second_harmonic
 
     @property
     def shares(self) -> Float64[np.ndarray, "foci"]:
@@ -149,7 +183,8 @@ class Evaluation:
                 f"{', '.join(self._summary('.1f'))}, uniformity {self.uniformity:.3f}",
                 f"peak pressures by {report.solver}, estimated error {report.estimated_error:.2g}, "
                 f"residual {report.residual:.1e}. {not_modelled(report)}",
-                *map(as_sentence, [*beyond_linear(self.magnitudes), *report.warnings]),
+                *in_real_air(self.pressures, self.steepening),
+                *map(as_sentence, report.warnings),
             ]
         )
 
@@ -176,7 +211,8 @@ def evaluate(
 
     Returns
     -------
-    The complex pressures (F,) at the foci [Pa], with the report of the solver.
+    The complex pressures (F,) at the foci [Pa], with the report of the solver. They are linear in
+    the drive; ``expected`` has the pressures in real air, which steepens strong sound.
 
     Raises
     ------
@@ -189,4 +225,6 @@ def evaluate(
     field = radiate_drives(scene, array, [drive], solver, foci=target.points, progress=progress)
     # Contiguous, because the array is shared and stored.
     pressures = np.ascontiguousarray(field.at(target.points)[:, 0])
-    return Evaluation(target, pressures, field.report_at(target.points), field)
+    report = field.report_at(target.points)
+    steepened = steepening(field, target.points, pressures)
+    return Evaluation(target, pressures, report, field, steepened)

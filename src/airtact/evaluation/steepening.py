@@ -18,7 +18,7 @@ Sources
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex128, Float32, Float64, Real
+from jaxtyping import Complex128, Float32, Float64, Num, Real
 from scipy.spatial import KDTree
 from scipy.special import j1
 
@@ -85,7 +85,7 @@ class Steepening:
 def steepening(
     field: RadiatedField,
     points: Real[np.ndarray, "points 3"],
-    pressures: Complex128[np.ndarray, "points"],
+    pressures: Num[np.ndarray, "points"],
     excitation: int = 0,
 ) -> Steepening:
     """Estimate how much the sound of an array has steepened at its foci.
@@ -203,7 +203,7 @@ def _second_harmonic(cosine: np.ndarray, path: float) -> tuple[np.ndarray, np.nd
     -------
     The amplitude of the forced wave, times ρc²/2 [Pa], and that of the free wave over it, negative.
     """
-    square = 2.0 + 2.0 * cosine  # of |k₁ + k₂|/k
+    square = np.maximum(2.0 + 2.0 * cosine, 0.0)  # of |k₁ + k₂|/k
     # Parallel waves force a resonance, which the floor only rounds.
     gap = np.maximum(4.0 - square, 1e-5)
     coupling = NONLINEARITY / 2.0 + cosine + ((1.0 - cosine) / 2.0) ** 2
@@ -223,7 +223,8 @@ def _third_order(waves: _Waves) -> float:
     # precision takes a fifth of the time, and parts of this size fit the cache.
     third = pressure[2::4] if len(pressure) > 4 else pressure
     cosine = (cosine[:, 2::4] if len(pressure) > 4 else cosine).astype(np.float32)
-    square = (2.0 + 2.0 * between).astype(np.float32)[:, None]
+    # The floor is for opposite waves, which have no middle direction.
+    square = np.maximum(2.0 + 2.0 * between, 1e-6).astype(np.float32)[:, None]
     free = free.astype(np.complex64)[:, None]
     lost = 0.0 + 0.0j
     for part in np.array_split(np.arange(len(pairs)), 1 + len(pairs) // 2000):
@@ -237,7 +238,9 @@ def _third_order(waves: _Waves) -> float:
     lost *= pressure.sum().conj() / third.sum().conj() / pressure.sum()
     # Patches are too coarse if the phase of interacting waves differs by a radian over a patch.
     # Finer patches in ten arrays show by how much.
-    spread = waves.path * np.average(1.0 - np.sum(waves.direction**2, axis=1), weights=np.abs(pressure))
+    spread = waves.path * np.average(
+        1.0 - np.sum(waves.direction**2, axis=1), weights=np.abs(pressure)
+    )
     return lost.real / (1.0 + 0.41 * float(spread) ** 2)
 
 

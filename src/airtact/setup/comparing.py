@@ -20,7 +20,8 @@ from airtact.errors import InvalidInput, one_line
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.field import radiate_drives
-from airtact.evaluation.metrics import beyond_linear
+from airtact.evaluation.metrics import in_real_air
+from airtact.evaluation.steepening import steepening
 from airtact.files.atomic import whole_file, writable_folder
 from airtact.setup.rendering import save_drive
 from airtact.setup.sentences import reach_cautions
@@ -285,6 +286,8 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
             foci=setup.target.points,
         )
         at_foci = np.abs(field.at(setup.target.points).T)
+        strongest = int(at_foci.max(axis=1).argmax())
+        steepened = steepening(field, setup.target.points, at_foci[strongest], strongest)
         suppressed = np.abs(field.at(setup.target.suppression_points).T)
     kept: dict[str, float] = {}
     if setup.uncertainty is not None:
@@ -314,7 +317,7 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
         warnings=[
             *reach_cautions(setup),
             *warnings,
-            *beyond_linear(at_foci),
+            *in_real_air(at_foci[strongest], steepened),
             *named(field.report.warnings, setup.bodies),
         ],
         transfer=transfer,

@@ -24,7 +24,8 @@ from airtact.errors import Vector, of_kind, one_line
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.headline import body_word, headline, shortfalls
-from airtact.evaluation.metrics import Evaluation, beyond_linear
+from airtact.evaluation.metrics import Evaluation, in_real_air
+from airtact.evaluation.steepening import Steepening
 from airtact.files.atomic import writable_folder
 from airtact.setup.sentences import (
     disagreement,
@@ -63,6 +64,7 @@ class Rendering:
     beacons : report of the solve behind the transfer matrix.
     drive : amplitude and phase of each transducer.
     pressures : (F,) peak pressure at each focus under the drive, by the verification [Pa].
+    steepening : effect of real air on these pressures.
     verification : comparison of the drive with its control, which the same method makes without the
         bodies. In open air there is no control.
     drives : drives of the verification, each with its strongest element at full scale.
@@ -81,6 +83,7 @@ class Rendering:
     beacons: SolveReport
     drive: Drive
     pressures: Float64[np.ndarray, "foci"]
+    steepening: Steepening
     verification: Comparison
     drives: Mapping[str, Drive]
     sequence: "at.setup.MovingDrive | None"
@@ -118,7 +121,8 @@ class Rendering:
         """The pressures of the drive as it is emitted, without its field."""
         target = self.setup.target
         pressures = self.drive.peak * self.verification.field.at(target.points)[:, 0]
-        return Evaluation(target, pressures, self.verification.report)
+        report = self.verification.report
+        return Evaluation(target, pressures, report, steepening=self.steepening)
 
     @property
     def control_pressures(self) -> Float64[np.ndarray, "foci"] | None:
@@ -270,6 +274,7 @@ def render(
             share = float(np.nanmin(fraction(peak * at_full_scale, setup.target)))
         drive = Drive(drive.amplitudes / max(share, peak))
     pressures = drive.peak * at_full_scale
+    steepening = comparison.steepening(names[0]).scaled(drive.peak)
 
     robustness = None
     remarks = shortfalls(setup.target, setup.foci, pressures, drive)
@@ -291,17 +296,27 @@ def render(
         beacons=beacons,
         drive=drive,
         pressures=pressures,
+        steepening=steepening,
         verification=comparison,
         drives={name: emitted.at_full_scale() for name, emitted in drives.items()},
         sequence=sequence,
         robustness=robustness,
         headline=headline(comparison, drive, body_word(setup.bodies), setup.foci),
-        remarks=(*touches(setup), *remarks, share_of_bound(setup, transfer, drive)),
-        sensation=sensations(setup, pressures, None if sequence is None else sequence.weakest),
+        remarks=(
+            *in_real_air(pressures, steepening),
+            *touches(setup),
+            *remarks,
+            share_of_bound(setup, transfer, drive),
+        ),
+        # Where the estimate does not hold, the linear pressure is far above the threshold.
+        sensation=sensations(
+            setup,
+            np.fmin(pressures, pressures * steepening.kept),
+            None if sequence is None else sequence.weakest,
+        ),
         warnings=(
             *reach_cautions(setup),
             *notes,
-            *beyond_linear(pressures),
             *shadows(setup, transfer),
             *disagreement(setup, transfer, drive, pressures),
             *named(comparison.report.warnings, setup.bodies),
