@@ -190,6 +190,7 @@ def _refined(skin: Skin, objects: Sequence[VirtualObject], found: Found) -> Foun
     points = found.points.copy()
     normals = found.normals.copy()
     depths = found.depths.copy()
+    # The fit of ``peaks`` in smaller and smaller circles of points on the true surface.
     turns = 2.0 * np.pi * np.arange(8) / 8.0
     circle = np.stack([np.cos(turns), np.sin(turns), np.zeros(8)], axis=1)
     for index in range(len(depths)):

@@ -66,6 +66,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Foun
     high = along.max(axis=1)
     near = []
     for index, thing in enumerate(objects):
+        # Objects whose ball does not reach the box around the skin cost no depths.
         centre, radius = thing.ball
         if np.linalg.norm(np.clip(centre, low, high) - centre) <= radius + gap:
             near.append(index)
@@ -74,6 +75,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Foun
     depths = depths.reshape(len(near), len(skin.points))
     row, point = np.nonzero(depths > -gap)
     labels = _connected(skin, row, point, len(near))
+    # A patch that spans several fingers is one contact for each.
     place = skin.place[point]
     keys, contact = np.unique(labels * len(skin.places) + place, return_inverse=True)
     depth = depths[row, point]
@@ -82,6 +84,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Foun
     starts = np.searchsorted(contact[order], np.arange(len(keys)))
     first = order[starts]
     deepest = point[first]
+    # The deepest point lies between skin points; without it a focus would jump from one to another.
     ring = skin.neighbours[deepest]
     points, normals, peak = peaks(
         skin.points[deepest],
@@ -110,6 +113,7 @@ def _connected(
 ) -> Int64[np.ndarray, "nodes"]:
     """Return the number of the connected piece of skin that each node belongs to."""
     nodes = np.arange(len(point))
+    # The node of each point in each object, or -1; then each node's neighbours, itself where none.
     slot = np.full(rows * len(skin.points), -1)
     slot[row * len(skin.points) + point] = nodes
     beside = slot[(row * len(skin.points))[:, None] + skin.neighbours[point]]
@@ -141,6 +145,7 @@ def peaks(
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     frames = np.stack([first, np.cross(normals, first), normals], axis=1)
     local = np.einsum("cij,ckj->cki", frames, ring - points[:, None])
+    # Coordinates in units of the ring's radius keep the fit well conditioned.
     reach = np.sqrt((local**2).sum(axis=2).max(axis=1, initial=1e-12))
     u, v, height = np.moveaxis(local / reach[:, None, None], 2, 0)
     terms = np.stack([u, v, 0.5 * u * u, u * v, 0.5 * v * v], axis=2)
@@ -151,6 +156,7 @@ def peaks(
     slope = fit[:, :2, 0]
     bend = fit[:, [[2, 3], [3, 4]], 0]
     determinant = bend[:, 0, 0] * bend[:, 1, 1] - bend[:, 0, 1] ** 2
+    # A maximum has a negative definite second derivative.
     is_peak = (bend[:, 0, 0] < 0.0) & (determinant > 1e-9)
     bend[~is_peak] = -np.eye(2)
     step = np.linalg.solve(bend, -slope[:, :, None])[:, :, 0]

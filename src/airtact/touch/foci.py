@@ -100,6 +100,7 @@ def chosen_foci(
             kept.append(int(contact))
     merged = 0
     dropped = 0
+    # Merging loses little: the stronger focus within a wavelength covers the same skin.
     while len(kept) > most:
         weakest = min(kept, key=lambda contact: (strengths[contact], found.depths[contact]))
         kept.remove(weakest)
@@ -139,6 +140,7 @@ def chosen_foci(
             depths.append(found.member_depths[contact][inside][free[0]])
             nearest.append(member)
             waiting.append(contact)
+    # Several foci of one contact are numbered, because results name foci.
     index = np.array(contacts, dtype=np.int64)
     on_skin = np.array(points).reshape(-1, 3)
     names = [

@@ -131,6 +131,7 @@ class VirtualObject:
         if stiffness is None:
             full_at = self.shape.travel if isinstance(self.shape, Button) else 2e-3
             stiffness = (1.0 - FIRST_STRENGTH) / full_at
+        # Below a fifth of full strength nothing would be felt at the first touch.
         rising = FIRST_STRENGTH + stiffness * np.maximum(depths, 0.0)
         strengths = np.minimum(rising, 1.0)
         if self.texture is None:

@@ -122,6 +122,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
         vectors = 0.5 * area_vectors(vertices[triangles])
         sums = np.zeros((len(vertices), 3))
         areas = np.zeros(len(vertices))
+        # Each corner gets the vector and a third of the area of its triangles.
         for corner in triangles.T:
             np.add.at(sums, corner, vectors)
             np.add.at(areas, corner, np.linalg.norm(vectors, axis=1) / 3.0)
@@ -129,6 +130,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
         place = np.zeros(len(vertices), dtype=np.int64)
         names = [name]
         if isinstance(body, Hand):
+            # The part of a hand is that of the nearest hull: a phalanx, or one of the palm.
             hulls = body.shape.hulls.each(body.shape.pose.inverse().apply(vertices))
             hull = hulls.argmin(axis=1)
             phalanx = hull < FREE
@@ -175,6 +177,7 @@ def _neighbours(
     triangles: Int64[np.ndarray, "triangles 3"], count: int
 ) -> Int64[np.ndarray, "points most"]:
     ends = edge_ends(triangles).reshape(-1, 2)
+    # Both directions of each edge once, ordered by their starts.
     pairs = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
     degrees = np.bincount(pairs[:, 0], minlength=count)
     column = np.arange(len(pairs)) - np.repeat(np.cumsum(degrees) - degrees, degrees)

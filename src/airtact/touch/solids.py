@@ -261,7 +261,7 @@ class SurfaceSolid(Solid):
     """The inside of a closed surface: exact for spheres and capsules, on a grid for meshes.
 
     The depth in a mesh takes 10 µs per point. Interpolated between the nodes of a grid, 1/40 of the
-    longest side apart, it takes 0.05 µs.
+    longest side apart, it takes 0.3 µs.
 
     Attributes
     ----------
@@ -277,6 +277,7 @@ class SurfaceSolid(Solid):
         # The grid ends 2 mm around the mesh.
         return self.surface.vertices.min(axis=0) - 2e-3
 
+    # 40 steps make 69,000 nodes at most. Their depths take one to two seconds, once per mesh.
     @cached_property
     def _step(self) -> float:
         longest = float(np.ptp(self.surface.vertices, axis=0).max()) + 4e-3

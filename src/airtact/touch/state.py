@@ -106,6 +106,7 @@ class TouchState:
         have the contact -1.
         """
         time = number(time, "the time of a frame", "s")
+        # The first frame has no duration, so new foci start silent.
         elapsed = 0.0 if self._time is None else max(time - self._time, 0.0)
         self._time = time
         found = find(skin, self._objects, self.release)
@@ -126,6 +127,7 @@ class TouchState:
             focus.level += float(np.clip(goal - focus.level, -change, change))
         playing = [focus for focus in self._playing if focus.contact >= 0 or focus.level > 0.0]
         self._playing = playing
+        # A focus that fades rides on its skin point.
         at_skin = np.array([focus.skin_point for focus in playing], dtype=np.int64)
         shifts = np.array([focus.shift for focus in playing]).reshape(-1, 3)
         return replace(
