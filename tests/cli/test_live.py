@@ -151,7 +151,7 @@ def test_a_session_is_verified_with_the_recorded_hand(tmp_path, live, capsys):
 def test_what_is_no_session_is_not_followed(tmp_path, live):
     (tmp_path / "bad.h5").write_bytes(b"nothing")
     for source, code in [
-        (tmp_path / "bad.h5", "wrong_kind"),
+        (tmp_path / "bad.h5", "file_unreadable"),
         (tmp_path, "file_missing"),
         (recorded_without_a_hand(tmp_path / "empty"), "empty"),
     ]:

@@ -140,13 +140,14 @@ def changed(path: Path, **columns) -> Path:
         ({"format_version": 0}, "unsupported_version"),
         ({"format_version": "new"}, "unsupported_version"),
         ({"amplitude": None}, "data_missing"),
-        ({"normals": None}, "sizes_differ"),
+        ({"normals": None}, "data_missing"),
         ({"amplitude": np.ones(3)}, "wrong_shape"),
         ({"amplitude": np.ones((0, 249)), "phase": np.ones((0, 249))}, "empty"),
         ({"amplitude": np.full(249, 1.5)}, "out_of_range"),
         ({"phase": np.full(249, np.nan)}, "not_finite"),
         ({"rate": -1.0}, "out_of_range"),
-        ({"board_rotations": None}, "wrong_shape"),
+        ({"board_rotations": None}, "data_missing"),
+        ({"board_rotations": np.eye(3)}, "wrong_shape"),
     ],
 )
 def test_what_no_drive_is_has_a_code(path, columns, code: str) -> None:

@@ -13,7 +13,11 @@ from airtact.files.text_table import read_text_table
 from faults import raises_code
 
 
-@pytest.mark.parametrize("read", [bytes_of, text_of, datasets_of, read_text_table])
+def no_datasets(path):
+    return datasets_of(path, {}, newest=1)
+
+
+@pytest.mark.parametrize("read", [bytes_of, text_of, no_datasets, read_text_table])
 def test_a_pipe_a_folder_and_a_missing_file_are_named(read, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with raises_code("file_unreadable"):
@@ -26,7 +30,7 @@ def test_a_pipe_a_folder_and_a_missing_file_are_named(read, tmp_path):
         read(tmp_path / "a\0b")
 
 
-@pytest.mark.parametrize("read", [bytes_of, text_of, datasets_of, read_text_table])
+@pytest.mark.parametrize("read", [bytes_of, text_of, no_datasets, read_text_table])
 def test_a_file_that_is_too_large_is_rejected_unread(read, tmp_path):
     with (tmp_path / "large").open("wb") as file:
         file.truncate(LARGEST_DATA + 1)
@@ -41,17 +45,53 @@ def test_a_dataset_of_zeros_without_end_is_rejected(tmp_path):
         at.load_drive(tmp_path / "zeros.h5")
 
 
-def test_what_stands_in_another_file_is_not_read(tmp_path):
+def test_links_data_of_other_files_and_large_chunks_are_rejected(tmp_path):
     np.zeros(3).tofile(tmp_path / "outside.bin")
     with h5py.File(tmp_path / "one.h5", "w") as file:
         file["own"] = np.ones(2)
+        file["group/circle"] = h5py.SoftLink("/group/circle")
         file["link"] = h5py.ExternalLink("outside.h5", "/x")
         file.create_dataset(
             "outside", (3,), "f8", external=[(str(tmp_path / "outside.bin"), 0, 24)]
         )
-    assert {name: one.tolist() for name, one in datasets_of(tmp_path / "one.h5").items()} == {
-        "own": [1.0, 1.0]
-    }
+        file.create_dataset("packed", (3,), "f8", chunks=(2**28,), maxshape=(None,))
+    assert one_file(tmp_path, {"own": "real *"})["own"].tolist() == [1.0, 1.0]
+    for name in ("group/circle", "link", "outside"):
+        with raises_code("file_unreadable", name):
+            one_file(tmp_path, {name: "optional real *"})
+    with raises_code("file_too_large"):
+        one_file(tmp_path, {"packed": "real *"})
+
+
+def one_file(folder, layout):
+    return datasets_of(folder / "one.h5", layout, newest=1)
+
+
+def test_kinds_and_axes_are_those_of_the_layout(tmp_path):
+    with h5py.File(tmp_path / "one.h5", "w") as file:
+        file["points"] = np.arange(6).reshape(2, 3)
+        file["gains"] = np.ones(2)
+        file["rate"] = [[5.0]]
+        file["name"] = "é"
+        file.attrs["places"] = ["thumb", "index"]
+    layout = {"points": "real points 3", "gains": "complex (frames) points", "rate": "real"}
+    read = one_file(tmp_path, {**layout, "name": "text", "@places": "text points"})
+    assert (read["points"].dtype, read["gains"].dtype, read["rate"]) == ("f8", "c16", 5.0)
+    assert (read["name"], read["places"]) == ("é", ["thumb", "index"])
+    for name, form, code in [
+        ("points", "real points", "wrong_shape"),
+        ("points", "real 4 3", "wrong_shape"),
+        ("points", "text 2 3", "not_a_number"),
+        ("gains", "whole *", "not_a_number"),
+        ("gains", "real 3", "wrong_shape"),
+        ("name", "real", "not_a_number"),
+        ("@places", "text", "wrong_shape"),
+        ("@places", "real *", "not_a_number"),
+        ("gone", "real", "data_missing"),
+        ("name/gone", "real", "data_missing"),
+    ]:
+        with raises_code(code, name.lstrip("@")):
+            one_file(tmp_path, {name: form})
 
 
 @pytest.mark.parametrize(

@@ -74,6 +74,7 @@ def test_echoes_that_cannot_be_are_rejected(given, code) -> None:
     [
         ("data_missing", {"format_version": 1, "frequency": 40e3}),
         ("unsupported_version", {"format_version": 7}),
+        ("wrong_shape", {"format_version": 1, "frequency": np.zeros(0)}),
     ],
 )
 def test_files_of_other_fields_are_rejected(code, fields, tmp_path) -> None:

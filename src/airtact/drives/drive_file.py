@@ -39,7 +39,6 @@ from airtact.errors import (
     of_kind,
     points_of,
     positive,
-    real_numbers,
 )
 from airtact.files.atomic import written
 from airtact.files.bounded import datasets_of
@@ -270,6 +269,36 @@ def _datasets(contents: DriveFile) -> dict[str, Any]:
     return {name: values for name, values in datasets.items() if values is not None}
 
 
+# Datasets that are read; elements, frames, levels, boards and foci are numbers of them.
+LAYOUT = {
+    "format_version": "optional whole",
+    "modulation": "optional text",
+    "modulation_frequency": "optional real",
+    "modulation_depth": "optional real",
+    "amplitude": "real (frames) elements",
+    "phase": "real (frames) elements",
+    "shares_of_levels": "optional real levels",
+    "levels_of_a_turn": "optional whole",
+    "rate": "optional real",
+    "frequency": "optional real",
+    "sound_speed": "optional real",
+    "density": "optional real",
+    "absorption": "optional real",
+    "positions": "optional real elements 3",
+    "normals": "optional real elements 3",
+    "sensitivity": "optional real",
+    "element_radius": "optional real",
+    "board": "optional text",
+    "board_positions": "optional real boards 3",
+    "board_rotations": "optional real boards 3 3",
+    "foci": "optional real foci 3",
+    "wanted_pressures": "optional real foci",
+    "transfer_matrix": "optional complex foci elements",
+    "scene": "optional text",
+    "report": "optional text",
+}
+
+
 def read_drive_file(path: Path) -> DriveFile:
     """Read a drive or a sequence (.h5); only ``amplitude`` and ``phase`` must be in the file.
 
@@ -277,41 +306,27 @@ def read_drive_file(path: Path) -> DriveFile:
     ------
     InvalidInput
         "file_missing", "file_unreadable", "unsupported_version", "data_missing", "wrong_shape",
-        "not_finite", "out_of_range", or as the parts of it.
+        "not_a_number", "not_finite", "out_of_range", or as the parts of it.
     """
     checked_ending(path, (".h5",), "drive")
-    raw = datasets_of(path)
+    raw = datasets_of(path, LAYOUT, VERSION)
     with about(path.name):
-        version = raw.get("format_version", VERSION)
-        if version != VERSION:
-            raise InvalidInput(
-                f"the file has format version {version}, and this airtact reads version "
-                f"{VERSION}: update airtact.",
-                code="unsupported_version",
-            )
-        missing = [name for name in ("amplitude", "phase") if name not in raw]
-        if missing:
-            raise InvalidInput(f"the file lacks {' and '.join(missing)}.", code="data_missing")
         try:
             return _parsed(raw)
-        except InvalidInput:
-            raise
-        # Faults that the single checks miss, such as arrays of different lengths.
-        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        except KeyError as missing:
             raise InvalidInput(
-                f"its datasets do not match ({error}).", code="wrong_shape"
+                f"the file lacks {missing}, which belongs to its other datasets.",
+                code="data_missing",
             ) from None
 
 
 def _parsed(raw: Mapping[str, Any]) -> DriveFile:
     """Build the contents from datasets, checked one by one and against each other."""
-    points: dict[str, Any] = {
+    points = {
         name: points_of(raw[name], name) for name in ("positions", "normals", "foci") if name in raw
     }
-    count = len(points.get("positions", ()))
-    if count != len(points.get("normals", ())):
-        raise InvalidInput("positions and normals differ in number.", code="sizes_differ")
-    drives = _drives(raw, count)
+    if ("positions" in raw) != ("normals" in raw):
+        raise InvalidInput("give both positions and normals, or neither.", code="data_missing")
     numbers: dict[str, Any] = {
         name: positive(raw[name], words, unit)
         for name, words, unit in (
@@ -321,32 +336,33 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
         )
         if name in raw
     }
-    # In the order of the fields of ``Medium``; absorption may be missing.
-    medium = [float(raw[name]) for name in ("sound_speed", "density", "absorption") if name in raw]
+    medium = None
+    if "sound_speed" in raw and "density" in raw:
+        medium = Medium(raw["sound_speed"], raw["density"], raw.get("absorption", 0.0))
     levels = None
     if "shares_of_levels" in raw:
-        levels = Levels(raw["shares_of_levels"], int(raw["levels_of_a_turn"]))
+        levels = Levels(raw["shares_of_levels"], raw["levels_of_a_turn"])
     poses = None
     if "board_positions" in raw:
         pairs = zip(raw["board_rotations"], raw["board_positions"], strict=True)
         poses = tuple(Pose(rotation, translation) for rotation, translation in pairs)
     modulation = None
     if (kind := raw.get("modulation", "none")) == "am":
-        modulation = AmplitudeModulation(
-            float(raw["modulation_frequency"]), float(raw["modulation_depth"])
-        )
+        modulation = AmplitudeModulation(raw["modulation_frequency"], raw["modulation_depth"])
     elif kind != "none":
         raise InvalidInput(f"the modulation {kind!r} is neither none nor am.", code="unknown_name")
-    matrix = raw.get("transfer_matrix")
+    for name in ("wanted_pressures", "transfer_matrix"):
+        if name in raw:
+            check_finite(raw[name], name)
     return DriveFile(
-        drives,
+        _drives(raw["amplitude"], raw["phase"]),
         levels=levels,
-        medium=Medium(*medium) if len(medium) > 1 else None,
-        element_radius=float(raw["element_radius"]) if "element_radius" in raw else None,
+        medium=medium,
+        element_radius=raw.get("element_radius"),
         board=raw.get("board"),
         poses=poses,
         wanted_pressures=raw.get("wanted_pressures"),
-        transfer_matrix=None if matrix is None else np.asarray(matrix, dtype=np.complex128),
+        transfer_matrix=raw.get("transfer_matrix"),
         texts={name: raw[name] for name in ("scene", "report") if name in raw},
         modulation=modulation,
         **points,
@@ -354,18 +370,14 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
     )
 
 
-def _drives(raw: Mapping[str, Any], elements: int) -> Complex128[np.ndarray, "frames elements"]:
-    """Return the drives, one row per frame; ``elements`` is 0 if the file has no positions."""
-    amplitude = real_numbers(np.asarray(raw["amplitude"]), "amplitude")
-    phase = real_numbers(np.asarray(raw["phase"]), "phase")
-    if (
-        amplitude.shape != phase.shape
-        or amplitude.ndim not in (1, 2)
-        or amplitude.shape[-1] != (elements or amplitude.shape[-1])
-    ):
+def _drives(
+    amplitude: Float64[np.ndarray, "*frames elements"],
+    phase: Float64[np.ndarray, "*frames elements"],
+) -> Complex128[np.ndarray, "frames elements"]:
+    """Return the drives, one row per frame."""
+    if amplitude.shape != phase.shape:
         raise InvalidInput(
-            f"amplitude of shape {amplitude.shape} and phase of shape {phase.shape} do not fit "
-            f"{f'{elements} elements' if elements else 'each other'}.",
+            f"amplitude of shape {amplitude.shape} and phase of shape {phase.shape} differ.",
             code="wrong_shape",
         )
     if amplitude.size == 0:

@@ -3,14 +3,15 @@
 Devices and pipes are rejected. The unpacked size is checked before anything is unpacked.
 """
 
-import io
+import math
 import stat
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Shaped
 
 from airtact.errors import LARGEST_DATA, InvalidInput, about, file_fault
 
@@ -57,42 +58,162 @@ def text_of(path: Path, largest: int = 2**26) -> str:
         ) from None
 
 
-def datasets_of(path: Path) -> Mapping[str, Shaped[np.ndarray, "..."] | np.generic | str]:
-    """Read the datasets in the root group of an HDF5 file, up to ``LARGEST_DATA`` bytes.
+# Kinds of values in a layout, and the kinds of NumPy's types that hold them.
+KINDS = {"real": "biuf", "complex": "biufc", "whole": "biu", "text": "OS"}
 
-    Links to other files and external data are ignored. Raise as ``check_file``.
+
+def datasets_of(
+    path: Path, layout: Mapping[str, str], newest: int, largest: int = LARGEST_DATA
+) -> dict[str, Any]:
+    """Read the datasets and attributes of an HDF5 file that a layout lists, and no others.
+
+    A file that another process has locked is waited for, up to 10 s.
+
+    Parameters
+    ----------
+    path : the file.
+    layout : kind and axes by name, such as ``{"drives/time": "real drives"}``. ``@`` begins the
+        name of an attribute of the file, and ``optional`` the kind of a value that the file may
+        lack. Kinds are real (float64), complex, whole (int64) and text. An axis is a length; a
+        name, which stands for the same length everywhere; or ``*``, any length. An axis in
+        brackets may be missing.
+    newest : newest ``format_version`` that can be read.
+    largest : largest size of the file, and of its arrays unpacked [bytes].
+
+    Raises
+    ------
+    InvalidInput
+        As ``check_file``; "unsupported_version"; "data_missing"; "not_a_number" or "wrong_shape":
+        values of another kind or shape; "file_too_large"; "file_unreadable": a damaged file, or
+        links and data of other files.
     """
     import h5py
 
-    content = bytes_of(path)
-    file: Any
-    try:
-        with about(path.name), h5py.File(io.BytesIO(content), "r") as file:
-            datasets = {
-                name: file[name]
-                for name in file
-                if isinstance(file.get(name, getlink=True), h5py.HardLink)
-                and isinstance(file[name], h5py.Dataset)
-                and not file[name].is_virtual
-                and not file[name].external
-            }
-            size = sum(
-                item.size * max(item.dtype.itemsize, 1) for item in datasets.values() if item.size
-            )
-            if size > LARGEST_DATA:
+    check_file(path, largest)
+    values: dict[str, Any] = {}
+    lengths: dict[str, int] = {}
+    size = 0
+    with about(path.name), _open_file(path) as file:
+        for entry, form in layout.items():
+            name = entry.lstrip("@")
+            kind, *axes = form.removeprefix("optional ").split()
+            item = _item(file, entry)
+            if item is None and form.startswith("optional"):
+                continue
+            # A version that cannot be read explains all else.
+            is_version = name == "format_version"
+            if item is None:
                 raise InvalidInput(
-                    f"its arrays have {size:,} bytes, more than {LARGEST_DATA:,}; store fewer or "
+                    f"it has no {name}; write the file as airtact does.",
+                    code="unsupported_version" if is_version else "data_missing",
+                )
+            text = h5py.check_string_dtype(item.dtype) is not None
+            if item.dtype.kind not in KINDS[kind] or text != (kind == "text"):
+                raise InvalidInput(
+                    f"{name} is of type {item.dtype}, but must be {kind}.",
+                    code="unsupported_version" if is_version else "not_a_number",
+                )
+            shape = _checked_shape(name, item.shape, axes, lengths)
+            # Unpacking takes whole chunks, which can be larger than the dataset.
+            chunk = math.prod(getattr(item, "chunks", None) or (0,))
+            size += item.dtype.itemsize * max(math.prod(shape), chunk)
+            if size > largest:
+                raise InvalidInput(
+                    f"its arrays have {size:,} bytes, more than {largest:,}; store fewer or "
                     "smaller arrays.",
                     code="file_too_large",
                 )
-            return {
-                name: item.asstr()[()] if item.dtype.kind in "OS" else item[()]
-                for name, item in datasets.items()
-            }
+            raw = file.attrs[name] if entry.startswith("@") else item[()]
+            values[name] = _converted(raw, kind, shape)
+            if is_version and not 1 <= values[name] <= newest:
+                raise InvalidInput(
+                    f"its format_version is {values[name]}, but 1 to {newest} can be read: update "
+                    "airtact.",
+                    code="unsupported_version",
+                )
+    return values
+
+
+@contextmanager
+def _open_file(path: Path) -> Iterator[Any]:
+    """Open an HDF5 file, and convert all errors of its library to ``InvalidInput``."""
+    import h5py
+
+    # The process that writes a session can end seconds after its loop on a busy machine.
+    end = time.monotonic() + 10.0
+    try:
+        while True:
+            try:
+                file = h5py.File(path, "r")
+                break
+            except BlockingIOError:
+                if time.monotonic() > end:
+                    raise
+                time.sleep(0.25)
+        with file:
+            yield file
     except InvalidInput:
         raise
     except Exception as error:  # h5py raises many kinds for damaged files
+        if isinstance(error, OSError) and error.errno is not None:
+            raise file_fault(path, error) from None
         raise InvalidInput(
-            f"{path.name} is not a complete .h5 file ({type(error).__name__}); write it again.",
+            f"it is not a complete HDF5 file ({type(error).__name__}); write it again.",
             code="file_unreadable",
         ) from None
+
+
+def _item(file: Any, entry: str) -> Any:
+    """Return an attribute, or a dataset that lies in the file itself; None if there is none."""
+    import h5py
+
+    if entry.startswith("@"):
+        return file.attrs.get_id(entry[1:]) if entry[1:] in file.attrs else None
+    item = file
+    for part in entry.split("/"):
+        if not isinstance(item, h5py.Group) or not item.id.links.exists(part.encode()):
+            return None
+        # A link can lead in circles, or to a file that the sender of this one wants to see.
+        hard = isinstance(item.get(part, getlink=True), h5py.HardLink)
+        item = item[part] if hard else None
+        stored_here = isinstance(item, h5py.Dataset) and not (item.is_virtual or item.external)
+        if not isinstance(item, h5py.Group) and not stored_here:
+            raise InvalidInput(
+                f"{entry} is a link, or its data lie in another file; store it in the file itself.",
+                code="file_unreadable",
+            )
+    return item if isinstance(item, h5py.Dataset) else None
+
+
+def _checked_shape(
+    name: str, shape: tuple[int, ...], axes: Sequence[str], lengths: dict[str, int]
+) -> tuple[int, ...]:
+    """Compare a shape with its axes, and note the lengths of new ones; return the shape."""
+    if not axes and math.prod(shape) == 1:
+        return ()  # other programs store one number as an array
+    if len(shape) < len(axes):
+        axes = [axis for axis in axes if not axis.startswith("(")]
+    names = [axis.strip("()") for axis in axes]
+    expected: list[int | str] = list(names)
+    if len(shape) == len(names):
+        for index, (axis, actual) in enumerate(zip(names, shape, strict=True)):
+            known = int(axis) if axis.isdigit() else lengths.setdefault(axis, actual)
+            expected[index] = actual if axis == "*" else known
+    if expected != list(shape):
+        words = " x ".join(map(str, expected)).replace("*", "any")
+        raise InvalidInput(
+            f"{name} has shape {shape}, but must be {words or 'one value'}.", code="wrong_shape"
+        )
+    return shape
+
+
+def _converted(raw: Any, kind: str, shape: tuple[int, ...]) -> Any:
+    """Return a number or text for shape (), else an array."""
+    array = np.asarray(raw).reshape(shape)
+    if kind == "text":
+        texts = [text.decode() if isinstance(text, bytes) else str(text) for text in array.flat]
+        return texts if shape else texts[0]
+    if kind == "complex":
+        return array.astype(np.result_type(array.dtype, np.complex64), copy=False)
+    array = array.astype(np.float64 if kind == "real" else np.int64, copy=False)
+    return array if shape else array.item()

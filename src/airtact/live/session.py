@@ -2,21 +2,30 @@
 
 import subprocess
 import sys
-import time
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any, cast, get_args
+from typing import Any, get_args
 
 import numpy as np
 from jaxtyping import Bool, Complex64, Float64
 
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.planes import plane
-from airtact.errors import InvalidInput, about, file_fault, fixed, in_short
+from airtact.errors import (
+    LARGEST_DATA,
+    InvalidInput,
+    about,
+    check_choice,
+    check_finite,
+    check_frequency,
+    fixed,
+    in_short,
+)
+from airtact.files.bounded import datasets_of
+from airtact.hands.hand import PLACES
 from airtact.hands.joints import joints_of
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.recordings import Recording
@@ -229,10 +238,62 @@ def _header(scene: LiveScene, text: str) -> dict[str, Any]:
         "+drives/amplitudes": np.zeros((0, len(array)), dtype=np.complex64),
         "+drives/time_in_air": np.zeros(0),
         "+drives/frame_time": np.zeros(0),
+        "+drives/rule": np.zeros(0, dtype=np.uint8),
+        "+drives/state": np.zeros(0, dtype=np.uint8),
+        "+drives/kept": np.zeros(0),
+        "+drives/shape_age": np.zeros(0),
+        "+drives/foci": np.zeros((0, len(scene.places), 3)),
+        "+drives/joints": np.zeros((0, 25, 3)),
     }
     if scene.radii is not None:
         header["hand/radii"] = np.asarray(scene.radii)
     return header
+
+
+FRAME_LAYOUT = {
+    "@format_version": "whole",
+    "@format": "text",
+    "@side": "text",
+    "frames/time": "real *",
+    "frames/landmarks": "real * 25 3",
+}
+
+SCENE_LAYOUT = {
+    "@frequency": "real",
+    "@sound_speed": "real",
+    "@density": "real",
+    "@absorption": "real",
+    "@places": "text foci",
+    "@offsets": "real foci",
+    "@method": "text",
+    "@modulation": "real *",
+    "@planes": "optional real * 2 3",
+    "@sensitivity": "real",
+    "@directional": "whole",
+    "@radius": "real",
+    "scene": "text",
+    "array/positions": "real elements 3",
+    "array/normals": "real elements 3",
+    "array/tangents": "real elements 3",
+    "array/gains": "complex elements",
+    "array/face_points": "real nodes 3",
+    "array/face_weights": "real nodes",
+    "hand/radii": "optional real 25",
+}
+
+DRIVE_LAYOUT = {
+    "@rules": "text *",
+    "@states": "text *",
+    "drives/amplitudes": "complex * elements",
+    "drives/time_in_air": "real *",
+    "drives/frame_time": "real *",
+    "drives/rule": "whole *",
+    "drives/state": "whole *",
+    "drives/kept": "real *",
+    "drives/shape_age": "real *",
+    "drives/foci": "real * foci 3",
+    "drives/joints": "real * 25 3",
+}
 
 
 def read_session(path: str | Path) -> Session:
@@ -248,34 +309,24 @@ def read_session(path: str | Path) -> Session:
         If the file cannot be read, is no session, or has a newer version; the message begins with
         its name.
     """
-    with _opened(path) as file:
-        drives = file["drives"]
-        frames = file["frames"]
-        # A killed loop can leave the last column longer than the others.
-        count = len(drives["time_in_air"])
-        shapes = {"foci": (len(file.attrs["places"]), 3), "joints": (25, 3)}
-        rules = [str(rule) for rule in file.attrs["rules"]]
-        states = [str(state) for state in file.attrs["states"]]
-
-        def column(name: str) -> Any:
-            if name in drives:
-                return drives[name][:count]
-            return np.zeros((0, *shapes.get(name, ())))  # a session without drives
-
+    raw = _read(path, FRAME_LAYOUT | SCENE_LAYOUT | DRIVE_LAYOUT)
+    with about(Path(path).name):
+        for name in ("amplitudes", "time_in_air", "frame_time"):
+            check_finite(raw[f"drives/{name}"], name)
         return Session(
-            scene=_scene_in(file),
-            text=file["scene"].asstr()[()],
-            amplitudes=drives["amplitudes"][:count],
-            time_in_air=column("time_in_air"),
-            drive_frame_time=column("frame_time"),
-            rules=tuple(cast(Rule, rules[index]) for index in column("rule").astype(int)),
-            states=tuple(cast(State, states[index]) for index in column("state").astype(int)),
-            kept=column("kept"),
-            shape_age=column("shape_age"),
-            foci=column("foci"),
-            joints=column("joints"),
-            frame_time=frames["time"][:],
-            landmarks=frames["landmarks"][:],
+            scene=_scene_of(raw),
+            text=raw["scene"],
+            amplitudes=raw["drives/amplitudes"].astype(np.complex64, copy=False),
+            time_in_air=raw["drives/time_in_air"],
+            drive_frame_time=raw["drives/frame_time"],
+            rules=_words(raw, "rule"),
+            states=_words(raw, "state"),
+            kept=raw["drives/kept"],
+            shape_age=raw["drives/shape_age"],
+            foci=raw["drives/foci"],
+            joints=raw["drives/joints"],
+            frame_time=raw["frames/time"],
+            landmarks=raw["frames/landmarks"],
         )
 
 
@@ -291,90 +342,85 @@ def recording_of(path: str | Path) -> Recording:
     InvalidInput
         As ``read_session``, or if the session has no frame.
     """
-    session = read_session(path)
-    if not len(session.frame_time):
+    raw = _read(path, FRAME_LAYOUT)
+    if not len(raw["frames/time"]):
         raise InvalidInput(
             f"{Path(path).name} has no frames: record one with a hand.", code="empty"
         )
-    frames = [
-        HandFrame(time, session.scene.side, index, joints if np.isfinite(joints).all() else None)
-        for index, (time, joints) in enumerate(
-            zip(session.frame_time.tolist(), session.landmarks, strict=True)
-        )
-    ]
+    with about(Path(path).name):
+        frames = [
+            HandFrame(time, raw["side"], index, joints if np.isfinite(joints).all() else None)
+            for index, (time, joints) in enumerate(
+                zip(raw["frames/time"].tolist(), raw["frames/landmarks"], strict=True)
+            )
+        ]
     return Recording(tuple(frames), StreamHealth(received=len(frames), used=len(frames)))
 
 
-@contextmanager
-def _opened(path: str | Path) -> Iterator[Any]:
-    """Open a session file, or the one in a folder, and convert errors to ``InvalidInput``."""
+def _read(path: str | Path, layout: Mapping[str, str]) -> dict[str, Any]:
+    """Read a session file, or the one in a folder."""
     path = Path(path)
     path = path / FILE if path.is_dir() else path
+    # A session may be hours long, but a file whose numbers unpack to far more bytes is none.
+    largest = max(LARGEST_DATA, 8 * path.stat().st_size) if path.is_file() else LARGEST_DATA
+    raw = datasets_of(path, layout, newest=2, largest=largest)
     with about(path.name):
-        try:
-            with _unlocked(path) as file:
-                version = int(cast(int, file.attrs["format_version"]))
-                if version > 2:
-                    raise InvalidInput(
-                        f"its version is {version}, newer than 2: update airtact to read it.",
-                        code="unsupported_version",
-                    )
-                yield file
-        except OSError as error:
-            if error.errno is not None:
-                raise file_fault(path, error) from None
-            raise InvalidInput(f"this is no HDF5 file: {error}.", code="wrong_kind") from None
-        except KeyError as error:
-            raise InvalidInput(
-                f"this is no session, because an entry is missing: {error}.", code="wrong_kind"
-            ) from None
+        check_choice(raw["format"], "its format", ["airtact session"])
+        check_choice(raw["side"], "the side of the hand", ["left", "right"])
+    # A killed loop can leave columns of different lengths.
+    for group in ("frames/", "drives/"):
+        columns = [name for name in raw if name.startswith(group)]
+        count = min((len(raw[name]) for name in columns), default=0)
+        raw.update({name: raw[name][:count] for name in columns})
+    return raw
 
 
-def _unlocked(path: Path) -> Any:
-    """Open an HDF5 file, and wait up to 10 s while another process has it locked."""
-    import h5py
-
-    # The process that writes a session can end seconds after its loop on a busy machine.
-    end = time.monotonic() + 10.0
-    while True:
-        try:
-            return h5py.File(path, "r")
-        except BlockingIOError:
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.25)
+def _words(raw: Mapping[str, Any], column: str) -> tuple[Any, ...]:
+    """Return the rule or state of each drive from its index into the file's list of them."""
+    listed = raw[f"{column}s"]
+    indices = raw[f"drives/{column}"]
+    wrong = indices[(indices < 0) | (indices >= len(listed))]
+    if len(wrong):
+        raise InvalidInput(
+            f"drives/{column} has {wrong[0]}, but there are {len(listed)} {column}s.",
+            code="out_of_range",
+        )
+    return tuple(listed[index] for index in indices.tolist())
 
 
-def _scene_in(file: Any) -> LiveScene:
-    attributes = file.attrs
-    array = file["array"]
+def _scene_of(raw: Mapping[str, Any]) -> LiveScene:
+    for place in raw["places"]:
+        check_choice(place, "a place of a focus", PLACES)
+    for name in ("offsets", "hand/radii"):
+        check_finite(raw.get(name, np.zeros(0)), name)
     element = Element(
-        array["face_points"][:],
-        array["face_weights"][:],
-        float(attributes["sensitivity"]),
-        bool(attributes["directional"]),
-        float(attributes["radius"]),
+        raw["array/face_points"],
+        raw["array/face_weights"],
+        raw["sensitivity"],
+        bool(raw["directional"]),
+        raw["radius"],
     )
-    modulation = [float(number) for number in attributes["modulation"]]
+    modulation = raw["modulation"].tolist()
+    if len(modulation) not in (0, 2):
+        raise InvalidInput(
+            f"modulation has {len(modulation)} numbers; give frequency and depth, or none.",
+            code="wrong_shape",
+        )
     return LiveScene(
-        medium=Medium(
-            float(attributes["sound_speed"]),
-            float(attributes["density"]),
-            float(attributes["absorption"]),
-        ),
-        frequency=float(attributes["frequency"]),
+        medium=Medium(raw["sound_speed"], raw["density"], raw["absorption"]),
+        frequency=check_frequency(raw["frequency"]),
         array=PhasedArray(
-            array["positions"][:],
-            array["normals"][:],
+            raw["array/positions"],
+            raw["array/normals"],
             element,
-            array["tangents"][:],
-            array["gains"][:],
+            raw["array/tangents"],
+            raw["array/gains"],
         ),
-        side="left" if attributes["side"] == "left" else "right",
-        radii=fixed(file["hand/radii"][:]) if "hand/radii" in file else None,
-        places=tuple(str(place) for place in attributes["places"]),
-        offsets=fixed(attributes["offsets"]),
-        method=str(attributes["method"]),
+        side=raw["side"],
+        radii=fixed(raw["hand/radii"]) if "hand/radii" in raw else None,
+        places=tuple(raw["places"]),
+        offsets=fixed(raw["offsets"]),
+        method=raw["method"],
         modulation=AmplitudeModulation(*modulation) if modulation else None,
-        planes=tuple(plane(point, normal) for point, normal in attributes.get("planes", [])),
+        planes=tuple(plane(point, normal) for point, normal in raw.get("planes", [])),
     )

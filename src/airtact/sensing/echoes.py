@@ -30,7 +30,6 @@ from airtact.errors import (
     of_kind,
     one_line,
     positive,
-    real_numbers,
 )
 from airtact.files.atomic import whole_file
 from airtact.files.bounded import datasets_of
@@ -177,6 +176,19 @@ class Echoes:
             raise InvalidInput(f"cannot write {path}: {reason}.", code="not_writable") from None
 
 
+LAYOUT = {
+    "format_version": "whole",
+    "frequency": "real",
+    "codes_real": "real elements transmissions",
+    "codes_imaginary": "real elements transmissions",
+    "pressures_real": "real receivers transmissions",
+    "pressures_imaginary": "real receivers transmissions",
+    "receivers": "optional whole receivers",
+    "noise": "optional real",
+    "valid": "optional real receivers transmissions",
+}
+
+
 def load_echoes(path: str | Path) -> Echoes:
     """Read echoes from an HDF5 file; the module ``airtact.sensing.echoes`` lists its datasets.
 
@@ -187,40 +199,16 @@ def load_echoes(path: str | Path) -> Echoes:
         or as ``Echoes``.
     """
     path = _checked_path(path)
-    raw = datasets_of(path)
+    raw = datasets_of(path, LAYOUT, newest=2)
+    valid = raw.get("valid")
     with about(path.name):
-        version = raw.get("format_version")
-        if not isinstance(version, int | np.integer) or version not in (1, 2):
-            raise InvalidInput(
-                f"its format_version is {version}, but versions 1 and 2 of echoes are read. Write "
-                "it as Echoes.save does.",
-                code="unsupported_version",
-            )
-        parts = ("codes_real", "codes_imaginary", "pressures_real", "pressures_imaginary")
-        missing = [name for name in ("frequency", *parts) if name not in raw]
-        if missing:
-            raise InvalidInput(f"it lacks {', '.join(missing)}.", code="data_missing")
-        numbers = {
-            name: real_numbers(np.asarray(raw[name]), name)
-            for name in ("frequency", "noise", "valid", *parts)
-            if name in raw
-        }
-        for name in ("codes", "pressures"):
-            real = numbers[f"{name}_real"]
-            imaginary = numbers[f"{name}_imaginary"]
-            if real.shape != imaginary.shape:
-                raise InvalidInput(
-                    f"real and imaginary parts of the {name} must have the same shape, but have "
-                    f"{real.shape} and {imaginary.shape}.",
-                    code="sizes_differ",
-                )
         return Echoes(
-            numbers["codes_real"] + 1j * numbers["codes_imaginary"],
-            numbers["pressures_real"] + 1j * numbers["pressures_imaginary"],
-            np.asarray(raw["receivers"]) if "receivers" in raw else None,
-            float(numbers["frequency"].reshape(-1)[0]),
-            float(numbers["noise"].reshape(-1)[0]) if "noise" in numbers else None,
-            numbers["valid"] != 0 if "valid" in numbers else None,
+            raw["codes_real"] + 1j * raw["codes_imaginary"],
+            raw["pressures_real"] + 1j * raw["pressures_imaginary"],
+            raw.get("receivers"),
+            raw["frequency"],
+            raw.get("noise"),
+            None if valid is None else valid != 0,
         )
 
 

@@ -1,0 +1,84 @@
+"""A session's file is checked as a whole before anything is built from it."""
+
+import h5py
+import numpy as np
+import pytest
+
+import airtact as at
+from faults import raises_code
+from live.live_scenes import one_board, playing
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> bytes:
+    """A session of two frames and three drives."""
+    path = tmp_path_factory.mktemp("session") / "session.h5"
+    scene = one_board()
+    writer = at.live.SessionWriter(path, scene, "a scene")
+    for index in range(3):
+        moment = playing(scene, 0.01 * index)
+        writer.drive(moment, 0.01 * index)
+        if index:
+            writer.frame(at.hands.HandFrame(0.01 * index, "left", index, moment.joints))
+    writer.close()
+    return path.read_bytes()
+
+
+@pytest.fixture
+def path(recorded, tmp_path):
+    (tmp_path / "session.h5").write_bytes(recorded)
+    return tmp_path / "session.h5"
+
+
+def test_a_session_is_read(path) -> None:
+    session = at.live.read_session(path)
+    assert (session.text, session.scene.places) == ("a scene", ("thumb.pad", "index.pad"))
+    assert session.rules == ("phalanges",) * 3
+    assert session.amplitudes.shape == (3, 249)
+    assert np.isfinite(session.foci).all()
+    assert len(at.live.recording_of(path).frames) == 2
+
+
+def replaced(file: h5py.File, name: str, values) -> None:
+    del file[name]
+    file[name] = values
+
+
+def zeros_without_end(file: h5py.File) -> None:
+    del file["drives/amplitudes"]
+    file.create_dataset("drives/amplitudes", (10**10, 249), "c8", chunks=(1, 249))
+
+
+def circle(file: h5py.File) -> None:
+    replaced(file, "array/positions", h5py.SoftLink("/array/positions"))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code"),
+    [
+        (zeros_without_end, "file_too_large"),
+        (circle, "file_unreadable"),
+        (lambda file: file.attrs.update(places=0.5), "not_a_number"),
+        (lambda file: file.attrs.update(radius="wide"), "not_a_number"),
+        (lambda file: file.attrs.update(places=["thumb.pad", "tail"]), "unknown_name"),
+        (lambda file: file.attrs.update(side="both"), "unknown_name"),
+        (lambda file: file.attrs.update(frequency=np.nan), "out_of_range"),
+        (lambda file: file.attrs.update(format_version=9), "unsupported_version"),
+        (lambda file: replaced(file, "drives/state", np.full(3, 99)), "out_of_range"),
+        (lambda file: replaced(file, "drives/foci", np.zeros((3, 5, 3))), "wrong_shape"),
+        (lambda file: replaced(file, "drives/amplitudes", np.zeros((3, 7))), "wrong_shape"),
+        (lambda file: replaced(file, "array/normals", np.zeros((249, 3))), "all_zero"),
+        (lambda file: file.pop("drives/rule"), "data_missing"),
+    ],
+)
+def test_a_spoilt_session_is_rejected(path, spoil, code) -> None:
+    with h5py.File(path, "a") as file:
+        spoil(file)
+    with raises_code(code):
+        at.live.read_session(path)
+
+
+def test_columns_of_a_killed_loop_are_cut_to_the_shortest(path) -> None:
+    with h5py.File(path, "a") as file:
+        replaced(file, "drives/kept", np.ones(2))
+    assert len(at.live.read_session(path).time_in_air) == 2
