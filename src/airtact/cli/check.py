@@ -235,6 +235,8 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
         ),
         ("pattern", array.element.pattern_in_words(scene.wavenumber.real)),
     ]
+    if setup.objects:
+        facts.append(("virtual objects", ", ".join(item.name for item in setup.objects)))
     for plane in scene.planes:
         height = 1e3 * plane.height(setup.target.points).min()
         words = f"through {in_mm(plane.point)}, {height:.3g} mm from the nearest focus"

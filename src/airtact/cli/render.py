@@ -76,11 +76,26 @@ def render(
         _table(result),
         first=[result.headline, *result.remarks],
         warnings=result.warnings,
-        lines=[*result.sensation, f"Report: {last}" if pictures else f"Drive: {last}"],
+        lines=[
+            *result.sensation,
+            *_moving(result, folder / FILES[2]),
+            f"Report: {last}" if pictures else f"Drive: {last}",
+        ],
         record={**_record(result), "files": written},
     )
     if opened:
         open_page(folder / "report.html")
+
+
+def _moving(result: "Rendering", file: Path) -> list[str]:
+    if result.sequence is None:
+        return []
+    sequence = result.sequence.sequence
+    turns = sequence.rate / len(sequence)
+    return [
+        f"Sequence: {file}, {len(sequence)} frames at {sequence.rate:,.0f} frames/s, {turns:.3g} "
+        "rounds/s"
+    ]
 
 
 def _record(result: "Rendering") -> dict[str, Any]:

@@ -169,7 +169,7 @@ def save_drive(
 def focus(
     array: PhasedArray,
     points: Real[np.ndarray, "foci 3"] | Vector,
-    hand: "at.Hand | at.Surface | None" = None,
+    hand: "at.Hand | at.Surface | list[at.Hand | at.Surface] | None" = None,
     *,
     pressures: PerFocus | None = None,
     medium: Medium | None = None,
@@ -180,7 +180,7 @@ def focus(
     ----------
     array : the transducers.
     points : (F, 3) foci in the array's frame [m], or (3,) for one.
-    hand : a hand, or the surface of another body, in the same frame.
+    hand : a hand, the surface of another body, or a list of them, in the same frame.
     pressures : (F,) requested peak pressures [Pa], or one for all; by default as strong as
         possible.
     medium : the fluid; by default air at 20 °C.
@@ -201,11 +201,10 @@ def focus(
     >>> result.drive.phases.shape, result.pressures.round(-2).tolist()
     ((249,), [5500.0])
     """
-    bodies = []
-    if hand is not None:
-        bodies.append(at.sound_hard(hand.surface if isinstance(hand, at.Hand) else hand))
+    parts = hand if isinstance(hand, list) else [] if hand is None else [hand]
+    bodies = [at.sound_hard(p.surface if isinstance(p, at.Hand) else p) for p in parts]
     scene = Scene(medium or at.air(celsius=20.0), bodies)
-    names = ("hand",) if isinstance(hand, at.Hand) else ()
+    names = tuple("hand" if isinstance(part, at.Hand) else "body" for part in parts)
     return render(Setup(scene, array, Target(points, pressures), bodies=names))
 
 

@@ -63,6 +63,12 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         "left out: they radiate forwards only, so no sound reaches it."
         for plane in setup.left_out
     ]
+    if setup.objects and setup.contacts is None:
+        names = ", ".join(item.name for item in setup.objects)
+        cautions.append(
+            f"the scene gives its foci, so the virtual objects ({names}) are only drawn, and sound "
+            "passes through them. A body that reflects sound is an [[obstacles]]."
+        )
     overlap = overlapping_boards(setup.array)
     if overlap is not None:
         first, second, point = overlap
