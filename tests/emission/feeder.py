@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import airtact as at
-from emission.odd_links import Audit, Interrupted, UnsilencedAudit, ZeroDivided
+from emission.odd_links import Audit, HangingLink, Interrupted, UnsilencedAudit, ZeroDivided
 
 DRIVE = at.Drive(np.exp(2j * np.pi * np.arange(249) / 7))
 PLAIN = {
@@ -119,6 +119,31 @@ def lock_held_and_killed(emission: at.Emission) -> None:
         ctypes.PyDLL(None).sleep(int(LONG))
 
 
+def link_stopped_and_killed(emission: at.Emission) -> None:
+    """The link process stands still, as with a driver that blocks, when this one is killed."""
+    with emission:
+        emission.send(DRIVE)
+        os.kill(emission.process, signal.SIGSTOP)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def link_killed_and_killed(emission: at.Emission) -> None:
+    with emission:
+        emission.send(DRIVE)
+        os.kill(emission.process, signal.SIGKILL)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def link_hangs(kind: signal.Signals):
+    def way(emission: at.Emission) -> None:
+        with emission:
+            emission.send(DRIVE)
+            threading.Timer(0.1, os.kill, (os.getpid(), kind)).start()
+            emission.send(DRIVE)
+
+    return way
+
+
 def out_of_seconds(emission: at.Emission) -> None:
     """The system kills a process whose computing time is over."""
     with emission:
@@ -163,6 +188,10 @@ WAYS = {
     "out-of-seconds": out_of_seconds,
     "copied": copied,
     "stopped": stopped,
+    "link-stopped-and-killed": link_stopped_and_killed,
+    "link-killed-and-killed": link_killed_and_killed,
+    "hangs-SIGINT": link_hangs(signal.SIGINT),
+    "hangs-SIGKILL": link_hangs(signal.SIGKILL),
     "silence-raises": killed(signal.SIGTERM),
     "silence-raises-and-killed": killed(signal.SIGKILL),
     **{name: killed(getattr(signal, name)) for name in ("SIGINT", "SIGTERM", "SIGHUP", *SIGNALS)},
@@ -180,6 +209,8 @@ def main() -> None:
                     signal.SIGHUP, signal.SIG_DFL
                 )  # a run of the tests may outlive its terminal
                 made = (ODD if way.startswith("silence") else PLAIN)[name]
+                if way.startswith("hangs"):
+                    made = HangingLink
                 link = (
                     Interrupted()
                     if way.startswith("silence") and name == "recording" and trial % 2

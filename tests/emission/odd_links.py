@@ -13,9 +13,22 @@ from airtact.emission.link import RecordingLink
 class SignalledLink(RecordingLink):
     """Its feeder gets a SIGTERM while it is being opened."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self.feeder = os.getpid()
+
     def _begin(self) -> None:
         super()._begin()
-        os.kill(os.getppid(), signal.SIGTERM)
+        os.kill(self.feeder, signal.SIGTERM)
+
+
+class HangingLink(RecordingLink):
+    """Its driver never returns from a frame that sounds after another one."""
+
+    def _transmit(self, frame: at.drives.Frame) -> None:
+        if self.last is not None and not frame.silent:
+            time.sleep(1e6)
+        super()._transmit(frame)
 
 
 class SlowLink(RecordingLink):
@@ -44,13 +57,13 @@ class Audit(at.AUTD3Link):
 
 
 class Unsilenced:
-    """Cannot be silenced at the first try, for a reason that nobody expects."""
+    """Cannot be silenced at the first five tries, for a reason that nobody expects."""
 
-    refused = False
+    refused = 0
 
     def _silence(self) -> None:
-        if not self.refused and not self.last.silent:
-            self.refused = True
+        if self.refused < 5 and not self.last.silent:
+            self.refused += 1
             raise self.error()
         super()._silence()
 

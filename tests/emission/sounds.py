@@ -57,6 +57,9 @@ class VirtualTime:
     def monotonic(self) -> float:
         return self.now
 
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
     def player(self, link: Link, ramp: float = 0.0, **settings) -> Player:
         settings = {"patience": 100.0, "log": None, **settings}
         player = Player(link, Settings(ramp=ramp, **settings))

@@ -43,7 +43,7 @@ ALIKE = set(SIGNALS) - {"SIGKILL", "SIGSEGV"}
     ("link", "ways"),
     [
         ("recording", sorted(set(WAYS) - ALIKE)),
-        ("audit", ["exit", "SIGKILL", "silence-raises", "silence-raises-and-killed"]),
+        ("audit", ["exit", "SIGKILL", "link-stopped-and-killed", "silence-raises"]),
     ],
 )
 def test_however_the_process_ends_the_boards_are_silent(link, ways, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 import airtact as at
 from airtact.drives.frame import frame_at
-from airtact.emission.link import LinkFailed, RecordingLink
+from airtact.emission.link import LinkFailed, RecordingLink, lock_boards
 from airtact.emission.link_process import Channel
 from airtact.emission.serial_link import SerialLink
 from airtact.transducers.modulation import AmplitudeModulation
@@ -121,6 +121,27 @@ def test_a_log_that_cannot_be_written_is_rejected(tmp_path: Path) -> None:
         at.Emission(RecordingLink(), log=tmp_path / "no" / "log"),
     ):
         pytest.fail("the block must not begin")
+
+
+def test_a_log_empties_no_file_of_others(tmp_path: Path) -> None:
+    notes = tmp_path / "notes.txt"
+    notes.write_text("measured on Tuesday")
+    with raises_code("would_overwrite", str(notes)), at.Emission(RecordingLink(), log=notes):
+        pytest.fail("the block must not begin")
+    assert notes.read_text() == "measured on Tuesday"
+
+
+def test_the_lock_of_a_board_follows_no_link(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    os.close(lock_boards("the port") or 0)
+    (lock,) = tmp_path.iterdir()
+    notes = tmp_path / "notes.txt"
+    notes.write_text("mine")
+    lock.unlink()
+    lock.symlink_to(notes)
+    with raises_code("link_in_use", "the port"):
+        lock_boards("the port")
+    assert notes.read_text() == "mine"
 
 
 # --- what it plays --------------------------------------------------------------------------------------------------

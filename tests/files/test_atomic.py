@@ -42,3 +42,10 @@ def test_a_folder_that_cannot_be_is_refused(tmp_path):
     (tmp_path / "file").touch()
     with raises_code("not_writable"):
         writable_folder(tmp_path / "file" / "out")
+
+
+def test_a_folder_keeps_all_of_its_files(tmp_path):
+    """Files with any name, such as that of a trial, stay."""
+    (tmp_path / "probe").write_text("mine")
+    writable_folder(tmp_path)
+    assert (tmp_path / "probe").read_text() == "mine"

@@ -37,12 +37,12 @@ def compare(scene: Path, folder: Path, store: Path | None, pictures: bool, opene
 
         setup = at.read_scene(scene)
         writable_folder(folder)
-        for name in ("methods.csv", "methods.html"):
-            (folder / name).unlink(missing_ok=True)  # of an older run
         result = at.compare(setup, store=store, progress=report_step)
         files = [result.save(folder)]
         if pictures:
             files += at.write_report(result, folder, progress=report_step)
+        else:
+            (folder / "methods.html").unlink(missing_ok=True)  # of an older run
     show(
         _table(result),
         warnings=result.warnings,

@@ -66,7 +66,8 @@ def init(place: Path, board: str, hand: Path | None) -> None:
     text = _scene_text(scene.name, at.transducers.board_named(board), at.load_hand(pose), name)
     writable_folder(folder)
     for file, source in copied.items():
-        shutil.copyfile(source, file)
+        with whole_file(file) as partial:
+            shutil.copyfile(source, partial)
     with whole_file(scene) as partial:
         partial.write_text(text, "utf-8")
     named = "" if scene == Path("scene.toml") else f" {scene}"

@@ -55,22 +55,19 @@ def render(
         if method is not None:
             setup = replace(setup, method=method)
         writable_folder(folder)
-        # Files of an older run are removed once this run has a drive. Until then they are not
-        # files of this run.
-        saved = False
+        files: list[Path] = []
         try:
             result = at.render(setup, store=store, progress=report_step)
-            for name in FILES:
-                (folder / name).unlink(missing_ok=True)  # of an older run
-            saved = True
-            result.save(folder)
+            files += result.save(folder)
             if pictures:
-                at.write_report(result, folder, progress=report_step)
+                files += at.write_report(result, folder, progress=report_step)
         except KeyboardInterrupt:
-            complete = [name for name in FILES if saved and (folder / name).exists()]
-            words = ", ".join(complete) or "no files of this run"
+            words = ", ".join(file.name for file in files) or "no files of this run"
             raise KeyboardInterrupt(f"{words} in {folder}, each complete") from None
-    written = {name: str(folder / name) for name in FILES if (folder / name).exists()}
+        # Files of an older run are removed last, so that a full disk loses none.
+        for name in {*FILES} - {file.name for file in files}:
+            (folder / name).unlink(missing_ok=True)
+    written = {file.name: str(file) for file in files}
     last = folder / ("report.html" if pictures else "drive.h5")
     show(
         _table(result),

@@ -103,9 +103,6 @@ def sense(
         writable_folder(folder)
         pose = folder / "pose.json"
         page = folder / "report.html"
-        # Results of an older run must not stay beside the echoes of this one.
-        for file in (pose, page):
-            file.unlink(missing_ok=True)
         if echoes is None:
             source = Simulation(noise, offset, turn, seed, wider)
         else:
@@ -119,6 +116,8 @@ def sense(
             report_step("drawing the report")
             write_sense_page(page, sensed)
             files.append(page)
+        else:
+            page.unlink(missing_ok=True)  # of an older run
         if simulate:
             files.append(folder / "echoes.h5")
             sensed.echoes.save(files[-1])

@@ -83,12 +83,13 @@ def sweep(
             raise KeyboardInterrupt(
                 f"{count} points are stored in {store}; the same command continues"
             ) from None
-        page.unlink(missing_ok=True)  # of an older run with other points
         names = [name for name, value in points[0].items() if value is not None]
         write_csv(table, rows)
         swept = Swept(scene.stem.replace("_", " "), scene.read_text("utf-8"), tuple(names), rows)
         if pictures:
             write_sweep_page(page, swept)
+        else:
+            page.unlink(missing_ok=True)  # of an older run with other points
     tables = []
     failed = swept.failed
     if len(failed) < len(rows):

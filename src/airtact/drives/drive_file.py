@@ -40,7 +40,7 @@ from airtact.errors import (
     points_of,
     positive,
 )
-from airtact.files.atomic import written
+from airtact.files.atomic import whole_file, whole_hdf5
 from airtact.files.bounded import datasets_of
 from airtact.geometry.pose import Pose
 from airtact.transducers.boards import kind_of_array
@@ -188,17 +188,15 @@ def write_drive_file(path: Path, contents: DriveFile) -> None:
     Raise "unknown_format", "data_missing" or "not_writable".
     """
     ending = checked_ending(path, (".h5", ".csv"), "drive")
-    with written(path) as partial:
-        if ending == ".csv":
+    if ending == ".csv":
+        with whole_file(path) as partial:
             _write_table(partial, contents)
-            return
-        import h5py
-
-        with h5py.File(partial, "w") as file:
-            for name, values in _datasets(contents).items():
-                file[name] = values
-                if name in UNITS:
-                    file[name].attrs["unit"] = UNITS[name]
+        return
+    with whole_hdf5(path) as file:
+        for name, values in _datasets(contents).items():
+            file[name] = values
+            if name in UNITS:
+                file[name].attrs["unit"] = UNITS[name]
 
 
 def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:

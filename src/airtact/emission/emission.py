@@ -1,6 +1,7 @@
 """Safe emission: ramp, cap, watchdog, and silence at the end in every case."""
 
 import atexit
+import re
 import signal
 import threading
 import time
@@ -125,7 +126,16 @@ class Emission:
             # Emptied here, so that an unwritable file is rejected before anything is sent; the link
             # process appends to it.
             try:
-                self._settings.log.write_text("")
+                with self._settings.log.open("a+b") as log:
+                    log.seek(0)
+                    first = log.readline(64)
+                    if first and not re.match(rb"\d+\.\d{6} ", first):
+                        raise InvalidInput(
+                            f"{self._settings.log} is not the log of an emission, and would be "
+                            "emptied: name another file.",
+                            code="would_overwrite",
+                        )
+                    log.truncate(0)
             except OSError as error:
                 raise InvalidInput(
                     f"the log {self._settings.log} cannot be written (error {error.errno}): "

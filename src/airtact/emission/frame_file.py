@@ -16,7 +16,7 @@ from airtact.drives.sequence import Sequence
 from airtact.emission.codecs import codec_of
 from airtact.emission.emission import frames_of_period
 from airtact.errors import about, of_kind, positive
-from airtact.files.atomic import written
+from airtact.files.atomic import whole_file
 from airtact.transducers.boards import boards_needed
 from airtact.transducers.modulation import AmplitudeModulation
 
@@ -103,7 +103,7 @@ def write_frames(
         total = max(round(positive(seconds, "the duration", "s") * rate), 1)
         frames = [frames[index % len(frames)] for index in range(total)]
     if ending == ".bin":
-        with written(path) as partial:
+        with whole_file(path) as partial:
             partial.write_bytes(b"".join(codec.encode(frame) for frame in frames))
     else:
         rounded = np.stack([frame.drive().amplitudes for frame in frames])

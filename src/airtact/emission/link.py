@@ -398,10 +398,18 @@ def lock_boards(resource: str) -> int | None:
         return None
     name = f"airtact-{hashlib.sha256(resource.encode()).hexdigest()[:16]}.lock"
     path = Path(tempfile.gettempdir()) / name
+    # A link in the folder that all users share could lead to a file of theirs.
+    options = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
     try:
-        file = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
-    except PermissionError:
-        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)  # made by another user
+        try:
+            file = os.open(path, options | os.O_CREAT, 0o666)
+        except PermissionError:
+            file = os.open(path, options)  # made by another user
+    except OSError as error:
+        raise InvalidInput(
+            f"{path}, which locks {resource}, cannot be opened: {error.strerror}. Remove it.",
+            code="link_in_use",
+        ) from None
     # Wait 0.5 s in case a link is just being closed.
     end = time.monotonic() + 0.5
     while True:

@@ -1,13 +1,16 @@
-"""The process that holds a link, and the owner's code that starts it and replaces it if lost.
+"""The process that holds a link, its guard, and the owner's code that starts them.
 
-The link process plays for its owner, and silences the boards when the owner ends. Whatever ends the
-owner does not end the link process before the boards are silent: it has its own session, ignores
-every signal that it can, and notices at once when the owner or its connection ends.
+The owner starts the guard, which forks the link process. The link process plays for its owner, and
+silences the boards when the owner, the guard or the connection ends. The guard holds a copy of the
+link. If the link process ends or stops responding, the guard kills it, opens the link itself, and
+silences the boards. Both have their own session and ignore every signal that they can. Only the
+loss of all three processes leaves boards emitting that repeat a frame by themselves.
 """
 
 import copy
 import os
 import pickle
+import select
 import signal
 import socket
 import struct
@@ -21,7 +24,7 @@ from contextlib import suppress
 from typing import Any
 
 from airtact.emission.link import Link, LinkFailed
-from airtact.emission.player import Player, Settings
+from airtact.emission.player import STALL, Player, Settings
 from airtact.errors import InvalidInput
 
 # Time that a link process may take to answer before it is killed [s].
@@ -30,8 +33,11 @@ ANSWER_TIMEOUT = 30.0
 # Time that a link process may take to open its link before it is killed [s].
 OPENING_TIMEOUT = 120.0
 
-# Time that a link process may take to exit after its link is closed [s].
-ENDING_TIMEOUT = 5.0
+# Time that a guard may take to silence the boards, or to exit after the link is closed [s].
+ENDING_TIMEOUT = 15.0
+
+# Exit status of a guard that silenced the boards after the link process was lost.
+SILENCED = 3
 
 
 class Channel:
@@ -108,11 +114,8 @@ class LinkProcess:
         self._settings = settings
         self._lock = threading.Lock()
         self._number = 0
-        self._closing = False
-        self._lost: str | None = None
-        self._rescue: LinkFailed | None = None
-        self._watcher: threading.Thread | None = None
-        self._child: subprocess.Popen[bytes] | None = None
+        self._lost: LinkFailed | None = None
+        self._guard: subprocess.Popen[bytes] | None = None
         reason = why_here(link)
         if reason is not None:
             warnings.warn(
@@ -125,8 +128,7 @@ class LinkProcess:
         self._channel = Channel(ours)
         if reason is None:
             with theirs:
-                self._child = _start(theirs)
-            self.process = self._child.pid
+                self._guard = _start(theirs)
         else:
             thread = threading.Thread(
                 target=serve,
@@ -138,14 +140,12 @@ class LinkProcess:
             thread.start()
         sent_link = link if reason is None else None
         try:
-            self.ask("open", sent_link, settings, seconds=OPENING_TIMEOUT)
+            process = self.ask("open", sent_link, settings, seconds=OPENING_TIMEOUT)
         except BaseException:
             self.end()
             raise
-        if self._child is not None:
-            # A thread, because the boards must fall silent even while the owner computes.
-            self._watcher = threading.Thread(target=self._watch, name="link watcher", daemon=True)
-            self._watcher.start()
+        if self._guard is not None:
+            self.process = process
 
     def ask(self, name: str, *arguments: object, seconds: float | None = None) -> Any:
         """Call a method of the link's player and return its answer, within a time [s].
@@ -155,22 +155,23 @@ class LinkProcess:
         Raises
         ------
         InvalidInput, LinkFailed
-            The errors of the link, or "link_process_lost" if its process has ended.
+            The errors of the link; "link_process_lost" or "silence_failed" if its process has
+            ended.
         """
         seconds = ANSWER_TIMEOUT if seconds is None else seconds
         with self._lock:
             if self._lost is not None:
-                raise self._lost_error()
+                raise self._lost
             self._number += 1
             try:
                 self._channel.send((self._number, name, arguments))
                 answer = self._answer(seconds)
             except (EOFError, OSError):
-                self._lose("ended")
-                raise self._lost_error() from None
+                raise self._lose("ended or stopped responding") from None
             if answer is None:
-                self._lose(f"did not answer for {seconds:g} s")
-                raise self._lost_error()
+                if self._guard is not None:
+                    os.killpg(self._guard.pid, signal.SIGKILL)
+                raise self._lose(f"did not answer for {seconds:g} s")
         _, value, fault, sent = answer
         self._link.sent = sent
         if fault is not None:
@@ -186,44 +187,33 @@ class LinkProcess:
                 return answer
         return None
 
-    def _lose(self, event: str) -> None:
-        """Note why the link process is lost; kill it if it does not answer."""
-        if self._child is not None:
-            if event != "ended":
-                self._child.kill()
-            with suppress(subprocess.TimeoutExpired):
-                code = self._child.wait(ENDING_TIMEOUT)
-                if code < 0:
-                    event += f" by {signal.Signals(-code).name}"
-        self._lost = self._lost or event
-
-    def _lost_error(self) -> LinkFailed:
-        who = "thread" if self._child is None else f"process {self._child.pid}"
-        then = "it had not opened" if self._watcher is None else "another one silences the boards"
-        return LinkFailed(
-            f"the link's {who} {self._lost}, after {self._link.sent} frames; {then}.",
-            code="link_process_lost",
+    def _lose(self, event: str) -> LinkFailed:
+        """Wait until the guard has silenced the boards, else do it; return the error to raise."""
+        code = "link_process_lost"
+        then = "it had not opened"
+        if self._guard is None:
+            then = "the boards may still emit: cut their power"
+        else:
+            status = self._end_guard()
+            if self.process is not None:
+                then = "another process has silenced the boards"
+                # The guard was lost, too, or failed.
+                if status not in (0, SILENCED):
+                    try:
+                        successor = LinkProcess(copy.copy(self._link), self._settings)
+                        successor.ask("finish", "another link process was lost")
+                        successor.close()
+                    except Exception as error:
+                        code = "silence_failed"
+                        then = (
+                            f"no other process could silence the boards: {str(error).rstrip('.')}; "
+                            "the boards may still emit: cut their power"
+                        )
+        who = "thread" if self._guard is None else f"process {self.process or ''}".strip()
+        self._lost = LinkFailed(
+            f"the link's {who} {event}, after {self._link.sent} frames; {then}.", code=code
         )
-
-    def _watch(self) -> None:
-        """Have another process silence the boards as soon as the link process has ended."""
-        assert self._child is not None
-        # Polled, because a thread that waits for the process blocks other threads that do so.
-        while self._child.poll() is None:
-            time.sleep(0.01)
-        if self._child.returncode == 0 and self._closing:
-            return
-        self._lose("ended")
-        try:
-            successor = LinkProcess(copy.copy(self._link), self._settings)
-            successor.ask("finish", "another link process was lost")
-            successor.close()
-        except Exception as error:
-            self._rescue = LinkFailed(
-                f"{str(self._lost_error()).split(';')[0]}, and no other could silence the boards: "
-                f"{str(error).rstrip('.')}; the boards may still emit: cut their power.",
-                code="silence_failed",
-            )
+        return self._lost
 
     def close(self) -> str | None:
         """Close the link; return why the emission ended.
@@ -234,27 +224,24 @@ class LinkProcess:
             "link_process_lost" or "silence_failed", if the process was lost.
         """
         try:
-            self._closing = True
             return self.ask("close")
-        except LinkFailed as error:
-            # The watcher has another process silence the boards: wait for its result.
-            if error.code == "link_process_lost" and self._watcher is not None:
-                self._watcher.join(OPENING_TIMEOUT)
-                raise (self._rescue or error) from None
-            raise
         finally:
             self.end()
 
     def end(self) -> None:
         """Close the connection, which ends the process, and wait for its end."""
-        self._closing = True
         self._channel.close()
-        if self._child is not None:
-            try:
-                self._child.wait(ENDING_TIMEOUT)
-            except subprocess.TimeoutExpired:
-                self._child.kill()
-                self._child.wait()
+        if self._guard is not None:
+            self._end_guard()
+
+    def _end_guard(self) -> int:
+        """Wait for the end of the guard and return its exit status; kill it if that takes long."""
+        assert self._guard is not None
+        try:
+            return self._guard.wait(ENDING_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            os.killpg(self._guard.pid, signal.SIGKILL)  # and the link process
+            return self._guard.wait()
 
 
 def why_here(link: Link) -> str | None:
@@ -293,19 +280,53 @@ def _start(end: socket.socket) -> "subprocess.Popen[bytes]":
         ) from None
 
 
-# --- in the process ---
+# --- in the link process ---
+
+
+class Tether:
+    """The connection of a link process to its guard; its methods never block."""
+
+    TIME = struct.Struct("<d")
+
+    def __init__(self, end: socket.socket) -> None:
+        self._socket = end
+        end.setblocking(False)
+
+    def alive(self, seconds: float) -> None:
+        """Tell the guard that the boards are open and the next work may take some time [s]."""
+        with suppress(OSError):
+            self._socket.send(self.TIME.pack(seconds))
+
+    def ended(self) -> bool:
+        """Whether the owner or the guard has ended."""
+        try:
+            self._socket.recv(1)  # a byte for the owner's end, none for the guard's
+        except BlockingIOError:
+            return False
+        except OSError:
+            pass
+        return True
 
 
 def serve(
-    channel: Channel, gone: Callable[[], bool] = lambda: False, here: Link | None = None
-) -> None:
-    """Play a link, ``here`` or from the first message, until its owner closes it or ends."""
+    channel: Channel,
+    tether: Tether | None = None,
+    here: Link | None = None,
+    message: tuple[Any, ...] | None = None,
+) -> bool:
+    """Play a link, ``here`` or from the first message, until its owner closes it or ends.
+
+    Return whether the owner was answered or the boards are silent.
+    """
     player: Player | None = None
+    closed = True
     try:
-        while not gone():
-            message = channel.receive(0.1 if player is None else player.wait())
+        while tether is None or not tether.ended():
+            if message is None:
+                message = channel.receive(0.1 if player is None else player.wait())
             if message is not None:
                 number, name, arguments = message
+                message = None
                 answer: Any = None
                 fault: BaseException | None = None
                 try:
@@ -315,21 +336,28 @@ def serve(
                         opened.open()
                         # Set only now: a link that did not open is not silenced.
                         player = opened
+                        answer = os.getpid()
+                        if tether is not None:
+                            player.alive = tether.alive
                     else:
+                        if name == "close" and player is not None:
+                            player.alive(5.0)
                         answer = getattr(player, name)(*arguments)
                 except BaseException as error:
                     fault = _carried(error)
                 channel.send((number, answer, fault, 0 if player is None else player.link.sent))
                 if name == "close" or player is None:
-                    return
+                    return True
             if player is not None:
+                player.alive(STALL)
                 player.step()
     except (EOFError, OSError):  # the owner has ended: silence the boards below
         pass
     finally:
         if player is not None:
-            _end(player)
+            closed = _silenced(player)
         channel.close()
+    return closed
 
 
 def _carried(error: BaseException) -> BaseException:
@@ -340,22 +368,60 @@ def _carried(error: BaseException) -> BaseException:
     return LinkFailed(f"the link raised {type(error).__name__}: {error}.", code="link_failed")
 
 
-def _end(player: Player) -> None:
-    # There is no owner to report to, so try again for 5 s if silence is not confirmed.
-    for _ in range(50):
-        try:
-            player.finish("its process was gone")
-            break
-        except BaseException:
-            time.sleep(0.1)
+def _silenced(player: Player) -> bool:
+    """Silence the boards and close the link; return whether the boards are silent."""
+    silent = True
+    try:
+        player.finish("its process was gone")
+    except BaseException:
+        silent = False
     with suppress(BaseException):
+        player.alive(5.0)
         player.close()
+    return silent
+
+
+def guard(process: int, end: socket.socket, owner: int, rescue: Callable[[], bool]) -> int:
+    """Watch the link process until it ends, and silence the boards unless it did; return a status.
+
+    Parameters
+    ----------
+    process : id of the link process, a child of this one.
+    end : connection to its ``Tether``.
+    owner : id of the process that started this one.
+    rescue : opens the link, silences the boards, and returns whether that succeeded.
+    """
+    opened = False
+    left = OPENING_TIMEOUT
+    while True:
+        if select.select([end], [], [], 0.05)[0]:
+            try:
+                times = end.recv(1 << 16)
+            except OSError:
+                times = b""
+            if not times:
+                break  # the link process has ended
+            opened = True
+            (left,) = Tether.TIME.unpack(times[-Tether.TIME.size :])
+        else:
+            # Count waiting instead of time: both processes may have been stopped together.
+            left -= 0.05
+            if left < 0.0:
+                os.kill(process, signal.SIGKILL)
+                break
+        if os.getppid() != owner:
+            with suppress(OSError):
+                end.send(b"x")
+    status = os.waitpid(process, 0)[1]
+    if status == 0 or not opened:
+        return 0
+    return SILENCED if rescue() else 1
 
 
 def main() -> None:
-    """Serve the owner whose connection and process id are the arguments."""
-    # Ignore all signals but SIGCHLD, needed to wait for child processes of libraries, and hardware
-    # faults, which would repeat forever.
+    """Guard a link process for the owner whose connection and process id are the arguments."""
+    # Ignore all signals but SIGCHLD, needed to wait for child processes, and hardware faults, which
+    # would repeat forever.
     needed = {
         signal.SIGCHLD,
         signal.SIGSEGV,
@@ -367,8 +433,39 @@ def main() -> None:
     for kind in signal.valid_signals() - needed:
         with suppress(OSError, ValueError):
             signal.signal(kind, signal.SIG_IGN)
-    owner = int(sys.argv[2])
-    serve(Channel(socket.socket(fileno=int(sys.argv[1]))), lambda: os.getppid() != owner)
+    channel = Channel(socket.socket(fileno=int(sys.argv[1])))
+    try:
+        message = channel.receive(OPENING_TIMEOUT)
+    except EOFError:
+        return
+    assert message is not None
+    link, settings = message[2]
+    theirs, ours = socket.socketpair()
+    # Forked, because a second interpreter would take half a second to start.
+    process = os.fork()
+    if process == 0:
+        theirs.close()
+        silent = False
+        try:
+            silent = serve(channel, Tether(ours), message=message)
+        finally:
+            os._exit(0 if silent else 1)
+    ours.close()
+    channel.close()
+
+    def rescue() -> bool:
+        give_up = time.monotonic() + settings.silencing
+        while True:
+            player = Player(link, settings)
+            try:
+                player.open()
+                return _silenced(player)
+            except BaseException:
+                if time.monotonic() > give_up:
+                    return False
+                time.sleep(0.1)
+
+    sys.exit(guard(process, theirs, int(sys.argv[2]), rescue))
 
 
 if __name__ == "__main__":

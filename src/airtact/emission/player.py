@@ -1,7 +1,7 @@
 """Playback on a link, in its process: ramp, cap, modulation, sequences, watchdog, silence, log."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
@@ -13,14 +13,20 @@ from airtact.drives.frame import Frame, frame_at, share_under_cap
 from airtact.emission.link import Link, LinkFailed
 
 
+# Time that a call of a link may take before its process is replaced [s]. The slowest serial board
+# takes 0.5 s for the answers to a frame.
+STALL = 0.6
+
+
 @dataclass(frozen=True)
 class Settings:
-    """Ramp [s], watchdog timeout [s], log file, and whether an emission resumes."""
+    """Ramp, watchdog timeout and time for which failed silence is retried [s], and the log file."""
 
     ramp: float
     patience: float
     log: Path | None
     resumes: bool = False
+    silencing: float = 5.0
 
 
 @dataclass(frozen=True)
@@ -42,13 +48,22 @@ class Player:
 
     ``Emission`` calls the methods without an underscore by name. ``step`` does the work that is
     due. If a step fails, the next command that feeds the watchdog raises its error.
+
+    Parameters
+    ----------
+    link, settings : link, not open yet, and settings.
+    alive : called before work with the time that it may take [s].
     """
 
-    def __init__(self, link: Link, settings: Settings) -> None:
+    def __init__(
+        self, link: Link, settings: Settings, alive: Callable[[float], None] = lambda seconds: None
+    ) -> None:
         self.link = link
+        self.alive = alive
         self.over: str | None = None
         self._settings = settings
         self._failure: LinkFailed | None = None  # failure to silence the boards
+        self._give_up: float | None = None  # when to stop trying to silence them
         self._trouble: Exception | None = None  # error of a step
         self._log: TextIO | None = None
         # (drive, factor, frame) of each frame that is played; a single drive is one frame.
@@ -311,6 +326,7 @@ class Player:
 
     def _upload(self, frames: Sequence[Frame], rate: float) -> None:
         self._emitting = True
+        self.alive(STALL + 5e-3 * len(frames))  # boards take up to 5 ms for a frame
         self.link.play(frames, rate)
         self._emitting = not all(frame.silent for frame in frames)
         self._note(frames)
@@ -338,19 +354,22 @@ class Player:
         self._confirm_silence()
 
     def _confirm_silence(self) -> None:
-        # A single fault, such as a lost packet, must not leave the boards emitting.
-        for tries_left in (2, 1, 0):
+        # Faults that pass, such as lost packets, must not leave the boards emitting.
+        while True:
+            self.alive(STALL)
             try:
                 self.link.stop()
                 break
             except BaseException as error:
-                if tries_left == 0:
+                self._give_up = self._give_up or time.monotonic() + self._settings.silencing
+                if time.monotonic() >= self._give_up:
                     sentence = str(error).rstrip(".") or repr(error)
                     self._failure = LinkFailed(
                         f"{sentence}; the boards may still emit: cut their power.",
                         code="silence_failed",
                     )
                     raise self._failure from error
+                time.sleep(0.1)
         self._emitting = False
         self._write("silence confirmed")
 

@@ -1,10 +1,13 @@
-"""Atomic writing: an interrupted run leaves no incomplete file."""
+"""Atomic writing: an interrupted run or a full disk leaves no incomplete file."""
 
+import io
 import os
 import secrets
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from airtact.errors import InvalidInput
 
@@ -13,41 +16,41 @@ from airtact.errors import InvalidInput
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield another path in the same folder to write to, then rename it.
 
-    The file appears only when it is complete, even if several processes write it.
+    The file appears only when it is complete, even if several processes write it. Raise
+    "not_writable", with the path, if it cannot be written.
     """
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
-        yield partial
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+        try:
+            yield partial
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
+    except OSError as error:
+        reason = f"{error.strerror or error} (error {error.errno})"
+        if not path.parent.is_dir():
+            reason = f"there is no folder {path.parent}; make it first"
+        raise InvalidInput(f"cannot write {path}: {reason}.", code="not_writable") from None
 
 
 @contextmanager
-def written(path: Path) -> Iterator[Path]:
-    """Write a file like ``whole_file``; raise "not_writable" on failure."""
-    if not path.parent.is_dir():
-        raise InvalidInput(
-            f"{path.name} cannot be written: there is no folder {path.parent}; make it first.",
-            code="not_writable",
-        )
-    try:
-        with whole_file(path) as partial:
-            yield partial
-    except OSError as error:
-        raise InvalidInput(
-            f"cannot write {path}: {error.strerror or error} (error {error.errno}).",
-            code="not_writable",
-        ) from None
+def whole_hdf5(path: Path) -> Iterator[Any]:
+    """Yield an HDF5 file in memory, and write it like ``whole_file``."""
+    import h5py
+
+    # HDF5 crashes the process if it closes a file on a full disk.
+    content = io.BytesIO()
+    with h5py.File(content, "w") as file:
+        yield file
+    with whole_file(path) as partial:
+        partial.write_bytes(content.getbuffer())
 
 
 def writable_folder(path: Path) -> Path:
     """Make a folder and check that it is writable; raise "not_writable" on failure."""
     try:
         path.mkdir(parents=True, exist_ok=True)
-        with whole_file(path / "probe") as probe:
-            probe.touch()
-        (path / "probe").unlink()
+        tempfile.TemporaryFile(dir=path).close()
     except (FileExistsError, NotADirectoryError):
         file = next(part for part in (path, *path.parents) if part.exists())
         raise InvalidInput(

@@ -24,7 +24,6 @@ def write_methods_page(
     setup = contest.setup
     emitted = {contender.name: contender.emitted for contender in contest.contenders}
     page = folder / "methods.html"
-    page.unlink(missing_ok=True)  # an older run's
     with clock.step("cuts", "computing the fields in the pictures"):
         window = plane_of_scene(setup.scene, setup.target.points)
         pressures = dict(zip(emitted, contest.field.at(window.points).T, strict=True))

@@ -44,8 +44,6 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
     setup = run.setup
     scene = setup.scene
     files = (folder / "field.vtkhdf", folder / "report.html")
-    for file in files:
-        file.unlink(missing_ok=True)  # an older run's
     with clock.step("field", "computing the field around the foci"):
         box = box_around(setup.target.points, scene.wavelength)
         pressure = run.drive.peak * run.verification.at(box.points)[run.verification.names[0]]

@@ -31,7 +31,7 @@ from airtact.errors import (
     one_line,
     positive,
 )
-from airtact.files.atomic import whole_file
+from airtact.files.atomic import whole_hdf5
 from airtact.files.bounded import datasets_of
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import FULL_SCALE
@@ -151,8 +151,6 @@ class Echoes:
         >>> bool(np.array_equal(back.pressures, echoes.pressures))
         True
         """
-        import h5py
-
         path = _checked_path(path)
         datasets = {
             "format_version": 1 if self.valid is None else 2,
@@ -167,13 +165,9 @@ class Echoes:
             datasets["noise"] = self.noise
         if self.valid is not None:
             datasets["valid"] = np.asarray(self.valid, dtype=np.uint8)
-        try:
-            with whole_file(path) as partial, h5py.File(partial, "w") as file:
-                for name, values in datasets.items():
-                    file[name] = values
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise InvalidInput(f"cannot write {path}: {reason}.", code="not_writable") from None
+        with whole_hdf5(path) as file:
+            for name, values in datasets.items():
+                file[name] = values
 
 
 LAYOUT = {

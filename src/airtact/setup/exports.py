@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from airtact.errors import InvalidInput
 from airtact.evaluation.windows import Box
-from airtact.files.atomic import whole_file
+from airtact.files.atomic import whole_file, whole_hdf5
 from airtact.geometry.mesh.arrays import QuadraticTriangles, Triangles, Vertices
 from airtact.geometry.mesh.quadratic_triangles import edge_lengths, panel_areas, smallest_angles
 from airtact.geometry.mesh.topology import components, edge_twins
@@ -32,7 +32,7 @@ def write_field(
     The point data are pressure_real and pressure_imag, NaN inside bodies. The cell data ``body`` is
     the index of the body.
     """
-    with whole_file(path) as partial, h5py.File(partial, "w") as file:
+    with whole_hdf5(path) as file:
         root = _group(file, "VTKHDF", "PartitionedDataSetCollection")
         _write_image(_block(root, "field", 0, "ImageData"), box, pressure)
         names = ["field"]
@@ -120,7 +120,7 @@ def _write_vtkhdf(
         "smallest_angle": smallest_angles(quadratic_triangles),
         "area": panel_areas(quadratic_triangles),
     }
-    with whole_file(path) as partial, h5py.File(partial, "w") as file:
+    with whole_hdf5(path) as file:
         root = _group(file, "VTKHDF", "UnstructuredGrid")
         for name, number in (
             ("Points", 6 * count),

@@ -138,14 +138,15 @@ class Rendering:
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write drive.csv, drive.h5 and, for moving foci, sequence.h5; return the files."""
         folder = writable_folder(Path(folder))
-        sequence = folder / SEQUENCE_FILE
-        sequence.unlink(missing_ok=True)  # of an older run
         files = [folder / name for name in ("drive.csv", "drive.h5")]
         for file in files:
             save_drive(file, self.drive, self.setup, self.transfer, self.beacons)
+        sequence = folder / SEQUENCE_FILE
         if self.sequence is not None:
             self.sequence.save(sequence, self.setup)
             files.append(sequence)
+        else:
+            sequence.unlink(missing_ok=True)  # of an older run
         return tuple(files)
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Complex128
 from scipy.spatial.transform import Rotation
 
 from airtact.errors import InvalidInput, about, of_kind
-from airtact.files.atomic import written
+from airtact.files.atomic import whole_file
 from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
@@ -146,5 +146,5 @@ def save_calibration(
         ",".join([str(index), *(f"{value:.9g}" for value in row)])
         for index, row in enumerate(numbers)
     ]
-    with written(path) as partial:
+    with whole_file(path) as partial:
         partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
