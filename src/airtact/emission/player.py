@@ -12,7 +12,6 @@ from jaxtyping import Complex128, Float64
 from airtact.drives.frame import Frame, frame_at, share_under_cap
 from airtact.emission.link import Link, LinkFailed
 
-
 # Time that a call of a link may take before its process is replaced [s]. The slowest serial board
 # takes 0.5 s for the answers to a frame.
 STALL = 0.6
