@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.special import j1
+from scipy.special import j1, jv
 
 import airtact as at
-from airtact.evaluation.steepening import Steepening
+from airtact.evaluation.steepening import Steepening, steepening
 
 AIR = at.Medium(sound_speed=344.0, density=1.2)
 STIFFNESS = 1.2 * 344.0**2
@@ -55,10 +55,62 @@ def test_a_focus_keeps_as_much_as_in_the_euler_equations(
     assert effect.error[0] >= 0.5 * abs(effect.kept[0] / kept - 1.0)
 
 
-def test_a_plane_wave_steepens_as_fubini_says() -> None:
-    # A far source is a plane wave at σ = βkPr/(ρc²) if the path is cut off near it: here the
-    # amplitude falls by 1/r, and the theory of spherical waves has ln(r) in place of it. So the
-    # estimate is compared by its own third order, σ²/8.
-    shocks = np.array([0.2, 0.5, 1.0])
-    wave = Steepening(shocks / 2.0, shocks**2 / 8.0, np.zeros(3))
-    np.testing.assert_allclose(wave.kept, 2.0 * j1(shocks) / shocks, rtol=1e-9)
+@pytest.mark.parametrize("shock", [0.2, 0.5, 1.0])
+def test_a_single_wave_steepens_as_fubini_says(shock: float) -> None:
+    # One source has one direction: a plane wave over its path r, with σ = β k r P/(ρc²).
+    scene = at.Scene(AIR, [])
+    field = at.FreeField().radiate(scene, at.Monopoles(np.zeros((1, 3)), np.ones((1, 1))))
+    path = 0.1
+    pressure = shock * STIFFNESS / (1.2 * scene.wavenumber.real * path)
+    effect = steepening(field, np.array([[path, 0.0, 0.0]]), np.array([1.0 / path]))
+    effect = effect.scaled(pressure * path)
+    kept = 2.0 * j1(shock) / shock
+    assert effect.kept[0] == pytest.approx(kept, rel=0.01)
+    assert effect.second_harmonic[0] == pytest.approx(jv(2, 2.0 * shock) / shock / kept, rel=0.15)
+
+
+def test_the_box_of_the_paper_keeps_all_of_27_kilopascal() -> None:
+    scene, target = at.Scene(AIR, []), at.Target(np.zeros((1, 3)))
+    array = at.surrounding_box()
+    drive = at.focus_by_distance(array, target, AIR, 40e3)
+    result = at.evaluate(scene, array, drive, target, solver=at.FreeField())
+    effect = result.steepening.scaled(27e3 / result.magnitudes[0])
+    assert effect.kept[0] > 0.98
+    assert 0.3 < effect.second_harmonic[0] < 0.55
+
+
+def test_shocks_and_unknown_waves_leave_the_pressure_unknown() -> None:
+    effect, pressure, result = focused(0.087, 0.2)
+    np.testing.assert_allclose(result.expected, pressure * effect.kept)
+    np.testing.assert_allclose(result.second_harmonic, effect.second_harmonic)
+    strong = effect.scaled(10e3 / pressure)
+    assert np.isnan(strong.kept[0])
+    assert np.isnan(strong.second_harmonic[0])
+    # the waves of the sources explain a tenth of this pressure
+    field = result.field
+    assert field is not None
+    scattered = steepening(field, result.target.points, 10.0 * result.pressures)
+    assert np.isnan(scattered.scaled(3e3 / pressure).kept[0])
+    assert np.isfinite(scattered.scaled(100.0 / pressure).kept[0])
+
+
+def test_a_focus_on_a_body_is_a_focus_on_a_wall() -> None:
+    _, _, result = focused(0.06, 0.06)
+    field = result.field
+    assert field is not None
+    slab = at.sound_hard(at.sphere(0.2, 0.02, (0.0, 0.0, 0.26)))
+    sources = field.sources
+    near = at.FreeField().radiate(at.Scene(AIR, []), sources)
+    object.__setattr__(near, "scene", at.Scene(AIR, [slab]))
+    effect = steepening(near, result.target.points, 2.0 * result.pressures)
+    wall, _, _ = focused(0.06, 0.06, wall=True)
+    np.testing.assert_allclose(effect.depletion, wall.depletion, rtol=0.1)
+
+
+def test_a_silent_point_does_not_steepen() -> None:
+    field = at.FreeField().radiate(
+        at.Scene(AIR, []), at.Monopoles(np.zeros((1, 3)), np.zeros((1, 1)))
+    )
+    effect = steepening(field, np.array([[0.1, 0.0, 0.0]]), np.zeros(1))
+    assert effect.kept[0] == pytest.approx(1.0)
+    assert effect.second_harmonic[0] == 0.0

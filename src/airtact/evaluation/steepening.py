@@ -102,11 +102,12 @@ def steepening(
     stiffness = medium.density * medium.sound_speed**2
     rows = []
     for point, pressure in zip(points, pressures, strict=True):
-        waves = _waves_at(field, excitation, point).patches(128)
+        waves = _waves_at(field, excitation, point)
         total = abs(waves.pressure.sum())
         if total == 0.0:
             rows.append((0.0, 0.0, 0.0))
             continue
+        waves = waves.patches(128)
         rows.append(
             (
                 abs(_second_order(waves)) / stiffness,
@@ -136,17 +137,19 @@ class _Waves:
 
     def patches(self, count: int) -> "_Waves":
         """Combine waves of neighbouring directions to at most ``count``."""
-        if len(self.pressure) <= count:
-            return self
+        count = min(count, len(self.pressure))
         # Leaves of a balanced tree are neighbours, and so are equal parts of their sequence.
         order = np.asarray(KDTree(self.direction).indices)
         starts = np.linspace(0, len(order), count, endpoint=False).astype(int)
         weight = np.abs(self.pressure)[order]
         direction = np.add.reduceat(weight[:, None] * self.direction[order], starts)
+        # Waves in exactly the same direction would resonate: their sums are quotients of zeros.
+        # This length keeps them apart by a hundredth of a radian over the path.
+        longest = np.sqrt(1.0 - min(0.02 / self.path, 0.5))
+        length = np.linalg.norm(direction, axis=1)
+        length = np.maximum(np.add.reduceat(weight, starts), length / longest)
         return _Waves(
-            np.add.reduceat(self.pressure[order], starts),
-            direction / np.add.reduceat(weight, starts)[:, None],
-            self.path,
+            np.add.reduceat(self.pressure[order], starts), direction / length[:, None], self.path
         )
 
 
@@ -204,8 +207,7 @@ def _second_harmonic(cosine: np.ndarray, path: float) -> tuple[np.ndarray, np.nd
     The amplitude of the forced wave, times ρc²/2 [Pa], and that of the free wave over it, negative.
     """
     square = np.maximum(2.0 + 2.0 * cosine, 0.0)  # of |k₁ + k₂|/k
-    # Parallel waves force a resonance, which the floor only rounds.
-    gap = np.maximum(4.0 - square, 1e-5)
+    gap = 4.0 - square
     coupling = NONLINEARITY / 2.0 + cosine + ((1.0 - cosine) / 2.0) ** 2
     return coupling / gap, np.exp(1j * path * gap / (2.0 + np.sqrt(square)))
 
@@ -245,10 +247,14 @@ def _third_order(waves: _Waves) -> float:
 
 
 def _response(square: Float32[np.ndarray, "pairs waves"], path: float) -> np.ndarray:
-    """Response of the fundamental to a force e^{iκx} along the path, by κ² in units of k²."""
-    phase = np.float32(path) * (np.sqrt(np.maximum(square, 0.0)) - np.float32(1.0))
+    """Response of the fundamental to a force e^{iκx} along the path, by κ² in units of k².
+
+    It is (1 − e^{−iφ})/(κ² − 1) with φ = (κ − 1) times the path, written without its zero.
+    """
+    wavenumber = np.sqrt(np.maximum(square, 0.0))
+    half = np.float32(0.5 * path) * (wavenumber - np.float32(1.0)) + np.float32(1e-6)
+    factor = np.sin(half) / half * np.float32(path) / (wavenumber + np.float32(1.0))
     response = np.empty(square.shape, dtype=np.complex64)
-    gap = square - np.float32(1.0) + np.float32(1e-5)
-    response.real = (1.0 - np.cos(phase)) / gap
-    response.imag = np.sin(phase) / gap
+    response.real = factor * np.sin(half)
+    response.imag = factor * np.cos(half)
     return response
