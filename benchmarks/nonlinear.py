@@ -90,7 +90,9 @@ class Grid:
             depths.append(self.low + RIM - height)
         if not self.mirror_high:
             depths.append(height - self.high + RIM)
-        strength = sum(np.clip(depth / RIM, 0.0, 1.0) ** 2 for depth in depths)
+        strength = np.zeros_like(radius)
+        for depth in depths:
+            strength += np.clip(depth / RIM, 0.0, 1.0) ** 2
         return 2.5 * SOUND_SPEED / RIM * strength
 
 
