@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from airtact.timing import Clock
+from airtact.setup.sweeping import processes
+from airtact.timing import Clock, start_python
 
 
 def test_a_clock_reports_steps_and_adds_up_their_times():
@@ -52,3 +53,14 @@ def test_a_process_gives_way_with_its_session_only_where_that_is_its_own():
         nice, found = ran.stdout.split()
         assert int(nice) >= 5
         assert found == group
+
+
+def test_no_child_imports_from_the_current_folder(tmp_path, monkeypatch) -> None:
+    for name in ("random", "copy", "token", "pickle", "signal", "numpy", "h5py"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'run')!r}, 'w')")
+    monkeypatch.chdir(tmp_path)
+    with start_python("-c", "import random, h5py") as child:
+        assert child.wait() == 0
+    with processes(1) as pool:
+        assert pool.submit(abs, -2).result() == 2
+    assert not (tmp_path / "run").exists()

@@ -1,10 +1,13 @@
-"""Wall time of steps, progress reports, and limits of threads and process priority."""
+"""Wall time of steps, progress reports, child processes, and limits of threads and priority."""
 
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
@@ -73,3 +76,20 @@ def give_way(nice: int) -> None:
         if os.getsid(0) == os.getpid():
             with open("/proc/self/autogroup", "w", encoding="ascii") as group:
                 group.write(str(nice))
+
+
+def start_python(*arguments: str, **options: Any) -> "subprocess.Popen[bytes]":
+    """Start Python in a session of its own, with one thread for linear algebra.
+
+    It can import what this process can. ``options`` are those of ``subprocess.Popen``.
+    """
+    paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
+    one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    # Without -P the current folder comes first, and a random.py in it replaces Python's module.
+    return subprocess.Popen(
+        [sys.executable, "-P", *arguments],
+        env={**os.environ, **one_thread, "PYTHONPATH": paths},
+        text=False,
+        start_new_session=True,  # signals to this session, such as Ctrl-C, do not reach it
+        **options,
+    )

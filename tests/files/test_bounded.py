@@ -118,7 +118,14 @@ def test_a_table_that_hurts_is_rejected(words, code, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("ending", "words"), [("xyz", "1 2 3\n4 5\n"), ("xyz", ""), ("ply", "ply\n")]
+    ("ending", "words"),
+    [
+        ("xyz", "1 2 3\n4 5\n"),
+        ("xyz", "0,1 0,2 0,3\n"),
+        ("xyz", "0_1 2 3\n"),
+        ("xyz", ""),
+        ("ply", "ply\n"),
+    ],
 )
 def test_a_cloud_that_is_cut_is_rejected(ending, words, tmp_path):
     path = tmp_path / f"cloud.{ending}"

@@ -40,6 +40,13 @@ def test_names_may_stand_in_the_last_comment_and_numbers_be_complex(tmp_path) ->
         ("x,y\n1,2\n,2\n", "file_unreadable"),
         ("x\n1\n-inf\n", "file_unreadable"),
         ("x\n1+2i\n", "file_unreadable"),
+        ("x\n0i\n", "file_unreadable"),
+        ("x,y\n0. 8,1\n", "file_unreadable"),
+        ("x\n0_8\n", "file_unreadable"),
+        ("x\n0.８\n", "file_unreadable"),
+        ("x\n٠.٨\n", "file_unreadable"),
+        ("x\n1\f2\n", "file_unreadable"),
+        ("x\n1\x852\n", "file_unreadable"),
     ],
 )
 def test_what_is_not_a_table_is_rejected(tmp_path, text: str, code: str) -> None:

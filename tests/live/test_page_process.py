@@ -163,6 +163,6 @@ def test_the_loop_outlives_a_page_that_stalls_and_is_killed() -> None:
 
 def test_the_extra_is_named_where_viser_is_missing(tmp_path, monkeypatch) -> None:
     (tmp_path / "viser.py").write_text("raise ImportError('there is none')", encoding="utf-8")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.getenv("PYTHONPATH", "")]))
+    monkeypatch.syspath_prepend(tmp_path)
     with raises_code("extra_missing", "airtact[live]"):
         PageProcess(one_board(), port=0)

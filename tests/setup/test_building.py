@@ -138,9 +138,28 @@ def test_an_array_from_a_file(read, tmp_path):
     np.testing.assert_allclose(array.normals, [[-1, 0, 0], [0, -1, 0]])
 
 
+def test_an_array_file_may_number_its_rows_in_any_order(read, tmp_path):
+    for name in ("index", "element"):
+        (tmp_path / "ring.csv").write_text(
+            f"{name},x,y,z,nx,ny,nz\n1,0,0.1,0,0,-1,0\n0,0.1,0,0,-1,0,0\n"
+        )
+        array = read(MEDIUM, '[array]\nlayout = "ring.csv"\n', BALL, FOCUS).array
+        np.testing.assert_array_equal(array.positions, [[0.1, 0, 0], [0, 0.1, 0]])
+
+
 @pytest.mark.parametrize(
     ("code", "text", "sentence"),
     [
+        (
+            "out_of_range",
+            "element,x,y,z,nx,ny,nz\n1,0.1,0,0,-1,0,0\n1,0,0.1,0,0,-1,0\n",
+            "array: line 2 of ring.csv has the element 1, but transducers are numbered 0 to 1, each once.",
+        ),
+        (
+            "wrong_kind",
+            "frame,x,y,z,nx,ny,nz\n0,0.1,0,0,-1,0,0\n",
+            "array: ring.csv lists frames; give a table with one row for each transducer.",
+        ),
         (
             "data_missing",
             "x,y,z\n",

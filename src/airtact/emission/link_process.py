@@ -26,6 +26,7 @@ from typing import Any
 from airtact.emission.link import Link, LinkFailed
 from airtact.emission.player import STALL, Player, Settings
 from airtact.errors import InvalidInput
+from airtact.timing import start_python
 
 # Time that a link process may take to answer before it is killed [s].
 ANSWER_TIMEOUT = 30.0
@@ -261,17 +262,15 @@ def why_here(link: Link) -> str | None:
 
 
 def _start(end: socket.socket) -> "subprocess.Popen[bytes]":
-    module = "airtact.emission.link_process"
-    # The process can import the same modules, and signals to this session do not reach it.
-    paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
     try:
-        return subprocess.Popen(
-            [sys.executable, "-P", "-m", module, str(end.fileno()), str(os.getpid())],
+        return start_python(
+            "-m",
+            "airtact.emission.link_process",
+            str(end.fileno()),
+            str(os.getpid()),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
             pass_fds=(end.fileno(),),
-            start_new_session=True,
         )
     except OSError as error:
         raise LinkFailed(

@@ -3,9 +3,12 @@
 Devices and pipes are rejected. The unpacked size is checked before anything is unpacked.
 """
 
+import json
 import math
+import re
 import stat
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -50,12 +53,33 @@ def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
 def text_of(path: Path, largest: int = 2**26) -> str:
     """Read a file as UTF-8 text; raise as ``check_file`` or with "file_unreadable"."""
     try:
-        return bytes_of(path, largest).decode("utf-8-sig")
+        text = bytes_of(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InvalidInput(
             f"{path.name} is not a text file: byte {error.start} is not UTF-8.",
             code="file_unreadable",
         ) from None
+    # A form feed, for example, ends a line for Python, but not for an editor.
+    control = re.search("[\0-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029]", text)
+    if control is not None:
+        line = text.count("\n", 0, control.start()) + 1
+        raise InvalidInput(
+            f"line {line} of {path.name} has the control character {control[0]!r}; remove it.",
+            code="file_unreadable",
+        )
+    return text
+
+
+def json_of(text: str | bytes) -> Any:
+    """Parse JSON; raise ValueError if it is damaged or names a key of an object twice."""
+
+    def without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        key, count = Counter(key for key, _ in pairs or [("", None)]).most_common(1)[0]
+        if count > 1:
+            raise ValueError(f"the key {key!r} is given {count} times")
+        return dict(pairs)
+
+    return json.loads(text, object_pairs_hook=without_repeats)
 
 
 # Kinds of values in a layout, and the kinds of NumPy's types that hold them.

@@ -5,7 +5,6 @@ trimesh reads PLY and GLB. STL and OBJ are read here, because trimesh skips soli
 """
 
 import io
-import json
 import logging
 import re
 import warnings
@@ -19,7 +18,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from airtact.errors import LARGEST_MESH_FILE, InvalidInput, about
-from airtact.files.bounded import bytes_of
+from airtact.files.bounded import bytes_of, json_of
 
 # Supported file name extensions
 SUFFIXES = (".stl", ".ply", ".obj", ".glb")
@@ -92,7 +91,7 @@ def _scene(path: Path) -> Any:
             vertices, triangles = _stl(content) if suffix == ".stl" else _obj(content)
             return trimesh.Scene(trimesh.Trimesh(vertices, triangles, process=False))
         if suffix == ".glb":  # the JSON is the first chunk: glTF 2.0, section 4.4
-            _check_accessors(json.loads(content[20:][: int.from_bytes(content[12:16], "little")]))
+            _check_accessors(json_of(content[20:][: int.from_bytes(content[12:16], "little")]))
         return trimesh.load_scene(
             io.BytesIO(content), file_type=suffix[1:], skip_materials=True, process=False
         )
@@ -140,15 +139,22 @@ def _stl(content: bytes) -> tuple[Any, Any]:
                 "binary STL file, and it is not an ASCII STL file; export it again.",
                 code="file_unreadable",
             )
-        numbers = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", text)
-        if any(b"," in number for vertex in numbers[:1] for number in vertex):
+        numbers = re.findall(r"vertex\s+(\S+)\s+(\S+)\s+(\S+)", text.decode(errors="replace"))
+        if any("," in number for vertex in numbers[:1] for number in vertex):
             raise InvalidInput(
                 "its numbers have decimal commas; export it with decimal points.",
                 code="file_unreadable",
             )
-        corners = np.array([[float(number) for number in vertex] for vertex in numbers])
+        corners = np.array([[float(_plain(number)) for number in vertex] for vertex in numbers])
     corners = corners.reshape(-1, 3, 3)
     return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+
+
+def _plain(word: str) -> str:
+    """Return the word of a number, unless only Python would take it for one."""
+    if "_" in word or not word.isascii():
+        raise ValueError(f"{word!r} is not a number")
+    return word
 
 
 def _obj(content: bytes) -> tuple[Any, Any]:
@@ -159,9 +165,9 @@ def _obj(content: bytes) -> tuple[Any, Any]:
     for line in text.splitlines():
         kind, *words = line.split() or [""]
         if kind == "v":
-            vertices.append([float(word) for word in words[:3]])
+            vertices.append([float(_plain(word)) for word in words[:3]])
         elif kind == "f":
-            numbers = [int(word.split("/")[0]) for word in words]
+            numbers = [int(_plain(word.split("/")[0])) for word in words]
             # Negative numbers count back from the newest vertex; 0 becomes -1, which is rejected.
             corners = [n - 1 if n >= 0 else len(vertices) + n for n in numbers]
             triangles += [(corners[0], *pair) for pair in pairwise(corners[1:])]

@@ -3,8 +3,10 @@
 import csv
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -54,32 +56,24 @@ class TextTable:
 
         NaN and infinity are unreadable.
         """
-        values = self.complex_numbers(name)
-        not_real = np.flatnonzero(np.imag(values))
-        if len(not_real):
-            raise self._unreadable(int(not_real[0]), name, "which is not a real number")
-        return np.ascontiguousarray(np.real(values))
+        return np.array(self._parsed(name, _real, "a real number"), dtype=np.float64)
 
     def complex_numbers(self, name: str) -> Complex128[np.ndarray, "rows"]:
         """Read a column as complex numbers such as ``0.5-1.2i``; raise as ``numbers``."""
+        return np.array(self._parsed(name, _complex, "a number"), dtype=np.complex128)
+
+    def _parsed(self, name: str, parse: Callable[[str], Any], kind: str) -> list[Any]:
         self.require(name)
         column = self.names.index(name)
-        values = np.empty(len(self.rows), dtype=np.complex128)
-        for row, cells in enumerate(self.rows):
-            value = _number(cells[column])
-            if value is None:
-                raise self._unreadable(row, name, "which is not a number")
-            values[row] = value
-            if not abs(values[row]) <= LARGEST_NUMBER:
-                raise self._unreadable(row, name, f"not finite or beyond {LARGEST_NUMBER:g}")
+        values = [parse(cells[column]) for cells in self.rows]
+        for row, value in enumerate(values):
+            if value is None or not max(abs(value.real), abs(value.imag)) <= LARGEST_NUMBER:
+                raise InvalidInput(
+                    f"line {self.lines[row]} of {self.file} has {self.rows[row][column]!r} for "
+                    f"{name}; give {kind} of {LARGEST_NUMBER:g} at most.",
+                    code="file_unreadable",
+                )
         return values
-
-    def _unreadable(self, row: int, name: str, why: str) -> InvalidInput:
-        cell = self.rows[row][self.names.index(name)]
-        return InvalidInput(
-            f"line {self.lines[row]} of {self.file} has {cell!r} for {name}, {why}.",
-            code="file_unreadable",
-        )
 
 
 def read_text_table(path: Path) -> TextTable:
@@ -103,7 +97,7 @@ def read_text_table(path: Path) -> TextTable:
                 spaced = "," not in text
             rows[line] = _cells(file, line, text)
     first = next(iter(rows), 0)
-    if rows and all(_number(cell) is None for cell in rows[first]):
+    if rows and all(_complex(cell) is None for cell in rows[first]):
         names = [name.lower() for name in rows.pop(first)]
     elif spaced and "@" in header:
         # Single spaces are part of a name such as "p (Pa) @ freq=40000", which begins a column.
@@ -148,9 +142,18 @@ def _cells(file: str, line: int, text: str) -> tuple[str, ...]:
         ) from None
 
 
-def _number(cell: str) -> complex | None:
+# Python's float also reads "1_000" and the digits of other scripts, which are slips in a table.
+NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?"
+REAL = re.compile(rf"[+-]?{NUMBER}", re.IGNORECASE)
+COMPLEX = re.compile(rf"[+-]?{NUMBER}(?: *[+-] *{NUMBER}[ij]|[ij])?", re.IGNORECASE)
+
+
+def _real(cell: str) -> float | None:
+    return float(cell) if REAL.fullmatch(cell) else None
+
+
+def _complex(cell: str) -> complex | None:
     """Read a complex number with the imaginary unit i, as in files of COMSOL and MATLAB."""
-    try:
-        return complex(cell.lower().replace(" ", "").replace("i", "j").replace("jnf", "inf"))
-    except ValueError:
+    if not COMPLEX.fullmatch(cell):
         return None
+    return complex(cell.lower().replace(" ", "").replace("i", "j"))

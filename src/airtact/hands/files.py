@@ -1,6 +1,7 @@
 """Read hands from JSON and from rigs of mesh files, landmarks of trackers, and point clouds."""
 
 import io
+import re
 import warnings
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.errors import InvalidInput, about, of_kind, points_of, positive
-from airtact.files.bounded import text_of
+from airtact.files.bounded import json_of, text_of
 from airtact.files.meshes import read_node_positions, read_vertices
 from airtact.hands.hand import Hand, hand_from_joints
 from airtact.hands.joints import NAMES, Points, Side
@@ -77,10 +78,11 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | 
 
 
 def _read_pose(path: Path) -> Pose:
+    text = text_of(path, 1_000_000)
     try:
-        pose = msgspec.json.decode(text_of(path, 1_000_000), type=Pose)
+        pose = msgspec.convert(json_of(text), Pose)
     # Deep nesting must not cause a traceback.
-    except (msgspec.MsgspecError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # msgspec's errors are of ValueError
         raise InvalidInput(
             f"it is not a pose of a hand: {error or 'its brackets are nested too deeply'}.",
             code="wrong_kind",
@@ -155,7 +157,12 @@ def load_cloud(path: Path) -> Points:
 
 
 def _points_in_text(path: Path) -> Points:
-    text = text_of(path).replace(",", " ")
+    text = text_of(path)
+    if re.search(r"[0-9],[0-9]\S*[ \t]+\S*[0-9],[0-9]", text):
+        raise InvalidInput(
+            f"{path.name} has commas within numbers; write decimal points.", code="file_unreadable"
+        )
+    text = text.replace(",", " ")
     try:
         with warnings.catch_warnings():
             # load_cloud reports empty files.

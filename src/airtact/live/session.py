@@ -1,7 +1,6 @@
 """The session file of a run, ``session.h5``: written while the loop runs and read afterwards."""
 
 import subprocess
-import sys
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -33,6 +32,7 @@ from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.moment import Moment, Rule, State
 from airtact.live.scene import LiveScene
 from airtact.live.worker import dump
+from airtact.timing import start_python
 from airtact.transducers.element import Element
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
@@ -113,12 +113,13 @@ class SessionWriter:
         self._foci = len(scene.places)
         self._rows: deque[tuple[str, dict[str, Any]]] = deque()
         self._done = Event()
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "airtact.files.appending", str(path.resolve())],
+        self._process = start_python(
+            "-m",
+            "airtact.files.appending",
+            str(path.resolve()),
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
-            start_new_session=True,
         )
         self._thread = Thread(
             target=self._send, args=(_header(scene, text),), name="airtact session", daemon=True

@@ -10,6 +10,8 @@ from contextlib import suppress
 from threading import Condition, Lock, Thread
 from typing import IO, Any, cast
 
+from airtact.timing import start_python
+
 
 class Mailbox:
     """Holder of the newest message, which replaces the previous one.
@@ -80,13 +82,11 @@ class Worker:
         receive: Callable[[Any], None],
         pause: float = 0.0,
     ) -> None:
-        one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", "from airtact.live.worker import main; main()"],
+        self.process = start_python(
+            "-c",
+            "from airtact.live.worker import main; main()",
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**os.environ, **one_thread},
-            start_new_session=True,  # Ctrl-C reaches only the loop, which ends this process
         )
         self._receive = receive
         self._pause = pause

@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing import get_context, parent_process
@@ -263,13 +263,25 @@ def process_count(points: int, limit: int | None = None, memory: float = 0.0) ->
     return int(max(1, min(limit or processor_count(), points, fitting)))
 
 
-def processes(count: int) -> Executor:
-    """Return a pool of processes with one thread each, which end with this program."""
+@contextmanager
+def processes(count: int) -> Iterator[Executor]:
+    """Start a pool of processes with one thread each, which end with this program."""
+    # Until a process has the module search path of this one, it would import from the current
+    # folder, where a random.py may replace Python's module.
+    variable = "PYTHONSAFEPATH"
+    before = os.environ.get(variable, "")
+    os.environ[variable] = "1"
     # A forked child inherits locks that threads hold, and may hang.
-    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin_process)
+    spawn = get_context("spawn")
+    try:
+        with ProcessPoolExecutor(count, spawn, _begin_process, ({variable: before},)) as pool:
+            yield pool
+    finally:
+        os.environ[variable] = before
 
 
-def _begin_process() -> None:
+def _begin_process(environment: dict[str, str]) -> None:
+    os.environ.update(environment)
     # Ctrl-C ends the process at once, without a traceback.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

@@ -102,6 +102,8 @@ def test_landmarks_that_a_tracker_did_not_find_are_half_lost(hole):
         b"[" * 100_000,
         b'{"NaN": ' * 100_000,
         b'{"time": 0, "side": "middle", "sequence": 1}',
+        b'{"time": 0, "side": "left", "sequence": 1, "time": 9}',
+        b'{"time": 0, "side": "left", "sequence": 1, "cloud": null, "cl\\u006fud": null}',
         b'{"time": 0, "side": "left", "sequence": 1.5}',
         b'{"time": 0, "side": "left", "sequence": 1e300}',
         b'{"time": 1e999, "side": "left", "sequence": 1}',

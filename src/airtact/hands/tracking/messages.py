@@ -24,8 +24,8 @@ class Message(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     time: float
     side: Side
     sequence: Annotated[int, msgspec.Meta(ge=0, le=MAX_SEQUENCE)]
-    landmarks: list[Coordinates | None] | None = None
-    cloud: list[Coordinates] | None = None
+    landmarks: list[Coordinates | None] | msgspec.UnsetType | None = msgspec.UNSET
+    cloud: list[Coordinates] | msgspec.UnsetType | None = msgspec.UNSET
 
 
 _decoder = msgspec.json.Decoder(Message)
@@ -33,8 +33,9 @@ _decoder = msgspec.json.Decoder(Message)
 
 def to_json(frame: HandFrame) -> bytes:
     """Write a frame as one line of JSON; coordinates are rounded to micrometres."""
-    landmarks = None if frame.landmarks is None else np.round(frame.landmarks, 6).tolist()
-    cloud = None if frame.cloud is None else np.round(frame.cloud, 6).tolist()
+    missing = msgspec.UNSET
+    landmarks = missing if frame.landmarks is None else np.round(frame.landmarks, 6).tolist()
+    cloud = missing if frame.cloud is None else np.round(frame.cloud, 6).tolist()
     return msgspec.json.encode(Message(frame.time, frame.side, frame.sequence, landmarks, cloud))
 
 
@@ -52,6 +53,10 @@ def from_json(text: bytes | str) -> HandFrame:
             message = msgspec.convert(json.loads(raw), Message)
         else:
             message = _decoder.decode(raw)
+        # Decoders take the last of two equal keys; only keys and the side have quotation marks.
+        keys = 3 + (message.landmarks is not msgspec.UNSET) + (message.cloud is not msgspec.UNSET)
+        if raw.count(b'"') != 2 * keys + 2:
+            raise ValueError("a key is given twice")
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         reason = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
         raise FaultyFrame("unreadable", f"it is not a frame in JSON: {reason}.") from None
