@@ -86,10 +86,10 @@ def start_python(*arguments: str, **options: Any) -> "subprocess.Popen[bytes]":
     paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
     one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     # Without -P the current folder comes first, and a random.py in it replaces Python's module.
-    return subprocess.Popen(
+    child: subprocess.Popen[Any] = subprocess.Popen(
         [sys.executable, "-P", *arguments],
         env={**os.environ, **one_thread, "PYTHONPATH": paths},
-        text=False,
         start_new_session=True,  # signals to this session, such as Ctrl-C, do not reach it
         **options,
     )
+    return child
