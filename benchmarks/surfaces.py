@@ -20,7 +20,7 @@ from airtact.geometry.mesh.quadratic_triangles import (
 )
 from benchmarks.accuracy import FREQUENCY, PAPER_AIR, directions, far_points, one_each, relative
 from benchmarks.peers.peak_memory import forget_peak, peak
-from references import ellipsoid
+from references import axisymmetric, ellipsoid
 from references.assorted_meshes import assorted
 from references.damaged_meshes import damaged
 
@@ -178,6 +178,37 @@ def angle_figures() -> Iterator[str]:
     yield f"{above} of {len(worst)} meshes have no angle below 15 degrees, edge {1e3 * EDGE:.1f} mm; others: {below}"
 
 
+def tip_figures(count: int = 20) -> Iterator[str]:
+    """Pressure on prolate spheroids given as triangles, aspects 1.2 to 3, against rings of monopoles."""
+    draw = np.random.default_rng(46)
+    errors, quiet, truth = {0.03: [], 0.01: [], 0.003: []}, 0, 0.0
+    for index in range(count):
+        equatorial = draw.uniform(3.5e-3, 6.5e-3)
+        meridian = axisymmetric.spheroid(equatorial, equatorial * (1.2 + 1.8 * index / (count - 1)))
+        direction = draw.normal(size=(1, 3))
+        source = 60e-3 * direction / np.linalg.norm(direction)
+        exact = axisymmetric.fitted([meridian], WAVENUMBER, source, 4.0)
+        truth = max(truth, exact.residual)
+        mesh = axisymmetric.surface(meridian, (0.25e-3, 0.5e-3)[index % 2])
+        scene = scene_of(mesh.vertices, mesh.triangles)
+        for asked, found in errors.items():
+            field = at.BoundaryElement(accuracy=asked).radiate(scene, one_each(source))
+            skin = field.on_surface
+            true = exact.pressure(skin.points)
+            weight = np.sqrt(skin.areas)[:, None]
+            found.append(float(relative(weight * skin.pressure, weight * true)[0]))
+            quiet += found[-1] > 2 * asked and not field.report.warnings
+    total = sum(len(found) for found in errors.values())
+    yield (
+        "pressure on spheroids of triangles, root mean square, median and worst: "
+        + "; ".join(
+            f"{100 * asked:g} % asked: {100 * np.median(found):.2f}, {100 * max(found):.2f} %"
+            for asked, found in errors.items()
+        )
+        + f"; {quiet} of {total} over twice what was asked without a warning (truth to {truth:.0e})"
+    )
+
+
 def damaged_figures(count: int = 500) -> Iterator[str]:
     outcome = {"repairs": 0, "rejected": 0}
     wrong, worst = [], 0.0
@@ -225,6 +256,7 @@ FIGURES = {
     "box": box_figures,
     "panelling": panelling_figures,
     "angle": angle_figures,
+    "tip": tip_figures,
     "hand": hand_figures,
     "damaged": damaged_figures,
 }

@@ -21,6 +21,7 @@ from airtact.geometry.mesh.edge_limits import (
     MAX_EDGE_TO_WALL,
     bend_sizes,
     strip_sizes,
+    tip_sizes,
     wall_sizes,
 )
 from airtact.geometry.mesh.quadratic_triangles import (
@@ -44,7 +45,7 @@ class MeshShape(Shape):
 
     mesh: QuadraticMesh
     pose: Pose
-    cached: dict[tuple[float, float], QuadraticTriangles] = field(
+    cached: dict[tuple[float, float, float], QuadraticTriangles] = field(
         default_factory=dict, compare=False
     )
 
@@ -106,11 +107,12 @@ class MeshShape(Shape):
 
         Where it is smooth, they deviate by at most about ``away`` [m] in root mean square.
         """
-        if (edge, away) not in self.cached:
-            self.cached[edge, away] = np.concatenate(
-                [covered(piece, edge, away) for piece in self.mesh.pieces]
+        settings = (edge, bend, away)
+        if settings not in self.cached:
+            self.cached[settings] = np.concatenate(
+                [covered(piece, edge, bend, away) for piece in self.mesh.pieces]
             )
-        return self.pose.apply(self.cached[edge, away])
+        return self.pose.apply(self.cached[settings])
 
     def extreme_points(self) -> PointVectors:
         return self.quadratic_triangles.reshape(-1, 3)
@@ -130,7 +132,9 @@ class MeshShape(Shape):
 # --- new panels -------------------------------------------------------------------------------
 
 
-def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> QuadraticTriangles:
+def covered(
+    mesh: QuadraticMesh, edge: float, bend: float = BEND, away: float = np.inf
+) -> QuadraticTriangles:
     """Cover one closed piece with curved panels as large as equilateral triangles of an edge [m].
 
     MMG makes the triangles. Their corners and midpoints are projected onto the surface, or onto its
@@ -140,16 +144,17 @@ def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> Quadratic
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     shorter = min(edge, 0.5 * extent)
     fault = None
-    # A part smaller than the edge may vanish. If the volume is wrong, a shorter edge is tried.
-    for _ in range(4):
+    # A part smaller than the edge may vanish. If the volume is wrong, a shorter edge is tried. The
+    # first steps are small, so that a coarse accuracy does not take more panels than a fine one.
+    for shrink in (0.8, 0.8, 0.5, 0.5, 0.5):
         try:
-            panels = _new_panels(mesh, shorter, away)
+            panels = _new_panels(mesh, shorter, bend, away)
         except InvalidInput as error:
             fault = error
         else:
             if abs(enclosed_volume(panels) / mesh.volume - 1) < 0.03:
                 return panels
-        shorter /= 2
+        shorter *= shrink
     raise fault or InvalidInput(
         f"panels with edges of {1e3 * edge:.3g} to {2e3 * shorter:.3g} mm do not enclose the "
         f"volume of {1e6 * mesh.volume:.4g} cm³ to 3 %: the surface is too rough or too thin; "
@@ -158,7 +163,7 @@ def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> Quadratic
     )
 
 
-def _new_panels(mesh: QuadraticMesh, edge: float, away: float) -> QuadraticTriangles:
+def _new_panels(mesh: QuadraticMesh, edge: float, bend: float, away: float) -> QuadraticTriangles:
     largest = 1.5 * edge
     fine = mesh.with_short_edges(1.5 * edge)
     # The thickness is zero where two faces meet, so the thinnest 1 % of the vertices are ignored.
@@ -174,12 +179,13 @@ def _new_panels(mesh: QuadraticMesh, edge: float, away: float) -> QuadraticTrian
         strip_sizes(base.vertices, base.ridges, largest),
         bend_sizes(base.vertices, base.triangles, base.ridges, largest, bend_share),
         wall_sizes(base.vertices, base.triangles, largest),
+        tip_sizes(base.vertices, base.triangles, base.ridges, largest, bend),
     )
     expected = mesh.area / (np.sqrt(3) / 4 * edge**2)
     new = remeshed(base, np.min(limits, axis=0), edge, expected, wall)
     corners, middles = placed_on(mesh, new, edge)
-    panels = mesh.levelled(np.concatenate([corners[new.triangles], middles], axis=1))
-    return _cut_where_it_helps(mesh, panels, edge, away)
+    on_surface = np.concatenate([corners[new.triangles], middles], axis=1)
+    return _cut_where_it_helps(mesh, on_surface, edge, away)
 
 
 def placed_on(
@@ -209,27 +215,31 @@ def placed_on(
 
 
 def _cut_where_it_helps(
-    mesh: QuadraticMesh, panels: QuadraticTriangles, edge: float, away: float
+    mesh: QuadraticMesh, on_surface: QuadraticTriangles, edge: float, away: float
 ) -> Pieces:
     """Cut panels that turn or deviate too much in four, if the pieces deviate less."""
     too_far = 0.004 * edge
     finished = []
+    # Neighbours share the nodes of ``on_surface``, so that cut panels leave no holes between them.
+    panels = mesh.levelled(on_surface)
     for _ in range(4):
         deviation = mesh.deviation(panels)
         steep = (_bending(panels) > 1.4) & (longest_edges(panels) > 0.4 * edge)
         rough = steep | (deviation > min(too_far, away))
         if not rough.any():
             break
-        pieces, _ = cut(panels[rough], np.full(int(rough.sum()), 2))
-        pieces = mesh.fitted(pieces)
+        pieces, _ = cut(on_surface[rough], np.full(int(rough.sum()), 2))
+        pieces = mesh.project(pieces.reshape(-1, 3)).reshape(-1, 6, 3)
+        levelled = mesh.levelled(pieces)
         # Cutting reduces the deviation from a smooth surface to 1/8 or less, but less from a rough
         # one. Cuts are kept if they reduce it to a half for panels that are too far off, and to a
         # fifth for those that only exceed ``away``.
         enough = np.where(deviation[rough] > too_far, 0.5, 0.2) * deviation[rough]
-        mean_square = np.mean(mesh.deviation(pieces).reshape(-1, 4) ** 2, axis=1)
+        mean_square = np.mean(mesh.deviation(levelled).reshape(-1, 4) ** 2, axis=1)
         better = (np.sqrt(mean_square) < enough) | steep[rough]
         finished += [panels[~rough], panels[rough][~better]]
-        panels = pieces.reshape(-1, 4, 6, 3)[better].reshape(-1, 6, 3)
+        on_surface = pieces.reshape(-1, 4, 6, 3)[better].reshape(-1, 6, 3)
+        panels = levelled.reshape(-1, 4, 6, 3)[better].reshape(-1, 6, 3)
     return np.concatenate([*finished, panels])
 
 

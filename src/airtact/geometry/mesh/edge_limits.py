@@ -4,6 +4,7 @@ Each function finds one kind of detail that large triangles would lose, and retu
 each vertex, at most ``largest``, the edge length wanted elsewhere:
 
 - ``bend_sizes``: tight bends, across which a large triangle would cut;
+- ``tip_sizes``: rounded tips, which bend in both directions;
 - ``wall_sizes``: thin walls, whose sides would stray too far from the true surface, or cross each
   other;
 - ``strip_sizes``: narrow strips between two sharp edges, in which slivers would form.
@@ -15,7 +16,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from airtact.geometry.mesh.arrays import Ridges, Triangles, VertexSizes, Vertices
-from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
+from airtact.geometry.mesh.quadratic_triangles import area_vectors, corner_angles, unit
 from airtact.geometry.mesh.topology import are_among, edge_ends, edge_twins, smooth_patches
 
 # Ratio of the longest edge on a thin wall to the wall's thickness.
@@ -25,7 +26,7 @@ MAX_EDGE_TO_WALL = 3.0
 def bend_sizes(
     vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, factor: float = 1.0
 ) -> VertexSizes:
-    """At each vertex, the edge length over which the surface turns by 1 to 1.4 rad.
+    """At each vertex, the edge length over which the surface turns by 1 rad.
 
     The radius of a bend is estimated from pairs of triangles whose normals differ by 75 to 150
     degrees and that lie on a common arc. Pairs across a sharp edge (``ridges``) are ignored.
@@ -36,9 +37,8 @@ def bend_sizes(
     normals = unit(area_vectors(corners))
     patch = smooth_patches(edge_twins(triangles), are_among(edge_ends(triangles), ridges))
 
-    # The surface may turn by 1.4 rad along an edge of a wide bend, so only bends
-    # with a radius below largest / (1.4 factor) limit the edges. The search radius is the chord
-    # that 75 degrees span on the widest of them.
+    # MMG itself refines wide bends, so only bends with a radius below largest / (1.4 factor) limit
+    # the edges. The search radius is the chord that 75 degrees span on the widest of them.
     reach = 2 * np.sin(np.radians(75.0) / 2) / (factor * 1.4) * largest
     first, second = KDTree(centres).query_pairs(reach, output_type="ndarray").T
 
@@ -62,16 +62,38 @@ def bend_sizes(
     on_arc = symmetric & (np.abs(np.abs(at_first - at_second) / 2 - half_sine) < 0.35)
     radius = length[on_arc] / (2 * half_sine[on_arc])
 
-    # The surface may turn by 1 rad along an edge in the tightest bends, rising to 1.4 rad at a
-    # radius of 0.3 of the largest size, because MMG itself refines wide bends.
-    turn = 1.0 + (1.4 - 1.0) * np.minimum(1.0, radius / (0.3 * largest))
-    limit = factor * radius * turn
+    limit = factor * radius
     triangle_limits = np.full(len(triangles), largest)
     np.minimum.at(triangle_limits, first[on_arc], limit)
     np.minimum.at(triangle_limits, second[on_arc], limit)
     sizes = np.full(len(vertices), largest)
     np.minimum.at(sizes, triangles, triangle_limits[:, None])
     return sizes
+
+
+def tip_sizes(
+    vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, turn: float
+) -> VertexSizes:
+    """At each vertex, the edge length over which a rounded tip turns by ``turn`` [rad].
+
+    The radius of a tip follows from its Gaussian curvature: the angle defects 2π − Σ angles around
+    vertices, over their area. Coarse triangles keep the sum of the defects (Gauss-Bonnet), and the
+    roughness of a scan cancels in it. Bends in one direction, such as creases, have none. Defects
+    at sharp edges (``ridges``) are ignored.
+    """
+    count = len(vertices)
+    corners = vertices[triangles]
+    along = unit(np.roll(corners, -1, axis=1) - corners)
+    start = triangles.ravel()
+    end = np.roll(triangles, -1, axis=1).ravel()
+    defect = 2 * np.pi - np.bincount(start, corner_angles(along).ravel(), count)
+    defect[ridges] = 0.0
+    thirds = np.linalg.norm(area_vectors(corners), axis=1) / 6
+    area = np.bincount(start, np.repeat(thirds, 3), count)
+    # A vertex and its neighbours together are less rough than the vertex alone.
+    defect += np.bincount(start, defect[end], count)
+    area += np.bincount(start, area[end], count)
+    return np.minimum(largest, turn * np.sqrt(area / np.maximum(defect, 1e-9)))
 
 
 def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> VertexSizes:
