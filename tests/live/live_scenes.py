@@ -100,29 +100,32 @@ class VirtualClock:
 class Scheduled(at.live.HandSource):
     """Frames that come at their own times of a virtual clock."""
 
-    words = "scheduled frames"
-    ended = False
-    health = at.hands.StreamHealth()
-
-    def __init__(self, clock: VirtualClock, frames) -> None:
-        self.clock, self.frames, self.begun = clock, list(frames), clock.now
-        self.start = self.frames[0].time
+    def __init__(self, clock: VirtualClock, frames, due=None) -> None:
+        super().__init__("scheduled frames")
+        self.clock, self.frames = clock, list(frames)
+        times = [frame.time - self.frames[0].time for frame in self.frames] if due is None else due
+        self.due = [clock.now + time for time in times]
+        self.stream = at.hands.HandStream(on_frame=self._arrived, clock=clock.monotonic)
 
     def begin(self, on_frame):
-        self.on_frame = on_frame
+        self._on_frame = on_frame
         return self
 
+    @property
+    def health(self):
+        return self.stream.health
+
+    def _arrived(self, frame):
+        self._on_frame(frame, self.clock.now)
+
     def wait(self, timeout: float):
-        if self.frames:
-            due = self.begun + self.frames[0].time - self.start
-            if due <= self.clock.now + timeout:
-                self.clock.now = max(self.clock.now, due)
-                frame = self.frames.pop(0)
-                self.on_frame(frame, self.clock.now)
-                return frame
+        if self.frames and self.due[0] <= self.clock.now + timeout:
+            self.clock.now = max(self.clock.now, self.due.pop(0))
+            self.stream.feed(self.frames.pop(0))
+            return self.stream.wait(0.0)
         self.clock.now += timeout
         self.ended = not self.frames
-        return None
+        return self.stream.wait(0.0)
 
     def close(self):
         pass

@@ -143,3 +143,16 @@ def test_solvers_that_rested_go_on_when_the_tracker_is_quieter(board, joints):
         asked.append(solver.asked is not None)
     assert not any(asked[20:100])
     assert all(asked[170:])
+
+
+def test_a_solver_that_is_killed_is_restarted(board):
+    solver = SolverProcess(board, "phalanges")
+    try:
+        first = solver._worker.process
+        assert solver.revive() == 0
+        first.kill()
+        first.wait()
+        assert solver.revive() == 1
+        assert solver._worker.process is not first
+    finally:
+        solver.close()

@@ -2,22 +2,23 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import airtact as at
+from airtact.hands.tracking.clock import FrameClock
 from airtact.live.loop import MIN_INTERVAL
 from airtact.live.safety import FADE, MAX_FRAME_AGE, Gain
-from airtact.live.sources import FrameClock
 from live.live_scenes import Kept, Scheduled, distances
 from references.motions import reaching_recording, still
 
 
-def followed(scene, clock, frames, output=None, maker=distances, **settings):
+def followed(scene, clock, frames, output=None, maker=distances, due=None, **settings):
     output = output or Kept(clock)
-    hands = Scheduled(clock, frames)
+    hands = Scheduled(clock, frames, due)
     done = at.live.follow(scene, hands, maker(scene), output=output, **settings)
     return done, output
 
@@ -172,12 +173,12 @@ def test_the_clock_of_the_frames_is_found():
     assert clock.time(101.0) == pytest.approx(8.01, abs=1e-3)
 
 
-def test_a_clock_of_this_computer_is_recognised(monkeypatch):
-    monkeypatch.setattr("airtact.live.sources.time.monotonic", lambda: 50.0)
-    shared = FrameClock(now=lambda: 50.0)
+def test_a_clock_of_this_computer_is_recognised():
+    shared = FrameClock()
     shared.saw(50.0 - 0.015, 50.0)
-    assert shared.time() == 50.0
     assert shared.time(49.5) == 49.5
+    shared.saw(60.1, 60.0)  # a frame of the future: it is another clock after all
+    assert shared.time(60.0) >= 60.1
 
 
 def test_frames_that_come_before_the_loop_begins_are_not_lost():
@@ -210,3 +211,102 @@ def test_a_session_that_is_still_being_closed_is_waited_for(example_scene, clock
         assert holder.stdout
         holder.stdout.readline()
         assert len(at.live.read_session(path).time_in_air)
+
+
+class Watched(at.live.HandAware):
+    """Keeps when each drive was made and where its foci were."""
+
+    def __init__(self, scene, clock):
+        super().__init__(scene, solvers=[])
+        self.clock, self.made = clock, []
+
+    def make(self, time, controls):
+        moment = super().make(time, controls)
+        self.made.append((self.clock.now, moment))
+        return moment
+
+
+def odd(frame, kind):
+    """A frame of a tracker whose clock or hand is wrong from the 30th on."""
+    time, number, after = frame.time, frame.sequence, frame.sequence >= 30
+    if kind == "an outlier" and number == 30:
+        return replace(frame, landmarks=frame.landmarks + [-0.3, 0.0, 0.0])
+    if kind == "an hour ahead once":
+        return replace(frame, time=time + 3600.0 * (number == 30))
+    if kind == "restart from 0":
+        return replace(frame, time=time + 1e3 * (not after), sequence=number - 30 * after)
+    if kind == "an hour on":
+        return replace(frame, time=time + 3600.0 * after)
+    return replace(frame, time=time * {"ms": 1e3, "ns": 1e9}.get(kind, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("kind", "counted", "silences"),
+    [
+        ("an hour ahead once", {"time_leap": 1}, 1),
+        ("an outlier", {"too_fast": 1}, 1),
+        ("restart from 0", {"out_of_order": 18, "restarted": 1}, 2),
+        ("an hour on", {"time_leap": 18, "restarted": 1}, 2),
+        ("ms", {"time_leap": 17, "restarted": 1, "converted": 72}, 2),
+        ("ns", {"time_leap": 17, "restarted": 1, "converted": 72}, 2),
+    ],
+)
+def test_odd_times_and_places_never_leave_the_sound_behind(
+    example_scene, clock, kind, counted, silences
+):
+    frames = reaching_recording()[:90]
+    begun = clock.now
+    maker = Watched(example_scene, clock)
+    done, output = followed(
+        example_scene,
+        clock,
+        [odd(frame, kind) for frame in frames],
+        maker=lambda scene: maker,
+        due=[frame.time for frame in frames],
+    )
+    for name, count in counted.items():
+        assert getattr(done.health, name) == count, name
+    ages = [moment.time - moment.frame_time for _, moment in maker.made]
+    assert min(ages) > -1e-6  # no frame of the future
+    off = []
+    for now, moment in maker.made:
+        if moment.foci is not None and now < begun + 1.5:
+            pads = frames[int((now - begun) * 60.0 + 1e-6)].hand().pads[:2]
+            off.append(np.linalg.norm(moment.foci.mean(axis=0) - pads.mean(axis=0)))
+    assert np.median(off) < 2e-3
+    assert max(off) < 10e-3  # while the frames are rejected the hand is extrapolated
+    loud = loudness(output)[np.array(output.times) > begun + 1.2]
+    assert loud[0] == pytest.approx(1.0)
+    assert (loudness(output)[1:] == 0.0).sum() == silences
+
+
+def test_why_frames_are_rejected_is_told(example_scene, clock):
+    hands = Scheduled(clock, [still(0, 0.55)])
+    hands.stream.feed_json(at.hands.to_json(still(0)).replace(b"left", b"right"))
+    told = []
+    at.live.follow(example_scene, hands, distances(example_scene), seconds=0.52, report=told.append)
+    assert "1 frame rejected: mirrored" in told[-1].state
+
+
+def test_the_cap_holds_at_the_boards(example_setup):
+    link = at.emission.RecordingLink()
+    with at.live.Output(link) as output:
+        output.limit(0.3)
+        output._emission.send(at.Drive(-0.9 * np.ones(249, dtype=np.complex128)))
+    loudest = max(float(frame.levels.amplitudes[frame.amplitude.max()]) for frame in link.frames)
+    assert loudest == pytest.approx(0.3, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"cap": -1.0},
+        {"cap": np.nan},
+        {"offset": 1.0},
+        {"method": "__class__"},
+        {"method": "robust"},
+    ],
+)
+def test_settings_are_checked(wrong):
+    with pytest.raises(at.InvalidInput):
+        at.live.Controls(**wrong)

@@ -7,6 +7,7 @@ import socket
 import time
 from dataclasses import replace
 from urllib.parse import urlsplit
+from urllib.request import urlopen
 
 import msgspec
 import numpy as np
@@ -70,6 +71,11 @@ def test_pages_of_other_sites_are_turned_away(address) -> None:
     assert connected(address, origin="http://127.0.0.1:{port}")
     for origin in ("http://evil.example", "http://127.0.0.1:1", "null"):
         assert not connected(address, origin=origin)
+
+
+def test_pages_of_other_sites_cannot_frame_it(address) -> None:
+    with urlopen(address) as answer:
+        assert answer.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
 
 
 def test_other_addresses_need_the_token(open_address) -> None:

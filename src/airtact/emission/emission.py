@@ -73,6 +73,7 @@ class Emission:
 
     Attributes
     ----------
+    cap : largest amplitude, as above; it may be changed.
     process : id of the process that holds the link; None if it is this one, or before it is open.
     share : share of the newest drive's amplitude that the boards played when it was sent; below 1
         on a ramp.
@@ -108,7 +109,7 @@ class Emission:
             file = Path(of_kind(log, str | Path, "the log", "a path")).absolute()
         self.link = link
         self.share: float = 1.0
-        self._cap = None if cap is None else check_cap(cap)
+        self.cap: float | None = None if cap is None else check_cap(cap)
         self._settings = Settings(
             ramp=float(ramp),
             patience=positive(patience, "the patience of the watchdog", "s"),
@@ -405,7 +406,7 @@ class Emission:
         rate: float,
         wait: bool = True,
     ) -> Frame:
-        cap = self._safe_cap(drives) if self._cap is None else self._cap
+        cap = self._safe_cap(drives) if self.cap is None else self.cap
         frame, left, self.share = self._ask("play", drives, factors, rate, cap)
         if wait:
             self._outlast(left)

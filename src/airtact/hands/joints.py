@@ -63,9 +63,9 @@ BONES = (
     *(bone for chain in CHAINS for bone in pairwise(chain)),
 )
 
-# Shortest (child) and longest bones [mm]: wrist to metacarpal, metacarpal, proximal, intermediate
-# and last phalanx; the thumb has no intermediate phalanx.
-_BONE_LIMITS = 1e-3 * np.array([[10, 25, 18, 10, 8], [80, 110, 80, 60, 50]])
+# Shortest and longest bones [mm] of hands of 0.5 to 1.5 of the adult's size: wrist to metacarpal,
+# metacarpal, proximal, intermediate and last phalanx; the thumb has no intermediate phalanx.
+_BONE_LIMITS = 1e-3 * np.array([[8, 13, 12, 7, 6], [80, 110, 80, 60, 50]])
 _BONE_LIMITS = _BONE_LIMITS[:, [0] * 5 + [1, 2, 4] + 4 * [1, 2, 3, 4]]
 
 # Index of each of the 21 joints of MediaPipe and Leap among the 25 of WebXR.

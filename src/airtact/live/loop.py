@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Complex128
 from threadpoolctl import threadpool_limits
 
-from airtact.drives.frame import check_cap
 from airtact.drives.head_level import HeadLevel
 from airtact.emission.link import LinkFailed
 from airtact.errors import InvalidInput
 from airtact.hands.hand import Hand
+from airtact.hands.tracking.clock import FrameClock, checked_latency
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.moment import Controls, DriveMaker, Moment, State
@@ -23,7 +23,7 @@ from airtact.live.page.process import PageProcess
 from airtact.live.safety import MAX_FRAME_AGE, Gain, Workspace, hand_of
 from airtact.live.scene import Amplitudes, LiveScene, foci_on
 from airtact.live.session import SessionWriter
-from airtact.live.sources import FrameClock, HandSource, checked_seconds
+from airtact.live.sources import HandSource, checked_seconds
 
 # Shortest time between the starts of two drives [s].
 MIN_INTERVAL = 1.0 / 120.0
@@ -38,20 +38,22 @@ class Status:
 
     Attributes
     ----------
-    state : state of the loop, with the reason for silence.
+    state : state of the loop, with the reason for silence and why frames are rejected.
+    processes : processes that ended; empty if all are alive.
     rate : drives per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without drives.
     kept : median expected share of the attainable pressure; NaN if unknown.
     """
 
     state: str
+    processes: str
     rate: float
     age: float
     kept: float
 
     def __str__(self) -> str:
         """Status in one line."""
-        parts = [self.state]
+        parts = [self.state, self.processes] if self.processes else [self.state]
         if self.rate:
             parts += [f"{self.rate:.0f} drives/s", f"latency {1e3 * self.age:.0f} ms"]
         if np.isfinite(self.kept):
@@ -79,6 +81,7 @@ class Followed:
     health : health of the stream of frames.
     stopped : whether the emergency stop was pressed.
     state : state at the end, with the reason for silence.
+    processes : processes that ended during the run; empty if none.
     """
 
     seconds: float
@@ -94,6 +97,7 @@ class Followed:
     health: StreamHealth
     stopped: bool = False
     state: str = "playing"
+    processes: str = ""
 
     def facts(self) -> list[tuple[str, str]]:
         """Return names and values for a table."""
@@ -113,6 +117,8 @@ class Followed:
             facts.append(("faded", ", ".join(reasons)))
         if self.state != "playing":
             facts.append(("final state", self.state))
+        if self.processes:
+            facts.append(("processes", self.processes))
         if self.dropped:
             facts.append(("not recorded", f"{self.dropped} rows: the disk was too slow"))
         return facts
@@ -168,15 +174,17 @@ def follow(
         If the boards fail; those that answer are silent.
     """
     duration = checked_seconds(seconds)
+    output = output or Output()
     if cap is not None:
-        check_cap(cap)
-    clock = FrameClock(latency)
+        output.limit(cap)
+    clock = hands.stream.clock(scene.side)
+    clock.latency = checked_latency(latency)
     with ExitStack() as closing:
         closing.callback(maker.close)
         if session is not None:
             closing.callback(session.close)
         closing.callback(hands.close)
-        output = closing.enter_context(output or Output())
+        closing.enter_context(output)
         loop = _Loop(scene, maker, output, clock, session, cap, controls or Controls(), page)
         return loop.run(hands, duration, report)
 
@@ -217,6 +225,7 @@ class _Loop:
     frames: int = 0
     drives: int = 0
     faded: Counter[str] = field(default_factory=Counter)
+    healthy: StreamHealth = field(default_factory=StreamHealth)  # while sound was last possible
 
     def __post_init__(self) -> None:
         self.workspace = Workspace(self.scene)
@@ -238,19 +247,21 @@ class _Loop:
                 self.advance(stream.wait(self.patience(min(now + 0.02, begun + duration))))
                 if time.monotonic() - reported >= REPORT_INTERVAL:
                     reported = time.monotonic()
-                    report(self.status())
+                    status = self.status(stream.health)
+                    report(status)
+                    if self.page is not None:
+                        self.page.tell(status)
         seconds = time.monotonic() - begun
         health = stream.health
-        status = self.status()
+        status = self.status(health)
         report(status)
         self._fade_out()
-        return self.summary(seconds, health, status.state)
+        return self.summary(seconds, health, status)
 
     def arrived(self, frame: HandFrame, now: float) -> None:
         """Note the arrival of a frame; called by the thread that received it."""
         if frame.side != self.scene.side:
             return
-        self.clock.saw(frame.time, now)
         self.arrivals.append((frame.time, now))
         if self.session is not None:
             self.session.frame(frame)
@@ -366,6 +377,7 @@ class _Loop:
         state = "playing" if on else "silent" if share == 0.0 else "fading"
         if self.cap is None:
             self.cap = self._safe_cap(self.moment.amplitudes)
+            self.output.limit(self.cap)
         cap = min(self.cap, self.controls.cap)
         amplitudes = share * capped(self.moment.amplitudes, cap)
         self._send(amplitudes, share, cap)
@@ -419,6 +431,10 @@ class _Loop:
         fault = None
         if self.hand is not None:
             fault = self.workspace.fault(self.hand.joints, foci_on(self.hand, self.scene))
+            # Frames come, but were taken long ago.
+            if moment is not None and time.monotonic() - self.last_good < MAX_FRAME_AGE / 2.0:
+                age = moment.time - moment.frame_time
+                fault = fault or f"late: the frames are {1e3 * age:.0f} ms old"
         return fault or "lost"
 
     def _note(self, moment: Moment, sent: float, before: float) -> None:
@@ -438,20 +454,37 @@ class _Loop:
                     self.delays.append(sent - arrived)
                     break
 
-    def status(self) -> Status:
+    def status(self, health: StreamHealth) -> Status:
         now = time.monotonic()
+        state = self.fault or "playing"
+        if self.fault is None:
+            self.healthy = health
+        elif rejected := health.rejected_since(self.healthy):
+            state = f"{state}; {rejected}"
         span = 2.0 * REPORT_INTERVAL
         recent = [played for played in self.played if now - played["sent"] <= span]
         if self.played:  # the first drive may have been less than a second ago
             span = min(span, max(now - self.played[0]["sent"], REPORT_INTERVAL))
         return Status(
-            "playing" if self.fault is None else self.fault,
+            state,
+            self._ended_processes(),
             len(recent) / span,
             _median([played["age"] for played in recent]),
             _median([played["kept"] for played in recent]),
         )
 
-    def summary(self, seconds: float, health: StreamHealth, state: str) -> Followed:
+    def _ended_processes(self) -> str:
+        """Restart solvers that ended, and name all processes that ended."""
+        ended = []
+        if restarts := self.maker.revive():
+            ended.append(f"solvers ended and restarted: {restarts}")
+        if self.page is not None and self.page.ended:
+            ended.append("the page ended")
+        if self.session is not None and self.session.ended:
+            ended.append("the writer of the session ended: not recorded")
+        return ", ".join(ended)
+
+    def summary(self, seconds: float, health: StreamHealth, status: Status) -> Followed:
         ages = [played["age"] for played in self.played] or [np.nan]
         rate = 0.0
         if len(self.played) > 1:
@@ -469,7 +502,8 @@ class _Loop:
             dropped=0 if self.session is None else self.session.dropped,
             health=health,
             stopped=self.output.stopped,
-            state=state,
+            state=status.state,
+            processes=status.processes,
         )
 
 

@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.errors import in_short
+from airtact.drives.methods import FOR_SAMPLES, METHODS
+from airtact.errors import between, check_choice, in_short, of_kind
 from airtact.hands.tracking.frame import HandFrame
 from airtact.live.scene import Amplitudes, Foci, Frames, Joints, LiveScene
 
@@ -72,6 +73,11 @@ class Controls:
     offset : distance of all foci from the skin [m]; None for the scene's.
     modulated : whether the amplitude is modulated or the foci move.
     playing : whether there is sound.
+
+    Raises
+    ------
+    InvalidInput
+        If a value has the wrong type or is out of range.
     """
 
     ignore_hand: bool = False
@@ -80,6 +86,18 @@ class Controls:
     offset: float | None = None
     modulated: bool = True
     playing: bool = True
+
+    def __post_init__(self) -> None:
+        # Programs other than a browser can send any value to the page.
+        for flag in (self.ignore_hand, self.modulated, self.playing):
+            of_kind(flag, bool, "a setting", "true or false")
+        between(self.cap, 0.0, 1.0, "the cap", "of full scale", "30 per cent is 0.3.")
+        if self.offset is not None:
+            between(self.offset, 0.0, 0.1, "the offset", "m", "is it in millimetres?")
+        # Robust methods need samples of an uncertain scene.
+        if self.method is not None:
+            methods = [name for name in METHODS if name not in FOR_SAMPLES]
+            check_choice(self.method, "the method", methods)
 
 
 class DriveMaker(ABC):
@@ -92,6 +110,10 @@ class DriveMaker(ABC):
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:
         """Make the drive for sound that is in the air at a time of the tracker's clock [s]."""
+
+    def revive(self) -> int:
+        """Restart processes of the maker that ended; return the number of restarts so far."""
+        return 0
 
     def close(self) -> None:  # noqa: B027 (some makers have none)
         """End the processes of the maker."""

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from airtact.drives.drive import Drive
+from airtact.drives.frame import check_cap
 from airtact.drives.sequence import Sequence
 from airtact.emission.emission import Emission
 from airtact.emission.link import Link, LinkFailed
@@ -15,7 +16,7 @@ from airtact.transducers.modulation import AmplitudeModulation
 class Output:
     """Receiver of drives: boards behind a link, or nothing. A ``with`` block ends in silence.
 
-    Drives are sent unchanged, because the loop has capped them. After silence the sound rises
+    Drives over a cap, by default full scale, are scaled down. After silence the sound rises
     within 0.2 s. If the boards fail, the methods raise ``LinkFailed``.
 
     Parameters
@@ -54,6 +55,12 @@ class Output:
     def share(self) -> float:
         """Share of the newest drive's amplitude that was emitted when it was sent; 1 at most."""
         return 1.0 if self._emission is None else self._emission.share
+
+    def limit(self, cap: float) -> None:
+        """Cap the amplitudes of all drives, as a share of full scale; raise as ``check_cap``."""
+        cap = check_cap(cap)
+        if self._emission is not None:
+            self._emission.cap = cap
 
     def send(self, amplitudes: Amplitudes) -> None:
         """Emit a drive from now on; return when it has reached the link."""

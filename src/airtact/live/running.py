@@ -10,6 +10,7 @@ from airtact.drives.drive_file import DriveFile
 from airtact.drives.transfer import focus_by_distance
 from airtact.emission.links import link_to
 from airtact.errors import InvalidInput
+from airtact.hands.tracking.clock import checked_latency
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.recordings import ENDING, load_recording, save_recording
 from airtact.hands.tracking.stream import StreamHealth
@@ -24,7 +25,6 @@ from airtact.live.sources import (
     HandSource,
     ReceivedHands,
     RecordedHands,
-    checked_latency,
     checked_seconds,
     moved_to,
 )

@@ -126,6 +126,11 @@ class SessionWriter:
         )
         self._thread.start()
 
+    @property
+    def ended(self) -> bool:
+        """Whether the process that writes the file has ended."""
+        return self._process.poll() is not None
+
     def frame(self, frame: HandFrame) -> None:
         """Record a frame of the hand, in scene coordinates."""
         landmarks = None if frame.landmarks is None else joints_of(frame.landmarks)

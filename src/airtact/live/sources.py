@@ -1,4 +1,4 @@
-"""Sources of frames (a recording, trackers by socket, the page), and the tracker's clock."""
+"""Sources of frames: a recording, trackers by socket, the page."""
 
 import time
 from collections import deque
@@ -8,19 +8,13 @@ from threading import Event, Lock, Thread
 
 import numpy as np
 
-from airtact.errors import InvalidInput, between, positive
+from airtact.errors import InvalidInput, positive
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.hands.hand import Hand
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.receivers import WebSocketReceiver
 from airtact.hands.tracking.recordings import Recording
 from airtact.hands.tracking.stream import HandStream
-
-# Largest time from a tracker's camera image to the arrival of its frame [s].
-MAX_LATENCY = 0.5
-
-# Largest relative drift of a tracker's clock.
-DRIFT = 1e-3
 
 # Takes a frame and the time of its arrival, by ``time.monotonic`` [s].
 OnFrame = Callable[[HandFrame, float], None]
@@ -78,10 +72,10 @@ class _MovedStream(HandStream):
         super().__init__(on_frame=on_frame)
         self._pose = pose
 
-    def feed(self, frame):
+    def feed(self, frame, source=""):
         if self._pose is not None and isinstance(frame, HandFrame):
             frame = frame.moved(self._pose)
-        return super().feed(frame)
+        return super().feed(frame, source)
 
 
 class RecordedHands(HandSource):
@@ -193,63 +187,3 @@ def moved_to(recording: Recording, hand: Hand) -> Recording:
 def checked_seconds(seconds: float | None) -> float:
     """Return the duration [s], or infinity for None; raise as ``positive``."""
     return np.inf if seconds is None else positive(seconds, "the duration", "s")
-
-
-def checked_latency(latency: float) -> float:
-    """Return the latency of a tracker [s]; raise "out_of_range" unless it is from 0 to 0.5 s."""
-    return between(
-        latency, 0.0, MAX_LATENCY, "the latency of the tracker", "s", "is it in milliseconds?"
-    )
-
-
-class FrameClock:
-    """Estimates the tracker's clock from the times and arrivals of its frames.
-
-    A tracker that uses a clock of this computer is recognised by its first frame. For any other
-    clock, the offset is the smallest difference so far between arrival and time of a frame, minus
-    ``latency``. The tracker's clock may drift by 0.1 %.
-
-    Parameters
-    ----------
-    latency : shortest time from the camera image to the frame's arrival, for trackers with their
-        own clock [s].
-    now : the computer's clock [s].
-
-    Raises
-    ------
-    InvalidInput
-        If the latency is not from 0 to 0.5 s.
-    """
-
-    def __init__(self, latency: float = 0.0, now: Callable[[], float] = time.monotonic) -> None:
-        self._latency = checked_latency(latency)
-        self._now = now
-        self._offset: tuple[float, float] | None = None  # smallest, and when it was seen
-        self._shared: Callable[[], float] | None = None
-
-    def saw(self, taken: float, arrived: float) -> None:
-        """Take a frame's time on its own clock and its arrival time on the computer's [s]."""
-        if self._offset is None:
-            for clock in (time.monotonic, time.time):
-                if self._shared is None and 0.0 <= clock() - taken <= MAX_LATENCY:
-                    self._shared = clock
-        # If the times diverge later, the match was a coincidence or the clock was reset.
-        if self._shared is not None:
-            late = self._shared() - taken
-            if not -MAX_LATENCY <= late <= 4.0 * MAX_LATENCY:
-                self._shared = None
-        offset = arrived - taken
-        if self._offset is not None:
-            smallest, then = self._offset
-            drifted = smallest + DRIFT * (arrived - then)
-            # A much larger offset means that the clock restarted: discard the old smallest one.
-            if offset <= drifted + MAX_LATENCY:
-                offset = min(offset, drifted)
-        self._offset = (offset, arrived)
-
-    def time(self, now: float | None = None) -> float:
-        """Return the time on the frames' clock [s], now or at a time of the computer's clock."""
-        now = self._now() if now is None else now
-        if self._shared is not None:
-            return self._shared() + (now - self._now())
-        return 0.0 if self._offset is None else now - self._offset[0] + self._latency

@@ -98,6 +98,11 @@ class Worker:
         for thread in self._threads:
             thread.start()
 
+    @property
+    def ended(self) -> bool:
+        """Whether the process has ended."""
+        return self.process.poll() is not None
+
     def put(self, message: object) -> None:
         """Send the newest message to the process."""
         self._mailbox.put(message)

@@ -24,8 +24,8 @@ LONG = JOINTS + np.where(np.arange(25)[:, None] == 14, [0.0, 0.3, 0.0], 0.0)
     [
         ("half_lost", {"landmarks": HALF}),
         ("unknown_count", {"landmarks": JOINTS[:24]}),
-        ("not_metres", {"landmarks": 1e3 * JOINTS}),
-        ("not_metres", {"cloud": 1e3 * JOINTS}),
+        ("not_in_metres", {"landmarks": 1e3 * JOINTS}),
+        ("not_in_metres", {"cloud": 1e3 * JOINTS}),
         ("impossible", {"landmarks": LONG}),
         ("mirrored", {"side": "right"}),
         ("unreadable", {"time": np.nan}),

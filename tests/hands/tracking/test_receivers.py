@@ -143,3 +143,20 @@ def test_a_port_that_is_taken_is_rejected(receiver):
         WebSocketReceiver(port=receiver.port)
     with raises_code("out_of_range", "70000"):
         WebSocketReceiver(port=70000)
+
+
+def test_idle_connections_keep_no_tracker_out(receiver):
+    idle = [tracker_of(receiver) for _ in range(70)]
+    send(receiver, 0)
+    for connection in idle:
+        connection.socket.close()
+
+
+def test_wrong_connections_print_nothing(receiver, capfd):
+    for request in (b"\x00\xff\r\n\r\n", b"GET / HTTP/1.1\r\nHost: x\r\n\r\n", b"GET"):
+        with socket.create_connection(("127.0.0.1", receiver.port)) as sender:
+            sender.sendall(request)
+    with pytest.raises(InvalidStatus):
+        tracker_of(receiver, origin="null")
+    send(receiver, 0)
+    assert capfd.readouterr() == ("", "")

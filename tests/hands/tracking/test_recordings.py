@@ -48,7 +48,7 @@ def changed(index, **fields):
     ("fault", "line"),
     [
         ("unreadable", "rubbish"),
-        ("not_metres", changed(2, landmarks=(1e3 * JOINTS).tolist())),
+        ("not_in_metres", changed(2, landmarks=(1e3 * JOINTS).tolist())),
         ("mirrored", changed(2, landmarks=(JOINTS * [-1, 1, 1]).tolist())),
         ("half_lost", changed(2, landmarks=(JOINTS * np.nan).tolist())),
         ("unknown_count", changed(2, landmarks=[[0.0, 0.0, 0.0]] * 22)),

@@ -73,7 +73,7 @@ def test_invalid_frames_are_counted_by_kind():
     for fault, changed in {
         "half_lost": {"landmarks": [None] * 9 + points[9:]},
         "unknown_count": {"landmarks": points[:20]},
-        "not_metres": {"landmarks": (1e3 * np.array(points)).tolist()},
+        "not_in_metres": {"landmarks": (1e3 * np.array(points)).tolist()},
         "impossible": {"landmarks": [*points[:24], [0.3, 0.3, 0.3]]},
         "mirrored": {"side": "right"},
         "unreadable": {"side": "both"},
@@ -147,6 +147,33 @@ def test_a_slow_reader_gets_the_latest_of_each_hand(clock):
     assert stream.wait(0.0) is None
 
 
+def test_a_second_tracker_of_a_hand_waits_until_the_first_ends(clock):
+    stream = HandStream(clock=clock)
+    for index in range(1, 5):
+        clock.now += 1 / 30
+        assert stream.feed(still(index), "first") is None
+        assert stream.feed(still(index + 5000), "second").fault == "second_tracker"
+        assert stream.feed(mirrored(index), "second") is None
+    stream.disconnect("first", interrupted=False)
+    assert stream.feed(still(5005), "second") is None
+    clock.now += 0.4  # the second one falls silent
+    assert stream.feed(still(0, 7e5), "third") is None
+    assert stream.clock("left").time(clock.now) == pytest.approx(stream.latest("left").time)
+
+
+def test_a_hand_of_half_or_one_and_a_half_the_size_is_used():
+    for size in (0.5, 0.6, 0.75, 1.5):
+        assert HandStream().feed(still(0, landmarks=size * JOINTS)) is None
+    with pytest.raises(at.InvalidInput):
+        still(0, landmarks=2.0 * JOINTS)
+
+
+def test_times_that_would_overflow_are_unreadable():
+    for time in (1e103, 1e308, -1e300):
+        message = at.hands.to_json(still(0)).replace(b'"time":0.0', f'"time":{time}'.encode())
+        assert HandStream().feed_json(message).fault == "unreadable"
+
+
 def test_a_silence_must_be_above_zero():
     with raises_code("out_of_range"):
         HandStream(silence=-0.1)
@@ -170,7 +197,7 @@ def test_all_messages_are_counted_and_the_newest_is_kept(messages):
             stream.feed_json(at.hands.to_json(still(index)).replace(b"left", b"right"))
         else:
             stream.feed(
-                at.hands.HandFrame(index / 30, "left", index, JOINTS if kind == "good" else None)
+                at.hands.HandFrame(index / 90, "left", index, JOINTS if kind == "good" else None)
             )
             sent.append(index)
     health = stream.health

@@ -22,12 +22,15 @@ Fault = Literal[
     "unreadable",
     "half_lost",
     "unknown_count",
-    "not_metres",
+    "not_in_metres",
     "impossible",
     "mirrored",
     "repeated",
     "out_of_order",
     "backwards",
+    "time_leap",
+    "too_fast",
+    "second_tracker",
 ]
 
 # Largest sequence number; numbers in JSON are exact up to this value.
@@ -81,14 +84,16 @@ class HandFrame:
         integer = isinstance(self.sequence, int | np.integer) and self.sequence is not True
         real = isinstance(self.time, int | float | np.integer | np.floating)
         if not (
-            (real and np.isfinite(self.time))
+            # Nanoseconds since 1970 are below 1e19; larger numbers would overflow later.
+            (real and abs(self.time) < 1e19)
             and self.side in ("left", "right")
             and (integer and 0 <= self.sequence <= MAX_SEQUENCE)
         ):
             raise FaultyFrame(
                 "unreadable",
                 f"time {self.time!r}, side {self.side!r} or sequence number {self.sequence!r} is "
-                "invalid; give a finite number, 'left' or 'right', and an integer from 0 to 2^53.",
+                "invalid; give a number below 1e19, 'left' or 'right', and an integer from 0 to "
+                "2^53.",
             )
         object.__setattr__(self, "time", float(self.time))
         object.__setattr__(self, "sequence", int(self.sequence))
@@ -102,7 +107,7 @@ class HandFrame:
             span = float(np.ptp(cloud, axis=0).max())
             if span > 20.0:
                 raise FaultyFrame(
-                    "not_metres",
+                    "not_in_metres",
                     f"the cloud spans {span:.4g} m: is it in millimetres? Give metres.",
                 )
             object.__setattr__(self, "cloud", cloud)
@@ -150,7 +155,7 @@ _LANDMARK_FAULTS: dict[str, Fault] = {
     "not_finite": "half_lost",
     "joint_count": "unknown_count",
     "empty": "unknown_count",
-    "not_in_metres": "not_metres",
+    "not_in_metres": "not_in_metres",
     "bone_length": "impossible",
     "wrong_side": "mirrored",
 }

@@ -4,9 +4,11 @@ It runs in its own threads and feeds a ``HandStream``. It is meant for trackers 
 computer: the default address is 127.0.0.1, and web pages of other sites cannot connect.
 """
 
+import logging
 import re
 import socket
 import time
+from contextlib import suppress
 from threading import Lock, Thread
 from typing import TYPE_CHECKING
 
@@ -15,6 +17,10 @@ from airtact.hands.tracking.stream import HandStream
 
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
+
+# Broken handshakes must not print tracebacks.
+SILENT = logging.Logger("airtact.receiver")
+SILENT.addHandler(logging.NullHandler())
 
 # Longest message on a websocket [bytes]; a cloud of 50,000 points needs 2 million.
 MAX_MESSAGE = 2**22
@@ -70,7 +76,8 @@ class WebSocketReceiver:
         bound = _listening(host, port)
         self.port: int = bound.getsockname()[1]
         self._closed = False
-        self._connections: set[ServerConnection] = set()
+        # Connections, and when each opened or last sent a used frame
+        self._connections: dict[ServerConnection, float] = {}
         self._lock = Lock()
         self._server = serve(
             self._receive,
@@ -80,6 +87,7 @@ class WebSocketReceiver:
             max_size=MAX_MESSAGE,
             compression=None,
             close_timeout=1,
+            logger=SILENT,
         )
         self._thread = Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
@@ -109,14 +117,22 @@ class WebSocketReceiver:
         with self._lock:
             if self._closed:
                 return
-            self._connections.add(connection)
+            if len(self._connections) >= 64:
+                # Idle connections must not keep a tracker out: end the one that has not sent a
+                # used frame for the longest time.
+                idle = min(self._connections, key=self._connections.__getitem__)
+                with suppress(OSError):
+                    idle.socket.shutdown(socket.SHUT_RDWR)
+            self._connections[connection] = time.monotonic()
+        source = str(connection.id)
         try:
             while True:
-                self.stream.feed_json(connection.recv())
+                if self.stream.feed_json(connection.recv(), source) is None:
+                    self._connections[connection] = time.monotonic()
         except ConnectionClosedOK:
-            pass
+            self.stream.disconnect(source, interrupted=False)
         except ConnectionClosed:
-            self.stream.interrupt()
+            self.stream.disconnect(source, interrupted=True)
         finally:
             with self._lock:
-                self._connections.discard(connection)
+                del self._connections[connection]

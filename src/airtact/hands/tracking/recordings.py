@@ -56,8 +56,8 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
         )
     check_file(path)
     now = 0.0
-    stream = HandStream(clock=lambda: now)
-    frames = []
+    frames: list[HandFrame] = []
+    stream = HandStream(on_frame=frames.append, clock=lambda: now)
     with about(path.name):
         for number, line in _lines(path):
             # The stream counts faults like in a live run.
@@ -68,8 +68,6 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
             else:
                 now = frame.time
                 fault = stream.feed(frame)
-                if fault is None:
-                    frames.append(frame)
             if fault is not None and not leave_out:
                 raise InvalidInput(f"line {number}: {fault}", fault.position, code=fault.code)
         if not frames:

@@ -3,21 +3,32 @@
 A ``HandStream`` is fed from any number of threads and stores the newest valid frame of each hand,
 not a queue, so a slow reader gets the newest frame. If the tracker loses a hand or sends nothing
 for a while, the newest frame is a ``lost`` one.
+
+The times of used frames always increase. If a tracker restarts with another clock or counts
+milliseconds, its frames are used again after 20 consistent ones, and their times continue those
+before. Readers therefore need not know of restarts.
 """
 
 import time
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from threading import Condition
+from typing import get_args
 
-from airtact.errors import positive
+import numpy as np
+
+from airtact.errors import counted, positive
 from airtact.hands.hand import Side
-from airtact.hands.tracking.frame import FaultyFrame, HandFrame
+from airtact.hands.tracking.clock import MAX_LATENCY, FrameClock
+from airtact.hands.tracking.frame import Fault, FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json
 
-# Number of successive frames older than the newest one after which the tracker has restarted.
+# Number of successive rejected frames, in order, after which the tracker has restarted.
 MAX_STALE_FRAMES = 20
+
+# Speed of a hand above which a frame is rejected [m/s]; people reach at up to 2 m/s.
+MAX_SPEED = 3.0
 
 # Jump of the sequence number above which the tracker has restarted.
 MAX_JUMP = 1000
@@ -37,14 +48,18 @@ class StreamHealth:
     unreadable : messages that are not frames.
     half_lost : frames with NaN, infinite or missing coordinates.
     unknown_count : frames with neither 25 nor 21 landmarks.
-    not_metres : frames that span more than a metre, probably in millimetres.
+    not_in_metres : frames that span more than a metre, probably in millimetres.
     impossible : frames with implausible bone lengths.
     mirrored : frames labelled as the other hand.
     repeated : duplicate frames.
     out_of_order : frames with a lower number than an earlier frame.
     backwards : frames with a higher number but not a later time.
+    time_leap : frames whose time is over 0.5 s ahead of the computer's clock.
+    too_fast : frames in which the hand moved faster than 3 m/s.
+    second_tracker : frames of a hand that another connection already sends.
     skipped : missing frames, by their numbers.
-    restarted : restarts of a tracker.
+    restarted : restarts of a tracker or its clock.
+    converted : frames whose time was converted from milli-, micro- or nanoseconds.
     interrupted : connections that ended without being closed.
     """
 
@@ -54,15 +69,27 @@ class StreamHealth:
     unreadable: int = 0
     half_lost: int = 0
     unknown_count: int = 0
-    not_metres: int = 0
+    not_in_metres: int = 0
     impossible: int = 0
     mirrored: int = 0
     repeated: int = 0
     out_of_order: int = 0
     backwards: int = 0
+    time_leap: int = 0
+    too_fast: int = 0
+    second_tracker: int = 0
     skipped: int = 0
     restarted: int = 0
+    converted: int = 0
     interrupted: int = 0
+
+    def rejected_since(self, before: "StreamHealth") -> str:
+        """Return the number of frames rejected since an earlier count, with the main reason."""
+        counts = {name: getattr(self, name) - getattr(before, name) for name in get_args(Fault)}
+        main = max(counts, key=counts.__getitem__)
+        if not counts[main]:
+            return ""
+        return f"{counted(sum(counts.values()), 'frame', 'frames')} rejected: {main.replace('_', ' ')}"
 
     def __str__(self) -> str:
         counts = {entry.name: getattr(self, entry.name) for entry in fields(self)}
@@ -75,20 +102,33 @@ class StreamHealth:
 
 @dataclass(eq=False)
 class _TrackedHand:
-    """State of one hand: its newest frame, the arrival time, and whether a reader has taken it.
+    """State of one hand.
 
-    ``recent`` contains sequence numbers and times, to distinguish duplicate frames from those out
-    of order. ``stale`` counts successive frames, up to ``last_stale``, that are in order but older
-    than the newest one.
+    Attributes
+    ----------
+    clock : clock of the times of used frames.
+    source : connection that the frames come from.
+    newest : newest frame, when it arrived, and whether a reader has taken it.
+    seen : newest frame with landmarks.
+    silent : whether no frames come.
+    unit, shift : the time of a used frame is the tracker's time multiplied by the unit [s], plus
+        the shift [s].
+    recent : numbers and tracker's times of used frames, to distinguish duplicates from frames out
+        of order.
+    stale : numbers, tracker's times and arrivals of successive rejected frames that are in order.
     """
 
+    clock: FrameClock = field(default_factory=FrameClock)
+    source: str = ""
     newest: HandFrame | None = None
     arrived: float = 0.0
     taken: bool = True
+    seen: HandFrame | None = None
     silent: bool = False
+    unit: float = 1.0
+    shift: float = 0.0
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=256))
-    last_stale: HandFrame | None = None
-    stale: int = 0
+    stale: list[tuple[int, float, float]] = field(default_factory=list)
 
 
 class HandStream:
@@ -126,15 +166,25 @@ class HandStream:
             self._notice_silence()
             return StreamHealth(**self._counts)
 
-    def feed_json(self, text: bytes | str) -> FaultyFrame | None:
+    def clock(self, side: Side) -> FrameClock:
+        """Return the clock of the frames of a hand."""
+        return self._hands[side].clock
+
+    def feed_json(self, text: bytes | str, source: str = "") -> FaultyFrame | None:
         """Process a message in JSON; return its fault, or None if it is used."""
         try:
-            return self.feed(from_json(text))
+            return self.feed(from_json(text), source)
         except FaultyFrame as fault:
-            return self.feed(fault)
+            return self.feed(fault, source)
 
-    def feed(self, frame: HandFrame | FaultyFrame) -> FaultyFrame | None:
+    def feed(self, frame: HandFrame | FaultyFrame, source: str = "") -> FaultyFrame | None:
         """Process a frame, or the fault of an unreadable one.
+
+        Parameters
+        ----------
+        frame : frame or fault.
+        source : connection that it comes from. Other connections cannot send the same hand until
+            this one ends, or ``silence`` has passed since its last used frame.
 
         Returns
         -------
@@ -143,21 +193,27 @@ class HandStream:
         """
         with self._changed:
             self._counts["received"] += 1
-            if isinstance(frame, FaultyFrame):
-                self._counts[frame.fault] += 1
-                return frame
-            fault = self._fault_in_order(frame, self._hands[frame.side])
-            if fault is not None:
+            try:
+                if isinstance(frame, FaultyFrame):
+                    raise frame
+                used = self._continued(frame, source)
+                self._check_speed(used)
+            except FaultyFrame as fault:
                 self._counts[fault.fault] += 1
                 return fault
-            self._use(frame, self._hands[frame.side])
-            self._on_frame(frame)
+            self._hands[frame.side].recent.append((frame.sequence, frame.time))
+            self._use(used)
+            self._on_frame(used)
             return None
 
-    def interrupt(self) -> None:
-        """Count a connection that ended without being closed."""
+    def disconnect(self, source: str, interrupted: bool) -> None:
+        """Release the hands of a connection that ended, and count it if it was not closed."""
         with self._changed:
-            self._counts["interrupted"] += 1
+            self._counts["interrupted"] += interrupted
+            for hand in self._hands.values():
+                if hand.source == source:
+                    hand.source = ""
+                    hand.silent = True
 
     def latest(self, side: Side) -> HandFrame | None:
         """Return the newest frame of a hand: a lost one after silence, None if there was none."""
@@ -191,54 +247,104 @@ class HandStream:
                 # Silence does not wake this thread, so check for it.
                 self._changed.wait(min(left, self._silence / 4))
 
-    def _fault_in_order(self, frame: HandFrame, hand: _TrackedHand) -> FaultyFrame | None:
-        """Check the order of a frame and detect restarts of the tracker; return a fault or None."""
+    def _continued(self, frame: HandFrame, source: object) -> HandFrame:
+        """Return a frame with a time that continues those before, or raise its fault."""
+        hand = self._hands[frame.side]
         newest = hand.newest
+        now = self._clock()
+        name = f"frame {frame.sequence} of the {frame.side} hand"
+        gone = newest is None or hand.silent or now - hand.arrived >= self._silence
+        if source != hand.source:
+            if not gone:
+                raise FaultyFrame(
+                    "second_tracker",
+                    f"{name} is of a second tracker; end the first one to use this one.",
+                )
+            hand.source = source
+            hand.unit = 1.0
         if newest is None:
-            return None
+            return frame
+        time = hand.unit * frame.time + hand.shift
+        later = time > newest.time
         step = frame.sequence - newest.sequence
-        # The usual case: a later number and a later time.
-        if step > 0 and frame.time > newest.time:
+        # Difference to the expected time. Late frames are in order, unless the clock stood still
+        # while no frames came.
+        ahead = time - hand.clock.time(now)
+        plausible = later and ahead <= MAX_LATENCY and (not gone or ahead >= -MAX_LATENCY)
+        if step > 0 and plausible:
             if step > MAX_JUMP:
                 self._counts["restarted"] += 1
             else:
                 self._counts["skipped"] += step - 1
-            return None
-        name = f"frame {frame.sequence} of the {frame.side} hand"
+            return frame if time == frame.time else replace(frame, time=time)
         if (frame.sequence, frame.time) in hand.recent:
-            return FaultyFrame("repeated", f"{name} was already received; send it once.")
-        last = hand.last_stale
-        follows = last is not None and frame.sequence > last.sequence and frame.time > last.time
-        hand.stale = hand.stale + 1 if follows else 1
-        hand.last_stale = frame
+            raise FaultyFrame("repeated", f"{name} was already received; send it once.")
         # A restarted tracker starts its numbers and times again. Stray old frames are rarely in
         # order.
-        if hand.silent or hand.stale >= MAX_STALE_FRAMES:
+        if hand.stale:
+            number, taken, _ = hand.stale[-1]
+            if frame.sequence <= number or frame.time <= taken:
+                hand.stale.clear()
+        hand.stale.append((frame.sequence, frame.time, now))
+        if gone or len(hand.stale) >= MAX_STALE_FRAMES:
             self._counts["restarted"] += 1
             hand.recent.clear()
-            return None
+            if not plausible:
+                _, begun, arrived = hand.stale[0]
+                if now > arrived:
+                    # A clock in milliseconds advances by 1000 per second.
+                    pace = float(np.log10((frame.time - begun) / (now - arrived)))
+                    power = min(max(round(pace / 3.0), 0), 3)
+                    if abs(pace - 3.0 * power) < 0.3:
+                        hand.unit = 10.0 ** (-3.0 * power)
+                time = max(hand.clock.restart(now), newest.time + 1e-3)
+                hand.shift = time - hand.unit * frame.time
+            return replace(frame, time=time)
         if step <= 0:
             # It was already counted as skipped.
             self._counts["skipped"] = max(self._counts["skipped"] - 1, 0)
-            return FaultyFrame(
+            raise FaultyFrame(
                 "out_of_order", f"{name} arrived after frame {newest.sequence}; send them in order."
             )
-        return FaultyFrame(
+        if later:
+            raise FaultyFrame(
+                "time_leap",
+                f"the time of {name} is {ahead:.3g} s ahead of the clock; use seconds of one "
+                "steady clock.",
+            )
+        raise FaultyFrame(
             "backwards",
-            f"the time of {name} is {frame.time:g} s, not later than the {newest.time:g} s of the "
-            "frame before; use increasing times.",
+            f"the time of {name} is {frame.time:g} s, not later than that of the frame before; use "
+            "increasing times.",
         )
 
-    def _use(self, frame: HandFrame, hand: _TrackedHand) -> None:
+    def _check_speed(self, frame: HandFrame) -> None:
+        """Reject a frame if the hand moved too fast since it was last seen."""
+        seen = self._hands[frame.side].seen
+        if seen is None or seen.landmarks is None or frame.landmarks is None:
+            return
+        moved = np.linalg.norm(frame.landmarks.mean(axis=0) - seen.landmarks.mean(axis=0))
+        # Noise and a jitter of the times can add 20 mm.
+        if moved > MAX_SPEED * (frame.time - seen.time) + 0.02:
+            raise FaultyFrame(
+                "too_fast",
+                f"the hand moved by {1e3 * moved:.0f} mm in {1e3 * (frame.time - seen.time):.0f} "
+                f"ms, faster than {MAX_SPEED:g} m/s; leave this frame out.",
+            )
+
+    def _use(self, frame: HandFrame) -> None:
+        hand = self._hands[frame.side]
         self._counts["lost"] += frame.lost and not (hand.newest is not None and hand.newest.lost)
         self._counts["used"] += 1
+        self._counts["converted"] += hand.unit != 1.0
         hand.newest = frame
         hand.arrived = self._clock()
+        hand.clock.saw(frame.time, hand.arrived)
         hand.taken = False
         hand.silent = False
-        hand.recent.append((frame.sequence, frame.time))
-        hand.last_stale = None
-        hand.stale = 0
+        hand.stale.clear()
+        if frame.landmarks is not None:
+            hand.seen = frame
         self._changed.notify_all()
 
     def _notice_silence(self) -> None:

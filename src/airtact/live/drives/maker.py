@@ -78,12 +78,17 @@ class HandAware(DriveMaker):
         self.solutions = 0
 
     def take(self, frame: HandFrame) -> None:
-        """Take the tracker's newest frame; older frames and those of the other hand are ignored."""
-        newest = self._newest
-        if frame.side != self._scene.side or (newest is not None and frame.time <= newest.time):
+        """Take the tracker's newest frame; those of the other hand are ignored.
+
+        Raises
+        ------
+        InvalidInput
+            If it is not later than the frame before.
+        """
+        if frame.side != self._scene.side:
             return
-        self._newest = frame
         self._predictor.take(frame)
+        self._newest = frame
 
     def make(self, time: float, controls: Controls) -> Moment:
         """Make the drive for sound that is in the air at a time [s]; zeros if there is no hand.
@@ -111,6 +116,10 @@ class HandAware(DriveMaker):
         except InvalidInput as fault:
             self.fault = str(fault)
             return silent_moment(self._scene, time, self._newest.time)
+
+    def revive(self) -> int:
+        """Restart solvers that ended; return the number of restarts so far."""
+        return sum(solver.revive() for solver in self._solvers)
 
     def close(self) -> None:
         """End the solvers."""

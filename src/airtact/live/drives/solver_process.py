@@ -64,7 +64,20 @@ class SolverProcess:
 
     def __init__(self, scene: LiveScene, part: Rule) -> None:
         self._solutions: deque[HandFactors | str | None] = deque(maxlen=64)
-        self._worker = Worker(solve_hands, (scene, part), self._solutions.append)
+        self._arguments = (scene, part)
+        self._restarts = 0
+        self._start()
+
+    def _start(self) -> None:
+        self._worker = Worker(solve_hands, self._arguments, self._solutions.append)
+
+    def revive(self) -> int:
+        """Restart the process if it ended; return the number of restarts so far."""
+        if self._worker.ended:
+            self._worker.close()
+            self._start()
+            self._restarts += 1
+        return self._restarts
 
     def ask(self, request: Request) -> None:
         """Hand over the newest hand."""

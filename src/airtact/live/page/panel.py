@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from viser import uplot
 
 from airtact.drives.methods import FOR_SAMPLES, METHODS
+from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose
 from airtact.hands.joints import FINGERS, Side
 from airtact.hands.kinematics import turned
@@ -120,13 +121,16 @@ class Panel:
         panel.dock_left()
         panel.set_width(width)
 
-    def update(self, moment: Moment, drives: int, sound: Sound | None, largest: float) -> None:
+    def update(
+        self, moment: Moment, drives: int, status: str, sound: Sound | None, largest: float
+    ) -> None:
         """Show the status of a moment, 3 times a second.
 
         Parameters
         ----------
         moment : newest moment.
         drives : number of moments so far.
+        status : status of the loop in words.
         sound : pressure shown on skin and slice, or None.
         largest : upper limit of the colour scale [Pa].
         """
@@ -142,14 +146,17 @@ class Panel:
         times, counts, ages, shares = np.array(self._history).T
         rates = rates_of(times, counts)
         with self._server.atomic():
-            self._status.content = status_html(moment, self._scene, rates[-1], age)
+            facts = status_html(moment, self._scene, rates[-1], age, status)
+            self._status.content = facts
             self._legend.content = legend_html(self.look, sound, largest)
             for curve, values in zip(self._curves, (ages, rates, shares), strict=True):
                 curve.data = (times - now, values)
 
     def _set(self, **changed: Any) -> None:
-        self._controls = replace(self._controls, **changed)
-        self._send(self._controls)
+        # Values that no browser sends are ignored.
+        with suppress(InvalidInput):
+            self._controls = replace(self._controls, **changed)
+            self._send(self._controls)
 
     def _show(self, **changed: Any) -> None:
         self.look = replace(self.look, **changed)
@@ -275,7 +282,7 @@ def rates_of(
     return np.where(spans > 0.5, (drives - drives[first]) / spans, np.nan)
 
 
-def status_html(moment: Moment, scene: LiveScene, rate: float, age: float) -> str:
+def status_html(moment: Moment, scene: LiveScene, rate: float, age: float, status: str) -> str:
     """Write the status of the loop and the pressure at each focus."""
     words, light = STATES[moment.state]
     kept = np.nan if moment.kept is None else 100 * moment.kept
@@ -294,6 +301,7 @@ def status_html(moment: Moment, scene: LiveScene, rate: float, age: float) -> st
         foci += f"<tr><td>{escape(place)}</td><td>{pressure}</td></tr>"
     return (
         f'<div class="live"><div class="state" style="--light: {light}">{words}</div>'
+        f"<small>{escape(status)}</small>"
         f"{RULES[moment.rule]}<table>{facts}</table>"
         "<small>The solved hand is the pose for which scattering was solved; a drive uses the "
         "solution of the most similar pose, which may be old. Attainable: pressure at the "
@@ -389,7 +397,7 @@ def paint(
     Parameters
     ----------
     server : server of the page.
-    mailbox : contains the newest moment and the number of moments so far.
+    mailbox : contains the newest moment, the number of moments so far, and the status in words.
     send : sends messages to the loop.
     scene : the fixed part of the scene.
     joints : (25, 3) initial joints of a hand to drag [m], or None.
@@ -402,16 +410,16 @@ def paint(
     while not mailbox.ended:
         start = time.monotonic()
         watched = bool(server.get_clients())
-        shown = mailbox.newest or (silent_moment(scene, 0.0, 0.0), 0)
+        shown = mailbox.newest or (silent_moment(scene, 0.0, 0.0), 0, "")
         if dragged is not None:
             dragged.watched = watched
         if watched:
-            moment, drives = shown
+            moment, drives, status = shown
             if (shown, panel.look) != painted:
                 painted = (shown, panel.look)
                 with server.atomic():
                     view.update(moment, panel.look)
-            panel.update(moment, drives, view.sound, view.largest)
+            panel.update(moment, drives, status, view.sound, view.largest)
         # 13 pictures a second, because they may be drawn on the loop's processor. Even on a slow
         # computer the loop keeps at least 30 % of the time.
         spent = time.monotonic() - start

@@ -1,12 +1,14 @@
 """The process of the page, which gets the newest moment and returns settings."""
 
+import os
+import sys
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
 
 from airtact.errors import InvalidInput, extra
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.stream import HandStream
-from airtact.live.moment import Controls, Moment
+from airtact.live.moment import Controls, Moment, silent_moment
 from airtact.live.scene import Joints, LiveScene
 from airtact.live.worker import Mailbox, Worker
 from airtact.timing import give_way
@@ -65,6 +67,8 @@ class PageProcess:
         self._on_emergency = on_emergency
         self.controls: Controls = controls or Controls()
         self._drives = 0
+        self._moment = silent_moment(scene, 0.0, 0.0)
+        self._status = ""
         self._answers: SimpleQueue[Message | None] = SimpleQueue()
         # The page is painted 13 times a second.
         settings = (scene, port, host, hand, self.controls)
@@ -95,7 +99,21 @@ class PageProcess:
     def show(self, moment: Moment) -> None:
         """Show a moment, unless a newer one comes first; call it in every pass of the loop."""
         self._drives += 1
-        self._worker.put((moment, self._drives))
+        self._moment = moment
+        self._put()
+
+    def tell(self, status: object) -> None:
+        """Show a status in words."""
+        self._status = str(status)
+        self._put()
+
+    def _put(self) -> None:
+        self._worker.put((self._moment, self._drives, self._status))
+
+    @property
+    def ended(self) -> bool:
+        """Whether the process of the page has ended."""
+        return self._worker.ended
 
     def close(self) -> None:
         """End the page."""
@@ -122,7 +140,10 @@ def serve_page(
     hand: Joints | None,
     controls: Controls,
 ) -> None:
-    """Serve the page until the loop ends; the mailbox has the newest moment and their count."""
+    """Serve the page until the loop ends.
+
+    The mailbox has the newest moment, the number of moments so far, and the status in words.
+    """
     try:
         with extra("live", "to go without a page give --no-page; the page needs viser"):
             from airtact.live.page.panel import paint
@@ -132,5 +153,8 @@ def serve_page(
         send(fault)
         return
     send(address)
+    # viser prints tracebacks of messages that no browser sends.
+    with open(os.devnull, "wb") as nothing:
+        os.dup2(nothing.fileno(), sys.stderr.fileno())
     give_way(5)  # only after the start, because the user waits for the page
     paint(server, mailbox, send, scene, hand, controls)

@@ -127,6 +127,11 @@ def _checked(
                 HTTPStatus.FORBIDDEN,
                 "This page is not served to other sites, nor without the token in its address.\n",
             )
-        return answer(connection, replace(request, path=path))
+        response = answer(connection, replace(request, path=path))
+        if response is not None:
+            # Pages of other sites must not show this one in a frame and lure clicks onto it.
+            response.headers["Content-Security-Policy"] = "frame-ancestors 'none'"
+            response.headers["X-Frame-Options"] = "DENY"
+        return response
 
     return check

@@ -1,0 +1,66 @@
+"""The clock of a tracker, estimated from the times and arrivals of its frames."""
+
+import time
+
+from airtact.errors import between
+
+# Largest time from a tracker's camera image to the arrival of its frame [s].
+MAX_LATENCY = 0.5
+
+
+def checked_latency(latency: float) -> float:
+    """Return the latency of a tracker [s]; raise "out_of_range" unless it is from 0 to 0.5 s."""
+    return between(
+        latency, 0.0, MAX_LATENCY, "the latency of the tracker", "s", "is it in milliseconds?"
+    )
+
+
+class FrameClock:
+    """Estimates the tracker's clock from the times and arrivals of its frames.
+
+    A tracker that uses a clock of this computer is recognised by its first frame. For any other
+    clock, the offset is the smallest difference so far between arrival and time of a frame, minus
+    ``latency``. The tracker's clock may drift by 0.1 %.
+
+    Attributes
+    ----------
+    latency : shortest time from the camera image to the frame's arrival, for trackers with their
+        own clock [s].
+    """
+
+    def __init__(self, latency: float = 0.0) -> None:
+        self.latency = latency
+        # Smallest difference between arrival and time of a frame, and when it was computed.
+        self._offset: tuple[float, float] | None = None
+        # Difference of a clock of this computer that the tracker uses to ``time.monotonic``.
+        self._shared: float | None = None
+
+    def saw(self, taken: float, arrived: float) -> None:
+        """Take a frame's time on its own clock and its arrival by ``time.monotonic`` [s]."""
+        offset = arrived - taken
+        if self._offset is None:
+            for ahead in (0.0, time.time() - time.monotonic()):
+                if self._shared is None and 0.0 <= offset + ahead <= MAX_LATENCY:
+                    self._shared = ahead
+        else:
+            smallest, then = self._offset
+            offset = min(offset, smallest + 1e-3 * (arrived - then))
+        # A frame that arrives before its time shows that the match was a coincidence.
+        if self._shared is not None and arrived + self._shared < taken - 1e-3:
+            self._shared = None
+        self._offset = (offset, arrived)
+
+    def time(self, now: float) -> float:
+        """Return the time on the frames' clock at a time of ``time.monotonic`` [s]."""
+        if self._shared is not None:
+            return now + self._shared
+        return 0.0 if self._offset is None else now - self._offset[0] + self.latency
+
+    def restart(self, now: float) -> float:
+        """Return the time for the first frame of a restarted tracker [s].
+
+        Its clock is unknown, so the frame counts as taken as shortly before its arrival as the best
+        frame so far.
+        """
+        self._shared = None
+        return self.time(now) - self.latency
