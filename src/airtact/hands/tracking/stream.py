@@ -89,7 +89,8 @@ class StreamHealth:
         main = max(counts, key=counts.__getitem__)
         if not counts[main]:
             return ""
-        return f"{counted(sum(counts.values()), 'frame', 'frames')} rejected: {main.replace('_', ' ')}"
+        rejected = counted(sum(counts.values()), "frame", "frames")
+        return f"{rejected} rejected: {main.replace('_', ' ')}"
 
     def __str__(self) -> str:
         counts = {entry.name: getattr(self, entry.name) for entry in fields(self)}
