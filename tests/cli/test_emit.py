@@ -217,13 +217,13 @@ FAULTS = {
         lambda path: change(path, phase=None),
         AUDIT,
         "data_missing",
-        "drive.h5: the file lacks phase",
+        "phase",
     ),
     "a later version": (
         lambda path: change(path, format_version=9),
         AUDIT,
         "unsupported_version",
-        "version 9",
+        "format_version is 9",
     ),
     "no positions": (
         lambda path: change(path, positions=None, normals=None),

@@ -51,6 +51,22 @@ def test_a_sequence_of_one_frame_stays_a_sequence(tmp_path, drive) -> None:
     assert (len(back), back.rate) == (1, 200.0)
 
 
+def test_a_table_is_read_in_the_order_of_its_index(tmp_path, drive) -> None:
+    path = tmp_path / "drive.csv"
+    drive.save(path, at.autd3_board())
+    header, *lines = path.read_text().splitlines()
+    for rows in (lines, sorted(lines, key=lambda line: line.split(",")[7])):  # by amplitude
+        path.write_text("\n".join([header, *rows]))
+        np.testing.assert_allclose(at.load_drive(path).amplitudes, drive.amplitudes, atol=1e-8)
+    for rows in (lines[:-2] + lines[-1:], [*lines, lines[0]]):
+        path.write_text("\n".join([header, *rows]))
+        with raises_code("wrong_shape"):
+            at.load_drive(path)
+    path.write_text("amplitude,phase\n1,0\n")
+    with raises_code("data_missing"):
+        at.load_drive(path)
+
+
 def test_a_folder_that_is_not_there_is_named(tmp_path, drive) -> None:
     with raises_code("not_writable"):
         drive.save(tmp_path / "none" / "drive.h5")

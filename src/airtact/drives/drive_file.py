@@ -42,6 +42,7 @@ from airtact.errors import (
 )
 from airtact.files.atomic import whole_file, whole_hdf5
 from airtact.files.bounded import datasets_of
+from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray
@@ -298,7 +299,9 @@ LAYOUT = {
 
 
 def read_drive_file(path: Path) -> DriveFile:
-    """Read a drive or a sequence (.h5); only ``amplitude`` and ``phase`` must be in the file.
+    """Read a drive or a sequence (.h5), or the table of a drive (.csv).
+
+    Only ``amplitude`` and ``phase`` must be in the file, and ``index`` in a table.
 
     Raises
     ------
@@ -306,8 +309,10 @@ def read_drive_file(path: Path) -> DriveFile:
         "file_missing", "file_unreadable", "unsupported_version", "data_missing", "wrong_shape",
         "not_a_number", "not_finite", "out_of_range", or as the parts of it.
     """
-    checked_ending(path, (".h5",), "drive")
-    raw = datasets_of(path, LAYOUT, VERSION)
+    if checked_ending(path, (".h5", ".csv"), "drive") == ".csv":
+        raw = _read_table(path)
+    else:
+        raw = datasets_of(path, LAYOUT, VERSION)
     with about(path.name):
         try:
             return _parsed(raw)
@@ -316,6 +321,25 @@ def read_drive_file(path: Path) -> DriveFile:
                 f"the file lacks {missing}, which belongs to its other datasets.",
                 code="data_missing",
             ) from None
+
+
+def _read_table(path: Path) -> dict[str, Any]:
+    """Read the lines of a table in the order of their column ``index``."""
+    table = read_text_table(path)
+    table.require("index", "amplitude", "phase")
+    index = table.numbers("index")
+    order = np.argsort(index)
+    if not np.array_equal(index[order], np.arange(len(index))):
+        raise InvalidInput(
+            f"{path.name} must have one line for each element: the column index does not contain "
+            f"each of 0 to {len(index) - 1} once.",
+            code="wrong_shape",
+        )
+    raw: dict[str, Any] = {name: table.numbers(name)[order] for name in ("amplitude", "phase")}
+    for name, columns in (("positions", ("x", "y", "z")), ("normals", ("nx", "ny", "nz"))):
+        if set(columns) <= set(table.names):
+            raw[name] = np.stack([table.numbers(column)[order] for column in columns], axis=1)
+    return raw
 
 
 def _parsed(raw: Mapping[str, Any]) -> DriveFile:

@@ -27,13 +27,14 @@ ENDINGS = (".h5", ".bin")
 def load_drive(path: str | Path, *, rate: float | None = None) -> Drive | Sequence:
     """Read a drive or a sequence from a file.
 
-    It reads the .h5 files of ``Drive.save``, ``Sequence.save`` and ``write_frames``. The saved
-    amplitudes and phases are the computed ones, to 1e-15; those of ``write_frames`` are rounded to
-    the levels of the boards.
+    It reads the .h5 files of ``Drive.save``, ``Sequence.save`` and ``write_frames``, and .csv
+    tables of a drive, in the order of their column ``index``. The saved amplitudes and phases are
+    the computed ones, to 1e-15 (1e-9 in tables); those of ``write_frames`` are rounded to the
+    levels of the boards.
 
     Parameters
     ----------
-    path : file that ends in .h5.
+    path : file that ends in .h5 or .csv.
     rate : frames per second, if the file does not contain the rate.
 
     Returns

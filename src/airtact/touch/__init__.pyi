@@ -1,5 +1,6 @@
 from .contacts import Contacts as Contacts
 from .contacts import contact as contact
+from .finding import ContactArrays as ContactArrays
 from .foci import TouchFoci as TouchFoci
 from .objects import MAX_OBJECTS as MAX_OBJECTS
 from .objects import VirtualObject as VirtualObject

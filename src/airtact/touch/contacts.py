@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import outward
 from airtact.errors import InvalidInput, between, one_line
-from airtact.touch.finding import Found, find, peaks
+from airtact.touch.finding import ContactArrays, find, peaks
 from airtact.touch.foci import MAX_FOCI, WAVELENGTH, TouchFoci, chosen_foci
 from airtact.touch.objects import VirtualObject, objects_of
 from airtact.touch.outlines import outline_of, spaced_along
@@ -33,7 +33,7 @@ class Contacts:
     skin: Skin
     virtual_objects: tuple[VirtualObject, ...]
     offset: float
-    found: Found
+    found: ContactArrays
 
     def __len__(self) -> int:
         """Return the number of contacts."""
@@ -184,7 +184,7 @@ def contact(
     return Contacts(skin, things, offset, _refined(skin, things, find(skin, things)))
 
 
-def _refined(skin: Skin, objects: Sequence[VirtualObject], found: Found) -> Found:
+def _refined(skin: Skin, objects: Sequence[VirtualObject], found: ContactArrays) -> ContactArrays:
     """Move the points of contacts to the deepest points of the true surfaces."""
     assert skin.bodies is not None
     points = found.points.copy()

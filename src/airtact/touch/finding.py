@@ -14,7 +14,7 @@ from airtact.touch.skin import Skin
 Indices = Int64[np.ndarray, "contacts"]
 
 
-class Found(NamedTuple):
+class ContactArrays(NamedTuple):
     """Connected parts of the skin inside objects, one for each finger or other part.
 
     Attributes
@@ -42,7 +42,7 @@ class Found(NamedTuple):
     members: tuple[Int64[np.ndarray, "_"], ...]
     member_depths: tuple[Float64[np.ndarray, "_"], ...]
 
-    def chosen(self, indices: Int64[np.ndarray, "_"]) -> "Found":
+    def chosen(self, indices: Int64[np.ndarray, "_"]) -> "ContactArrays":
         """Return some of the contacts."""
         arrays = {name: getattr(self, name)[indices] for name in self._fields[:-2]}
         return self._replace(
@@ -52,7 +52,7 @@ class Found(NamedTuple):
         )
 
 
-def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Found:
+def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> ContactArrays:
     """Find the contacts of a skin with objects.
 
     Parameters
@@ -94,7 +94,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Foun
         depths[row[first][:, None], ring],
     )
     areas = np.bincount(contact, skin.areas[point] * (depth > 0.0), len(keys))
-    return Found(
+    return ContactArrays(
         points=points,
         normals=normals,
         depths=peak,

@@ -7,7 +7,7 @@ from jaxtyping import Float64, Int64
 
 from airtact.acoustics.target import Target
 from airtact.errors import InvalidInput, counted, one_line
-from airtact.touch.finding import Found
+from airtact.touch.finding import ContactArrays
 from airtact.touch.objects import VirtualObject
 from airtact.touch.skin import Skin
 
@@ -77,7 +77,7 @@ class TouchFoci:
 def chosen_foci(
     skin: Skin,
     objects: tuple[VirtualObject, ...],
-    found: Found,
+    found: ContactArrays,
     offset: float,
     most: int = MAX_FOCI,
     wavelength: float = WAVELENGTH,

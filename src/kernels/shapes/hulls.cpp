@@ -141,7 +141,7 @@ std::vector<Hull> hulls_of(const double *balls, const std::int64_t *parts, std::
     return hulls;
 }
 
-struct Found {
+struct ContactArrays {
     double distance, bend, facing;
     Vector gradient;
     int nearest;
@@ -209,7 +209,7 @@ struct Body {
             }
         }
     }
-    void fill_edges(Found &found) const {
+    void fill_edges(ContactArrays &found) const {
         for (int a = 0; a < some; a++)
             for (int b = 0; b < a; b++) {
                 const int i = close[a], j = close[b];
@@ -228,10 +228,10 @@ struct Body {
                 found.bend = std::min(found.bend, 0.25 * full * full / width);
             }
     }
-    Found look(Vector x) {
+    ContactArrays look(Vector x) {
         const int winner = nearest_of(x);
         const double infinity = std::numeric_limits<double>::infinity();
-        Found found{infinity, projections[winner].radius, infinity, {0, 0, 0}, winner};
+        ContactArrays found{infinity, projections[winner].radius, infinity, {0, 0, 0}, winner};
         carve_out();
         for (int a = 0; a < some; a++) {
             const int i = close[a];
@@ -377,7 +377,7 @@ void blended_distance(const double *points, std::int64_t n, const double *balls,
             const std::int64_t end = std::min(n, (block + 1) * together);
             narrow_to(body, points, block * together, end);
             for (std::int64_t p = block * together; p < end; p++) {
-                const Found found = body.look(read(points + 3 * p));
+                const ContactArrays found = body.look(read(points + 3 * p));
                 distance[p] = found.distance;
                 write(found.gradient, gradient + 3 * p);
                 bend[p] = found.bend;
@@ -397,7 +397,7 @@ void project_on_hulls(double *points, std::int64_t n, const double *balls, const
 #pragma omp for schedule(dynamic, 64)
         for (std::int64_t p = 0; p < n; p++) {
             Vector x = read(points + 3 * p);
-            Found found = body.look(x);
+            ContactArrays found = body.look(x);
             for (std::int64_t step = 0; step < steps.most && std::abs(found.distance) > steps.on_surface; step++) {
                 const double square = std::max(dot(found.gradient, found.gradient), 0.1), taper = std::sqrt(square);
                 const double far = std::min(std::max(found.distance / taper, -steps.longest), steps.longest);
