@@ -206,7 +206,7 @@ def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
     if ending not in endings:
         raise InvalidInput(
             f"{path.name} is not a {kind} file, which ends in {', '.join(endings)}. Bytes for a "
-            "board (.bin) are written by emission.FileLink.",
+            "board (.bin) are written by emission.write_frames.",
             code="unknown_format",
         )
     return ending

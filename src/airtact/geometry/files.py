@@ -31,8 +31,7 @@ def load_surface(
     The nodes of a scene graph are placed by their transforms and joined. Vertices at the same
     position are merged even if their textures or normals differ. The attribute ``repairs`` of the
     surface lists the repairs (see ``airtact.geometry.mesh.repair.repaired``). Files may have up to
-    100 MB and 250,000 triangles, which take about 10 s and 1 GB. Files that a glTF file refers to
-    must be in the same folder. Materials and pictures are not read.
+    100 MB and 250,000 triangles, which take about 10 s and 1 GB. Materials and pictures are not read.
 
     Parameters
     ----------

@@ -162,7 +162,7 @@ class MethodComparison:
         return f"{contender.name} (default)" if contender.name == self.default else contender.name
 
     def save(self, folder: str | Path) -> Path:
-        """Write methods.csv and the drives (.h5) into a folder, and return the path of the table."""
+        """Write methods.csv and the drives (.h5) into a folder; return the path of the table."""
         folder = Path(folder)
         drives = writable_folder(folder / "drives")
         for contender in self.contenders:
