@@ -24,6 +24,7 @@ PRINTED = {
     "own_array": r"2000 Pa at the fingertip from 91 transducers",
     "own_stl": r"1500 Pa over the bowl, 7\d\d Pa by a drive made for empty air",
     "palm_stm": r"24 frames; (199\d|200\d) to (199\d|200\d) Pa at the focus",
+    "tinylev": r"trap at \(.*, -2\.3\d, .*\(0\.0034\d*, 0\.06[23]\d*, 0\.0034",
     "touch_ball": r"\d+ Pa at the contact \(-6\.00, -?0\.00, -?0\.00\) mm\n\d+ Pa .* \(6\.00,",
     "two_fingers": r"for the fingers: 14\d\d and 14\d\d Pa\n.*empty air: 11\d\d and 11\d\d Pa",
 }

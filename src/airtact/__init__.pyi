@@ -9,6 +9,7 @@ from . import sensing as sensing
 from . import setup as setup
 from . import touch as touch
 from . import transducers as transducers
+from . import traps as traps
 from .acoustics.medium import Medium as Medium
 from .acoustics.medium import air as air
 from .acoustics.planes import plane as plane

@@ -1,0 +1,277 @@
+"""Gor'kov's potential of a small bead, its force and its stiffness, also beside bodies.
+
+Sources
+-------
+- L. P. Gor'kov, "On the forces acting on a small particle in an acoustical field in an ideal
+  fluid", Sov. Phys. Dokl. 6, 773 (1962).
+- H. Bruus, "Acoustofluidics 7: The acoustic radiation force on small particles", Lab Chip 12, 1014
+  (2012), equations (3) and (4).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Real
+from scipy.integrate import lebedev_rule
+from scipy.spatial import KDTree
+from scipy.special import spherical_jn
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.problem import RadiatedField, Solver
+from airtact.drives.drive import Drive
+from airtact.errors import InvalidInput, in_mm, of_kind, points_of, within
+from airtact.evaluation.field import radiate_drives
+from airtact.transducers.layout import PhasedArray
+
+
+@dataclass(frozen=True)
+class Bead:
+    """A small sphere of a fluid-like material.
+
+    Attributes
+    ----------
+    radius : [m].
+    material : its density and speed of sound.
+    """
+
+    radius: float
+    material: Medium
+
+    @property
+    def mass(self) -> float:
+        """Mass [kg]."""
+        return 4.0 / 3.0 * np.pi * self.radius**3 * self.material.density
+
+    def factors(self, scene: Scene) -> tuple[float, float]:
+        """Return a and b of the potential U = a|p|² − b|∇p|², by peak values of the pressure.
+
+        a = V f₁/(4ρc²) and b = V 3f₂/(8ρω²), because the particle velocity is ∇p/(iωρ).
+        """
+        air = scene.medium
+        volume = self.mass / self.material.density
+        ratio = self.material.density / air.density
+        monopole = 1.0 - (air.sound_speed / self.material.sound_speed) ** 2 / ratio
+        dipole = 2.0 * (ratio - 1.0) / (2.0 * ratio + 1.0)
+        angular = 2.0 * np.pi * scene.frequency
+        return (
+            volume * monopole / (4.0 * air.density * air.sound_speed**2),
+            volume * 3.0 * dipole / (8.0 * air.density * angular**2),
+        )
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """Pressure at P points and its derivatives along x, y and z, up to the third.
+
+    Attributes
+    ----------
+    pressure : (P,) [Pa].
+    first, second, third : (P, 3) [Pa/m], (P, 3, 3) [Pa/m²] and (P, 3, 3, 3) [Pa/m³].
+    """
+
+    pressure: Complex128[np.ndarray, "points"]
+    first: Complex128[np.ndarray, "points 3"]
+    second: Complex128[np.ndarray, "points 3 3"]
+    third: Complex128[np.ndarray, "points 3 3 3"]
+
+
+def potential(
+    scene: Scene,
+    array: PhasedArray,
+    drive: Drive,
+    points: Real[np.ndarray, "points 3"],
+    radius: float = 0.65e-3,
+    density: float = 29.36,
+    sound_speed: float = 900.0,
+    solver: Solver | None = None,
+) -> Float64[np.ndarray, "points"]:
+    """Return Gor'kov's potential of a bead at any points (P,) [J]; arguments as ``force``."""
+    bead = bead_of(scene, radius, density, sound_speed)
+    field = trap_field(scene, array, drive, points, solver)
+    sound = derivatives(field, points, bead)
+    a, b = bead.factors(scene)
+    return a * np.abs(sound.pressure) ** 2 - b * np.sum(np.abs(sound.first) ** 2, axis=1)
+
+
+def force(
+    scene: Scene,
+    array: PhasedArray,
+    drive: Drive,
+    points: Real[np.ndarray, "points 3"],
+    radius: float = 0.65e-3,
+    density: float = 29.36,
+    sound_speed: float = 900.0,
+    solver: Solver | None = None,
+) -> Float64[np.ndarray, "points 3"]:
+    """Return the radiation force on a bead at any points, the negative gradient of the potential.
+
+    Gor'kov's potential is the limit of small beads. It overestimates force and stiffness by about
+    (ka)²/2 for a bead of radius a: 7 % at 0.5 mm, 12 % at 0.65 mm and 33 % at 1 mm for polystyrene
+    at 40 kHz. Sound that the bead scatters back from bodies, streaming, viscosity and weight are
+    not included.
+
+    Parameters
+    ----------
+    scene : the air and the bodies in it.
+    array : the transducers in the scene's frame, see ``PhasedArray.seen_from``.
+    drive : the drive of the array.
+    points : (P, 3) centres of the bead [m].
+    radius : radius of the bead [m], up to an eighth of a wavelength.
+    density, sound_speed : of the bead [kg/m³, m/s]; by default expanded polystyrene.
+    solver : by default open air in closed form if the scene has no body, otherwise boundary
+        elements.
+
+    Returns
+    -------
+    (P, 3) force [N].
+
+    Raises
+    ------
+    InvalidInput
+        If a bead touches a body, a plane or an element, or is behind the face of a directional
+        element; a number is out of range; or as ``at.field_map``.
+
+    Examples
+    --------
+    A bead between two elements that face each other is drawn to the middle, a node of the pressure:
+
+    >>> places = np.array([[0, -0.1, 0], [0, 0.1, 0]])
+    >>> pair = PhasedArray(places, np.array([[0, 1, 0], [0, -1, 0]]))
+    >>> open_air = Scene(Medium(sound_speed=343.1, density=1.2), [])
+    >>> pull = force(open_air, pair, Drive(np.array([1, -1 + 0j])), np.array([[0.0, 1e-3, 0.0]]))
+    >>> bool(pull[0, 1] < 0.0)
+    True
+    """
+    bead = bead_of(scene, radius, density, sound_speed)
+    field = trap_field(scene, array, drive, points, solver)
+    return force_of(derivatives(field, points, bead), bead, scene)
+
+
+def stiffness(
+    scene: Scene,
+    array: PhasedArray,
+    drive: Drive,
+    points: Real[np.ndarray, "points 3"],
+    radius: float = 0.65e-3,
+    density: float = 29.36,
+    sound_speed: float = 900.0,
+    solver: Solver | None = None,
+) -> Float64[np.ndarray, "points 3 3"]:
+    """Return the stiffness matrix of a bead (P, 3, 3) [N/m]; arguments as ``force``.
+
+    It has the second derivatives of the potential, ∂²U/∂x_i∂x_j = −∂F_i/∂x_j, which are positive
+    along an axis if the force drives the bead back.
+    """
+    bead = bead_of(scene, radius, density, sound_speed)
+    field = trap_field(scene, array, drive, points, solver)
+    return stiffness_of(derivatives(field, points, bead), bead, scene)
+
+
+def bead_of(scene: Scene, radius: float, density: float, sound_speed: float) -> Bead:
+    """Return the bead, or raise ``InvalidInput`` if a number is out of range."""
+    of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
+    # At this limit the force is already 40 % too large.
+    slip = "Gor'kov's potential is for beads up to a quarter of a wavelength across."
+    radius = within(radius, 0.0, scene.wavelength / 8.0, "the radius of a bead", "m", slip)
+    return Bead(radius, Medium(sound_speed, density))
+
+
+def trap_field(
+    scene: Scene,
+    array: PhasedArray,
+    drive: Drive,
+    points: Real[np.ndarray, "points 3"],
+    solver: Solver | None,
+) -> RadiatedField:
+    """Solve for the field of a drive; the points must be in front of the elements."""
+    if solver is None:
+        solver = BoundaryElement() if scene.obstacles else FreeField()
+    return radiate_drives(scene, array, [drive], solver, foci=points_of(points, "bead points"))
+
+
+def derivatives(
+    field: RadiatedField, points: Real[np.ndarray, "points 3"], bead: Bead
+) -> Derivatives:
+    """Return the pressure and its derivatives at the centres of a bead, without truncation error.
+
+    In a ball without sources and bodies the pressure is a sum of regular spherical waves
+    j_l(kr) Y_lm. Its moments over a sphere around the point give the waves of order l ≤ 3, and
+    these alone make the derivatives at the centre up to the third. For a plane wave e^{iks·x} the
+    moment of order l is i^l j_l(kr) times the trace-free tensor of s, and its derivatives are
+    (ik)^l s…s, which gives the factors below.
+    """
+    points = points_of(points, "bead points")
+    wavenumber = field.scene.wavenumber
+    clearance = clearances(field, points)
+    nearest = int(clearance.argmin())
+    if clearance[nearest] < bead.radius:
+        raise InvalidInput(
+            f"bead {nearest} at {in_mm(points[nearest])} is {1e3 * clearance[nearest]:.3g} mm from "
+            f"a body, plane or element, less than its radius of {1e3 * bead.radius:.3g} mm. Move "
+            "it away.",
+            points[nearest],
+            code="bodies_overlap",
+        )
+    # The larger the sphere, the smaller the effect of errors of the field, j_3 ~ (kr)³. At kr = 1
+    # the 50 directions are exact to order 11: waves of order 9 and more change the third
+    # derivative by 1e-7.
+    radius = np.minimum(1.0 / wavenumber.real, 0.9 * clearance)
+    columns, weights = lebedev_rule(11)
+    directions = columns.T
+    weights = weights / (4.0 * np.pi)
+    around = points[:, None] + radius[:, None, None] * directions
+    pressure = field.at(around.reshape(-1, 3))[:, 0].reshape(len(points), -1) * weights
+
+    waves = [spherical_jn(order, wavenumber * radius) for order in range(4)]
+    identity = np.eye(3)
+    second = np.einsum("qi,qj->qij", directions, directions)
+    third = np.einsum("qij,qk->qijk", second, directions)
+    # Trace-free tensors of the directions
+    second = second - identity / 3.0
+    third = third - _symmetric(directions) / 5.0
+
+    centre = pressure.sum(axis=1) / waves[0]
+    gradient = wavenumber * (pressure @ directions) / waves[1][:, None]
+    curvature = np.einsum("pq,qij->pij", pressure, second) / waves[2][:, None, None]
+    curvature = wavenumber**2 * (curvature - identity / 3.0 * centre[:, None, None])
+    cubic = np.einsum("pq,qijk->pijk", pressure, third) / waves[3][:, None, None, None]
+    cubic = wavenumber**3 * cubic - wavenumber**2 / 5.0 * _symmetric(gradient)
+    return Derivatives(centre, gradient, curvature, cubic)
+
+
+def clearances(
+    field: RadiatedField, points: Float64[np.ndarray, "points 3"]
+) -> Float64[np.ndarray, "points"]:
+    """Distance of points from the nearest body, plane or source [m], negative inside a body."""
+    clearance, _ = KDTree(field.sources.positions).query(points)
+    clearance = np.minimum(clearance, -field.scene.depth(points))
+    for plane in field.scene.planes:
+        clearance = np.minimum(clearance, plane.height(points))
+    return clearance
+
+
+def _symmetric(vectors: np.ndarray) -> np.ndarray:
+    """Return δ_ij v_k + δ_ik v_j + δ_jk v_i (N, 3, 3, 3) of vectors (N, 3)."""
+    product = np.einsum("ij,nk->nijk", np.eye(3), vectors)
+    return product + product.transpose(0, 1, 3, 2) + product.transpose(0, 3, 2, 1)
+
+
+def force_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.ndarray, "points 3"]:
+    """Return −∇(a|p|² − b|∇p|²) (P, 3) [N]."""
+    a, b = bead.factors(scene)
+    by_pressure = np.einsum("p,pi->pi", sound.pressure.conj(), sound.first)
+    by_velocity = np.einsum("pj,pij->pi", sound.first.conj(), sound.second)
+    return -2.0 * (a * by_pressure - b * by_velocity).real
+
+
+def stiffness_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.ndarray, "points 3 3"]:
+    """Return ∇∇(a|p|² − b|∇p|²) (P, 3, 3) [N/m]."""
+    a, b = bead.factors(scene)
+    by_pressure = np.einsum("pi,pj->pij", sound.first.conj(), sound.first)
+    by_pressure += np.einsum("p,pij->pij", sound.pressure.conj(), sound.second)
+    by_velocity = np.einsum("pik,pjk->pij", sound.second.conj(), sound.second)
+    by_velocity += np.einsum("pk,pijk->pij", sound.first.conj(), sound.third)
+    return 2.0 * (a * by_pressure - b * by_velocity).real

@@ -1,0 +1,192 @@
+"""Positions of traps, and a verdict on a trap with its reasons."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.problem import RadiatedField, Solver
+from airtact.drives.drive import Drive
+from airtact.errors import in_mm, one_line, points_of
+from airtact.transducers.layout import PhasedArray
+from airtact.traps.gorkov import (
+    Bead,
+    bead_of,
+    clearances,
+    derivatives,
+    force_of,
+    stiffness_of,
+    trap_field,
+)
+
+GRAVITY = 9.80665
+"""Standard acceleration of free fall [m/s²]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """Whether a point is a trap of a bead, and why.
+
+    Attributes
+    ----------
+    point : (3,) centre of the bead [m].
+    force : (3,) force of the sound there [N].
+    stiffness : (3, 3) stiffness matrix [N/m].
+    shift : (3,) estimated way from the point to the equilibrium [m], from force and stiffness.
+    holds : largest force that the trap exerts within a quarter of a wavelength, over the weight of
+        the bead, along the weakest of the six directions ±x, ±y, ±z.
+    excess : share by which Gor'kov's potential overestimates force and stiffness for this bead.
+    wavelength : of the sound [m].
+    """
+
+    point: Float64[np.ndarray, "3"]
+    force: Float64[np.ndarray, "3"]
+    stiffness: Float64[np.ndarray, "3 3"]
+    shift: Float64[np.ndarray, "3"]
+    holds: float
+    excess: float
+    wavelength: float
+
+    def __repr__(self) -> str:
+        return one_line(self, str(self))
+
+    @property
+    def balanced(self) -> bool:
+        """Whether the equilibrium is within a twentieth of a wavelength."""
+        return bool(np.linalg.norm(self.shift) <= self.wavelength / 20.0)
+
+    @property
+    def stable(self) -> bool:
+        """Whether the force drives the bead back from any direction."""
+        return bool(np.linalg.eigvalsh(self.stiffness).min() > 0.0)
+
+    @property
+    def is_trap(self) -> bool:
+        """Whether the point is balanced, stable, and holds more than the weight."""
+        return self.balanced and self.stable and self.holds > 1.0
+
+    def __str__(self) -> str:
+        along = np.diag(self.stiffness)
+        held = [name for name, value in zip("xyz", along, strict=True) if value > 0.0]
+        reasons = [
+            f"along {name} the stiffness is {value:.2g} N/m"
+            for name, value in zip("xyz", along, strict=True)
+            if value <= 0.0
+        ]
+        if self.stable:
+            values = ", ".join(f"{value:.3g}" for value in along)
+            reasons.append(f"stable along x, y and z ({values} N/m)")
+        elif held:
+            reasons.insert(0, f"stable along {' and '.join(held)}")
+        if not self.stable and len(held) == 3:
+            # The axes do not show an instability between them.
+            values, ways = np.linalg.eigh(self.stiffness)
+            reasons.append(
+                f"along {np.round(ways[:, 0], 2).tolist()} the stiffness is {values[0]:.2g} N/m"
+            )
+        if not self.balanced:
+            distance = 1e3 * np.linalg.norm(self.shift)
+            reasons.append(f"the equilibrium is about {distance:.2g} mm away")
+        if self.stable:
+            reasons.append(f"holds {self.holds:.2g} times the weight of the bead")
+        reasons.append(f"forces are overestimated by about {self.excess:.0%}")
+        word = "trap" if self.is_trap else "no trap"
+        return f"{word} at {in_mm(np.round(self.point, 5) + 0.0)}: {'; '.join(reasons)}"
+
+
+def verdict(
+    scene: Scene,
+    array: PhasedArray,
+    drive: Drive,
+    points: Real[np.ndarray, "points 3"],
+    radius: float = 0.65e-3,
+    density: float = 29.36,
+    sound_speed: float = 900.0,
+    solver: Solver | None = None,
+) -> list[Verdict]:
+    """Return for each point whether it traps a bead, and why; arguments as ``force``.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> places = np.array([[0, -0.05, 0], [0, 0.05, 0]])
+    >>> pair = at.PhasedArray(places, np.array([[0, 1, 0], [0, -1, 0]]))
+    >>> drive = at.Drive(np.array([1, -1 + 0j]))
+    >>> result = verdict(at.Scene(at.air()), pair, drive, np.zeros((1, 3)))[0]
+    >>> result.balanced, result.stiffness.shape
+    (True, (3, 3))
+    """
+    bead = bead_of(scene, radius, density, sound_speed)
+    points = points_of(points, "bead points")
+    field = trap_field(scene, array, drive, points, solver)
+    sound = derivatives(field, points, bead)
+    forces = force_of(sound, bead, scene)
+    matrices = stiffness_of(sound, bead, scene)
+    verdicts = []
+    for point, pull, matrix in zip(points, forces, matrices, strict=True):
+        # The pseudo-inverse leaves out directions in which the force does not vary.
+        shift = np.linalg.pinv(matrix, rcond=1e-6) @ pull
+        holds = _largest_hold(field, point, bead) / (GRAVITY * bead.mass)
+        # Measured against the exact force on polystyrene in air
+        excess = 0.55 * (scene.wavenumber.real * radius) ** 2
+        verdicts.append(Verdict(point, pull, matrix, shift, holds, excess, scene.wavelength))
+    return verdicts
+
+
+def _largest_hold(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: Bead) -> float:
+    """Largest restoring force [N] along the weakest of six directions, 0 if it drives away."""
+    distances = field.scene.wavelength / 4.0 * np.linspace(0.1, 1.0, 10)
+    ways = np.concatenate([np.eye(3), -np.eye(3)])
+    points = point + distances[:, None, None] * ways
+    free = clearances(field, points.reshape(-1, 3)) >= bead.radius
+    restoring = np.zeros(len(free))
+    if free.any():
+        sound = derivatives(field, points.reshape(-1, 3)[free], bead)
+        pull = force_of(sound, bead, field.scene)
+        restoring[free] = -np.sum(pull * np.tile(ways, (10, 1))[free], axis=1)
+    return max(0.0, float(restoring.reshape(10, 6).max(axis=0).min()))
+
+
+def find(
+    scene: Scene,
+    array: PhasedArray,
+    drive: Drive,
+    points: Real[np.ndarray, "points 3"],
+    radius: float = 0.65e-3,
+    density: float = 29.36,
+    sound_speed: float = 900.0,
+    solver: Solver | None = None,
+) -> Float64[np.ndarray, "points 3"]:
+    """Return the minimum of the potential next to each point (P, 3) [m]; arguments as ``force``.
+
+    A row is NaN if there is none within half a wavelength. The weight of the bead is not included:
+    it lowers the bead by weight over stiffness.
+    """
+    bead = bead_of(scene, radius, density, sound_speed)
+    starts = points_of(points, "bead points")
+    field = trap_field(scene, array, drive, starts, solver)
+    return np.stack([_descend(field, start, bead) for start in starts])
+
+
+def _descend(
+    field: RadiatedField, start: Float64[np.ndarray, "3"], bead: Bead
+) -> Float64[np.ndarray, "3"]:
+    """Return the minimum of the potential next to a point, or NaN."""
+    scene = field.scene
+    point = np.array(start)
+    for _ in range(100):
+        far = np.linalg.norm(point - start) > 0.5 * scene.wavelength
+        if far or clearances(field, point[None])[0] < bead.radius:
+            break
+        sound = derivatives(field, point[None], bead)
+        # Newton's method with the magnitudes of the curvatures goes downhill at saddles, too.
+        curvatures, ways = np.linalg.eigh(stiffness_of(sound, bead, scene)[0])
+        sizes = np.maximum(np.abs(curvatures), 1e-6 * np.abs(curvatures).max())
+        step = ways @ (ways.T @ force_of(sound, bead, scene)[0] / sizes)
+        length = np.linalg.norm(step)
+        # Steps of a twentieth of a wavelength do not jump over a minimum.
+        point += step * min(1.0, scene.wavelength / 20.0 / max(length, 1e-12))
+        if length < 1e-8:
+            return point if curvatures.min() > 0.0 else np.full(3, np.nan)
+    return np.full(3, np.nan)

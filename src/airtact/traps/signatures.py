@@ -1,0 +1,103 @@
+"""Signatures, which turn the drive of a focus into that of a trap around it.
+
+Source: A. Marzo, S. A. Seah, B. W. Drinkwater, D. R. Sahoo, B. Long, S. Subramanian, "Holographic
+acoustic elements for manipulation of levitated objects", Nat. Commun. 6, 8661 (2015).
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from airtact.drives.drive import Drive, check_drive
+from airtact.errors import InvalidInput, Vector, check_choice, counted, of_kind, point_of
+from airtact.transducers.layout import PhasedArray
+
+
+def signature(
+    array: PhasedArray,
+    drive: Drive,
+    kind: Literal["twin", "vortex", "bottle"] = "twin",
+    axis: Vector = (0, 1, 0),
+) -> Drive:
+    """Return the drive of a focus with the signature of a trap, which cancels the pressure there.
+
+    A signature only shifts phases. It divides the elements by their positions relative to the mean
+    position of the array.
+
+    Parameters
+    ----------
+    array : the transducers.
+    drive : a drive that makes a focus at the trap.
+    kind : "twin" shifts the half of the elements towards ``axis`` by π. "vortex" adds to each phase
+        the angle of the element around the array's front direction. "bottle" shifts the elements
+        within a radius of that direction by π; they have about half of the total amplitude.
+    axis : (3,) direction of any length. If the array has no front direction, because its elements
+        face each other, vortices and bottles are built around ``axis``.
+
+    Returns
+    -------
+    A drive with the same magnitudes.
+
+    Raises
+    ------
+    InvalidInput
+        If the drive is for another number of elements, the kind is unknown, the axis is zero, or
+        all elements lie on one side.
+
+    Examples
+    --------
+    >>> places = np.array([[0, -0.1, 0], [0, 0.1, 0]])
+    >>> pair = PhasedArray(places, np.array([[0, 1, 0], [0, -1, 0]]))
+    >>> signature(pair, Drive(np.array([1, 1 + 0j]))).amplitudes.real.tolist()
+    [1.0, -1.0]
+    """
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
+    check_drive(drive, "the drive")
+    if len(drive) != len(array):
+        raise InvalidInput(
+            f"the drive is for {counted(len(drive), 'element', 'elements')}, but the array has "
+            f"{len(array)}.",
+            code="sizes_differ",
+        )
+    check_choice(kind, "the kind of trap", ("twin", "vortex", "bottle"))
+    axis = point_of(axis, "the axis of a trap")
+    if not np.linalg.norm(axis) > 0.0:
+        raise InvalidInput("the axis of a trap has length 0. Give a direction.", code="all_zero")
+    axis = axis / np.linalg.norm(axis)
+    offsets = array.positions - array.positions.mean(axis=0)
+
+    if kind == "twin":
+        height = offsets @ axis
+        # The elements of a flat board differ by rounding along its normal.
+        if np.ptp(height) < 1e-6:
+            raise InvalidInput(
+                "the axis of a twin trap is perpendicular to the array, so it does not divide the "
+                "elements. Give an axis along the array.",
+                code="misplaced",
+            )
+        return Drive(drive.amplitudes * np.where(height > 0.0, -1.0, 1.0))
+
+    # The mean unit normal is about 0 where elements face each other and 0.5 for a hemispherical
+    # bowl.
+    front = array.normals.mean(axis=0)
+    if np.linalg.norm(front) < 0.3:
+        front = axis
+    front = front / np.linalg.norm(front)
+    across = offsets - (offsets @ front)[:, None] * front
+    distance = np.linalg.norm(across, axis=1)
+    if distance.max() < 1e-6:
+        raise InvalidInput(
+            f"all elements lie on the axis of the {kind} trap. Give another axis.",
+            code="misplaced",
+        )
+    if kind == "vortex":
+        # The angle starts at any direction across the front.
+        start = np.cross(front, np.eye(3)[np.abs(front).argmin()])
+        start = start / np.linalg.norm(start)
+        angle = np.arctan2(across @ np.cross(front, start), across @ start)
+        return Drive(drive.amplitudes * np.exp(1j * angle))
+    # The radius through an element that divides the amplitude most evenly. Elements at equal
+    # distances, which differ by rounding, stay together.
+    inside = distance <= distance[:, None] + 1e-6
+    halves = np.abs(inside @ drive.magnitudes - 0.5 * drive.magnitudes.sum())
+    return Drive(drive.amplitudes * np.where(inside[halves.argmin()], -1.0, 1.0))
