@@ -48,6 +48,7 @@ def test_render_prints_what_the_foci_get_as_json(capsys, here):
     assert set(found) == COMMON | documented_keys("render")
     assert (found["airtact"], found["command"]) == (at.__version__, "render")
     assert [focus["asked"] for focus in found["foci"]] == [900.0, 600.0]
+    assert all(0.9 < focus["expected"] / focus["pressure"] <= 1.0 for focus in found["foci"])
     np.testing.assert_allclose(
         [focus["position"] for focus in found["foci"]], [[0, 0, -5.5e-3], [8e-3, 0, 0]]
     )

@@ -99,11 +99,17 @@ def _record(result: "Rendering") -> dict[str, Any]:
     setup = result.setup
     requested = setup.target.pressures
     goals = [None] * len(setup.foci) if requested is None else requested.tolist()
+    evaluation = result.evaluation
     foci = [
-        {"name": name, "position": point.tolist(), "pressure": float(pressure), "asked": goal}
-        for name, point, pressure, goal in zip(
-            setup.foci, setup.target.points, result.pressures, goals, strict=True
-        )
+        {
+            "name": setup.foci[index],
+            "position": point.tolist(),
+            "pressure": float(result.pressures[index]),
+            "asked": goals[index],
+            "expected": float(evaluation.expected[index]),
+            "second_harmonic": float(evaluation.second_harmonic[index]),
+        }
+        for index, point in enumerate(setup.target.points)
     ]
     contacts = []
     if setup.contacts is not None:
