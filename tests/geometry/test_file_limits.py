@@ -61,6 +61,19 @@ def without_view() -> list[dict]:
     return accessors
 
 
+def rig(*translations: list[float]) -> dict:
+    """A skinned mesh whose joints stand at some places; its own place does not count."""
+    joints = list(range(1, 1 + len(translations)))
+    return {
+        "scenes": [{"nodes": [0, *joints]}],
+        "nodes": [
+            {"mesh": 0, "skin": 0, "translation": [9.0, 9.0, 9.0]},
+            *({"translation": place} for place in translations),
+        ],
+        "skins": [{"joints": joints}],
+    }
+
+
 REJECTED = {
     "no numbers.glb": (glb(accessors=without_view()), "file_unreadable"),
     "triangles.glb": (
@@ -68,6 +81,20 @@ REJECTED = {
         "too_many",
     ),
     "outside.glb": (glb(buffers=[{"byteLength": 96, "uri": "side.bin"}]), "file_unreadable"),
+    "a quantised accessor.glb": (
+        glb(accessors=[TREE["accessors"][0] | {"componentType": 5123}, TREE["accessors"][1]]),
+        "file_unreadable",
+    ),
+    "quantised.glb": (glb(extensionsRequired=["KHR_mesh_quantization"]), "file_unreadable"),
+    "instances.glb": (glb(extensionsUsed=["EXT_mesh_gpu_instancing"]), "file_unreadable"),
+    "morphed.glb": (glb(nodes=[{"mesh": 0, "weights": [0.0, 1.0]}]), "file_unreadable"),
+    "bent.glb": (glb(**rig([0.0, 0.0, 0.0], [0.0, 1e-3, 0.0])), "file_unreadable"),
+    "a key twice.glb": (
+        glb().replace(b'{"version": "2.0"}', b'{"a": 1, "a": 1}  '),
+        "file_unreadable",
+    ),
+    "underscores.obj": (VERTEX_LINES.replace("0.0", "0_0", 1).encode(), "file_unreadable"),
+    "underscores.stl": (b"solid\n" + b"vertex 0_1 0 0\n" * 3 + b"endsolid\n", "file_unreadable"),
     "materials.obj": (
         (VERTEX_LINES + "usemtl a\nf 1 2 3\nusemtl b\n" * 5000).encode(),
         "mesh_faulty",
@@ -96,6 +123,12 @@ def test_a_harmful_or_damaged_file_is_rejected(name, tmp_path):
     (folder / name).write_bytes(raw)
     with raises_code(code, name):
         at.load_surface(folder / name)
+
+
+def test_a_mesh_that_its_rig_moves_as_a_whole_is_moved(tmp_path):
+    (tmp_path / "rig.glb").write_bytes(glb(**rig([0.1, 0.2, 0.0], [0.1, 0.2, 0.0])))
+    lowest = at.load_surface(tmp_path / "rig.glb").vertices.min(axis=0)
+    np.testing.assert_allclose(lowest, [0.1, 0.2, 0.0], atol=1e-6)
 
 
 def test_a_sparse_binary_file_of_many_triangles_is_rejected(tmp_path):

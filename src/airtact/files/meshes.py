@@ -38,7 +38,7 @@ def read_mesh(
     InvalidInput
         If the file is missing, unreadable, too large, or contains no triangles.
     """
-    scene = _scene(path)
+    scene = _scene(path, skinned=True)
     with _describing_damage(path):
         # Instances share one mesh, so count triangles before copying them.
         parts = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
@@ -71,7 +71,8 @@ def read_node_positions(path: Path) -> Mapping[str, Float64[np.ndarray, "3"]]:
     }
 
 
-def _scene(path: Path) -> Any:
+def _scene(path: Path, skinned: bool = False) -> Any:
+    """Read a file; ``skinned`` meshes of a GLB file are placed by the joints of their rig."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InvalidInput(
@@ -90,11 +91,18 @@ def _scene(path: Path) -> Any:
         if suffix in (".stl", ".obj"):
             vertices, triangles = _stl(content) if suffix == ".stl" else _obj(content)
             return trimesh.Scene(trimesh.Trimesh(vertices, triangles, process=False))
-        if suffix == ".glb":  # the JSON is the first chunk: glTF 2.0, section 4.4
-            _check_accessors(json_of(content[20:][: int.from_bytes(content[12:16], "little")]))
-        return trimesh.load_scene(
+        end = 0
+        tree = {}
+        if suffix == ".glb":  # JSON is the first chunk, numbers the second: glTF 2.0, section 4.4
+            end = 20 + int.from_bytes(content[12:16], "little")
+            tree = json_of(content[20:end])
+            _check_tree(tree)
+        scene = trimesh.load_scene(
             io.BytesIO(content), file_type=suffix[1:], skip_materials=True, process=False
         )
+        if skinned and "skins" in tree:
+            _place_by_joints(scene, tree, content[end + 8 :])
+        return scene
 
 
 @contextmanager
@@ -174,14 +182,38 @@ def _obj(content: bytes) -> tuple[Any, Any]:
     return np.reshape(vertices, (-1, 3)), np.reshape(triangles, (-1, 3)).astype(np.int64)
 
 
-def _check_accessors(tree: Mapping[str, Any]) -> None:
+def _check_tree(tree: Mapping[str, Any]) -> None:
     """Raise for meshes of a GLB file that trimesh would read wrongly, or that are too large."""
+    wrong = [
+        name
+        for name in tree.get("extensionsRequired", [])
+        if not name.startswith(("KHR_materials", "KHR_texture"))
+    ]
+    wrong += {"EXT_mesh_gpu_instancing"}.intersection(tree.get("extensionsUsed", []))
+    if wrong:
+        raise InvalidInput(
+            f"it uses {', '.join(wrong)}, which is not read; export it without.",
+            code="file_unreadable",
+        )
     accessors = tree.get("accessors", [])
     used = []
+    morphed = [node.get("weights", []) for node in tree.get("nodes", [])]
     for mesh in tree.get("meshes", []):
+        morphed.append(mesh.get("weights", []))
         for primitive in mesh["primitives"]:
             positions = primitive["attributes"]["POSITION"]
             used += [accessors[positions], accessors[primitive.get("indices", positions)]]
+            if accessors[positions]["componentType"] != 5126:
+                raise InvalidInput(
+                    "its positions are quantised; export it without quantisation.",
+                    code="file_unreadable",
+                )
+    if any(map(any, morphed)):
+        raise InvalidInput(
+            "it has morph targets with weights, which are not read; apply them and export it "
+            "again.",
+            code="file_unreadable",
+        )
     if any("bufferView" not in item or "sparse" in item for item in used):
         raise InvalidInput(
             "its numbers are compressed or sparse; export it without compression.",
@@ -189,3 +221,35 @@ def _check_accessors(tree: Mapping[str, Any]) -> None:
         )
     # Each triangle has three indices and three vertices at most.
     _check_triangles(sum(int(item["count"]) for item in used) // 6)
+
+
+def _place_by_joints(scene: Any, tree: Mapping[str, Any], numbers: bytes) -> None:
+    """Place each skinned mesh as its joints do, which must have moved together (section 3.7.3)."""
+    import trimesh
+
+    names = [node.get("name", str(index)) for index, node in enumerate(tree["nodes"])]
+    for node, name in zip(tree["nodes"], names, strict=True):
+        if "skin" not in node or "mesh" not in node:
+            continue
+        skin = tree["skins"][node["skin"]]
+        joints = np.array([scene.graph.get(names[joint])[0] for joint in skin["joints"]])
+        if "inverseBindMatrices" in skin:
+            accessor = tree["accessors"][skin["inverseBindMatrices"]]
+            view = tree["bufferViews"][accessor["bufferView"]]
+            start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+            columns = np.frombuffer(numbers, "<f4", 16 * len(joints), start)
+            joints = joints @ columns.reshape(-1, 4, 4).transpose(0, 2, 1)
+        # How far each joint moves the corners of the box, compared with the first joint.
+        box = trimesh.transform_points(
+            trimesh.bounds.corners(scene.bounds), np.linalg.inv(scene.graph.get(name)[0])
+        )
+        motions = np.linalg.inv(joints[0]) @ joints - np.eye(4)
+        apart = motions[:, :3, :3] @ box.T + motions[:, :3, 3:]
+        if np.abs(apart).max() > 1e-3 * np.ptp(box, axis=0).max():
+            raise InvalidInput(
+                "its mesh is posed by a rig; apply the pose (in Blender: the Armature modifier) "
+                "and export it again.",
+                code="file_unreadable",
+            )
+        # The place of the node itself does not count.
+        scene.graph.update(frame_to=name, frame_from=scene.graph.base_frame, matrix=joints[0])
