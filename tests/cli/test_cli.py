@@ -21,6 +21,24 @@ def only_steps(errors):
     return all(re.fullmatch(r" +\d+\.\d s  \w.*", step) for step in errors.splitlines())
 
 
+def test_names_reach_a_terminal_without_what_it_would_obey(capsys, tmp_path):
+    text = BALL.read_text(encoding="utf-8")
+    (tmp_path / "s.toml").write_text(
+        text.replace('"south pole"', '"\\u001b[31mend\\u202e\\u0085"'), encoding="utf-8"
+    )
+    for arguments in (["check"], ["check", "--json"]):
+        code, printed, errors = output(capsys, *arguments, tmp_path / "s.toml")
+        assert code == 0, errors
+        assert "[31mend" in printed
+        assert all(line.isprintable() for line in [*printed.split("\n"), *errors.split("\n")])
+
+
+def test_a_folder_is_not_taken_for_the_name_of_an_example(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "keep").mkdir()
+    assert rejected(capsys, "check", "keep").endswith(": Is a directory. [file_unreadable]")
+
+
 def test_an_example_is_taken_where_no_file_has_its_name(capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     printed, errors = done(capsys, "check", "pinch")

@@ -95,5 +95,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
     sentence = one_sentence(sentence)
     click.echo(f"airtact: {sentence} [{code}]", err=True)
     if "--json" in arguments:
-        click.echo(json.dumps({"error": sentence, "code": code}, ensure_ascii=False))
+        click.echo(json.dumps({"error": sentence, "code": code}))
     return status

@@ -1,5 +1,7 @@
 """Output that the commands share: progress, warnings, tables, and results as JSON."""
 
+import json
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -7,10 +9,11 @@ from pathlib import Path
 
 import click
 from rich.box import SIMPLE
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
@@ -19,6 +22,34 @@ from airtact.timing import Progress as Step
 
 # Keys of click's context for --json and --quiet
 JSON, QUIET = "airtact.json", "airtact.quiet"
+
+
+def printable(text: str) -> str:
+    r"""Remove what a terminal would obey: control characters, and marks that turn the text.
+
+    Examples
+    --------
+    >>> printable("thumb\x1b[31m\u202e")
+    'thumb[31m'
+    """
+    return "".join(character for character in text if character.isprintable() or character == "\n")
+
+
+class Terminal(Console):
+    """A console that prints names from files without control characters."""
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterator[Segment]:
+        """Render as the console does."""
+        for segment in super().render(renderable, options):
+            # Segments with ``control`` are rich's own, such as the movement of the cursor.
+            yield segment if segment.control else segment._replace(text=printable(segment.text))
+
+
+def say(text: str) -> None:
+    """Print a line to the standard error, without control characters."""
+    click.echo(printable(text), err=True)
 
 
 def wanted(key: str) -> bool:
@@ -33,14 +64,14 @@ def progress() -> Iterator[Step]:
 
     A terminal gets a live display with the time of each step, a pipe one line per step.
     """
-    console = Console(stderr=True)
+    console = Terminal(stderr=True)
     if wanted(QUIET):
         yield lambda step: None
         return
     # A live display would fill a log with control characters.
     if not console.is_terminal:
         begun = time.perf_counter()
-        yield lambda step: click.echo(f"{time.perf_counter() - begun:7.1f} s  {step}", err=True)
+        yield lambda step: say(f"{time.perf_counter() - begun:7.1f} s  {step}")
         return
     columns = (
         SpinnerColumn(finished_text="[green]✓"),
@@ -55,7 +86,7 @@ def progress() -> Iterator[Step]:
 
         def begin(step: str) -> None:
             finish()
-            steps.add_task(step, total=1)
+            steps.add_task(escape(step), total=1)
 
         yield begin
         finish()
@@ -67,7 +98,7 @@ def status_line() -> Iterator[Callable[[object], None]]:
 
     A terminal gets one line that is rewritten, a pipe a line per change of state.
     """
-    console = Console(stderr=True)
+    console = Terminal(stderr=True)
     if wanted(QUIET):
         yield lambda status: None
         return
@@ -79,7 +110,7 @@ def status_line() -> Iterator[Callable[[object], None]]:
             state = str(status).partition(",")[0]
             # The numbers change twice a second, too often for a log.
             if state != last:
-                click.echo(str(status), err=True)
+                say(str(status))
             last = state
 
         yield line
@@ -103,7 +134,7 @@ def show(
     from airtact.errors import one_sentence  # imports NumPy, which would delay --help
 
     # The standard output holds the result alone, so that it can be piped.
-    console = Console(stderr=wanted(JSON) or wanted(QUIET))
+    console = Terminal(stderr=wanted(JSON) or wanted(QUIET))
     for index, line in enumerate(() if wanted(QUIET) else first):
         console.print(
             escape(line), soft_wrap=True, highlight=False, style=None if index else "bold"
@@ -120,7 +151,9 @@ def show(
         import msgspec
 
         about = {"airtact": at.__version__, "command": click.get_current_context().info_name}
-        click.echo(msgspec.json.encode({**about, **record, "warnings": warnings}))
+        result = msgspec.json.encode({**about, **record, "warnings": warnings}).decode()
+        # In JSON these characters stand as escapes.
+        click.echo(re.sub(r"[^\x20-\x7e]", lambda found: json.dumps(found[0])[1:-1], result))
 
 
 def open_page(page: Path) -> None:

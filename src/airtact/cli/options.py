@@ -10,7 +10,7 @@ from typing import TypeVar
 import click
 
 import airtact as at
-from airtact.cli.console import JSON, QUIET, wanted
+from airtact.cli.console import JSON, QUIET, say, wanted
 
 Command = TypeVar("Command", bound=Callable[..., None])
 Setting = TypeVar("Setting")
@@ -30,7 +30,7 @@ class InputFile(click.ParamType):
 
         file = file_or_example(value)
         if file != Path(value) and not wanted(QUIET):
-            click.echo(f"There is no file {value} here: using the example {file}", err=True)
+            say(f"There is no file {value} here: using the example {file}")
         return file
 
 

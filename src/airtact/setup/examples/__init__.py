@@ -48,7 +48,7 @@ def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Pat
     A path with a folder is never an example. Raise as ``example`` for a name without an ending.
     """
     file = Path(path)
-    if file.is_file() or file.name != str(path):
+    if file.exists() or file.name != str(path):
         return file
     try:
         return example(file.name, endings)
