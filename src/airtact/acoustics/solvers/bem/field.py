@@ -304,7 +304,7 @@ class BoundaryField(RadiatedField):
         errors = (np.sqrt(squares) / np.where(size > 0, size, 1)).max(axis=1)
         error = float(errors.max())
         warnings = self.report.warnings
-        if error > 1.2 * self.max_error:
+        if error > self.max_error:
             warnings = (
                 *warnings,
                 f"near {in_mm(points[errors.argmax()])} the pressure has an estimated error of "
