@@ -37,7 +37,7 @@ class Comparison:
     pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each
         focus [Pa].
     field : the field of 2 D excitations: all drives with their strongest element at full scale,
-        then the phases of all drives alone; ``column`` finds them by name.
+        followed by the phases of all drives alone; ``column`` returns the index of a drive.
     """
 
     names: tuple[str, ...]
@@ -81,7 +81,7 @@ class Comparison:
                 f"there is no drive {name!r}. Give one of {', '.join(self.names)}.",
                 code="unknown_name",
             )
-        # The phases alone follow after all drives.
+        # All drives come first, then their phases alone.
         return self.names.index(name) + len(self.names) * phase_only
 
     def at(
@@ -153,7 +153,7 @@ class Comparison:
         ``pressure`` [Pa] and ``ratio``, the ratio to the first drive's pressure there (NaN if that
         is 0 Pa).
         """
-        # NaN where ``ratios`` would raise, so that the other rows can still be read.
+        # NaN where ``ratios`` would raise, so that the other rows remain usable.
         return [
             {
                 "held_equal": held_equal,
@@ -211,7 +211,7 @@ def compare(
     solver: Solver,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Compare drives at the foci by one solve, at full scale and with their phases alone.
+    """Compare drives at the foci in one solve, at full scale and with their phases alone.
 
     Parameters
     ----------
@@ -225,15 +225,15 @@ def compare(
 
     Returns
     -------
-    Pressure of each drive at each focus under each normalisation of ``HELD_EQUAL``. The
+    Pressure of each drive at each focus under each normalisation of ``HELD_EQUAL``. The choice of
     normalisation can reverse a conclusion: drives that leave most elements nearly silent are strong
     at equal energy and weak at equal peak.
 
     Raises
     ------
     InvalidInput
-        If there is no drive, a drive is silent or for another number of elements, or the array, the
-        scene and the foci do not fit together (see ``evaluate``).
+        If there is no drive, a drive is silent or has another number of elements than the array, or
+        the array, the scene and the foci do not fit together (see ``evaluate``).
     """
     of_kind(drives, Mapping, "the drives", 'a dict of drives by name, {"hand considered": drive}')
     of_kind(target, Target, "the target", "Target(points, pressures)")
@@ -247,8 +247,8 @@ def compare(
     # Drives on the first axis, so that each drive's pressures are contiguous.
     magnitudes = np.abs(np.ascontiguousarray(field.at(target.points).T))
     equal_peak = magnitudes[: len(drives)]
-    # The drive of lowest energy sets the energy that all drives can reach within full scale. The
-    # field is linear in the drive, so equal energy needs no further solve.
+    # The drive of lowest energy sets the energy that all drives can reach without exceeding full
+    # scale. The field is linear in the drive, so equal energy needs no further solve.
     least_energetic = min(strongest, key=lambda drive: drive.energy)
     factors = np.array([drive.factor_to_match(least_energetic) for drive in strongest])
     pressures = {

@@ -1,4 +1,4 @@
-"""The field of a drive from a forward solve: all elements emit, and the bodies scatter."""
+"""The field of a drive from a forward solve: all elements emit, and the bodies scatter sound."""
 
 from collections.abc import Mapping, Sequence
 
@@ -25,8 +25,8 @@ def drive_sources(
     ----------
     array : the transducers, E elements of Q face points.
     drives : S drives of E elements each.
-    scene : the scene; needed if it has reflecting boards, because elements in their faces have half
-        the strength.
+    scene : the scene; needed if it has reflecting boards, because elements in the face of such a
+        board have half the strength.
 
     Returns
     -------
@@ -36,8 +36,8 @@ def drive_sources(
     Raises
     ------
     InvalidInput
-        If there is no drive, or a drive is silent, for another number of elements or not a
-        ``Drive``.
+        If there is no drive, or a drive is silent, has another number of elements than the array or
+        is not a ``Drive``.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(drives) == 0:
@@ -50,7 +50,7 @@ def drive_sources(
                 f"has {len(array)}.",
                 code="sizes_differ",
             )
-        # Dead elements have the gain 0, so a drive of only those is silent as well.
+        # Dead elements have a gain of 0, so a drive that uses only those is silent as well.
         if not (array.gains * drive.amplitudes).any():
             raise InvalidInput(
                 f"drive {index} is silent: all amplitudes are 0 or belong to dead elements.",
@@ -79,11 +79,11 @@ def radiate_drives(
 ) -> RadiatedField:
     """Solve for several drives at once, with one right-hand side per drive.
 
-    All evaluations check the placement here: the foci and other ``points`` must be off the bodies
-    and the elements. The keys of ``points`` name one such point in messages. The errors are those
-    of ``evaluate``.
+    The placement is checked here for all evaluations: the foci and other ``points`` must lie
+    outside the bodies and clear of the elements. Messages name a misplaced point by its key in
+    ``points``. The errors are those of ``evaluate``.
     """
-    # A class instead of an instance is a common mistake; the message then names that class.
+    # Users often pass the class instead of an instance; the message then names that class.
     kind = solver.__name__ if isinstance(solver, type) else "BoundaryElement"
     of_kind(solver, Solver, "the solver", f"an instance such as {kind}()")
     sources = drive_sources(array, drives, scene)
@@ -108,8 +108,8 @@ def field_map(
 ) -> Complex128[np.ndarray, "points"]:
     """Return the complex pressure of a drive at any points, including scattering by all bodies.
 
-    One solve has all face points of all elements as sources. It uses no transfer matrix, so the
-    result can verify a drive that was made from one.
+    A single solve uses the face points of all elements as its sources. It uses no transfer matrix,
+    so the result can verify a drive that was computed from one.
 
     Parameters
     ----------
@@ -128,9 +128,9 @@ def field_map(
     Raises
     ------
     InvalidInput
-        If the drive is silent or for another number of elements, an element is inside a body, a
-        body is behind the face of a directional element, a point is NaN, infinite or on a source,
-        or an argument is of the wrong kind.
+        If the drive is silent or has another number of elements than the array, an element is
+        inside a body, a body is behind the face of a directional element, a point is NaN, infinite
+        or on a source, or an argument is of the wrong kind.
     """
     points = points_of(points, "points", least=0)
     # Check before the solve, because that may take a minute.

@@ -1,4 +1,4 @@
-"""First sentences of a result: the pressure at the weakest focus, and missed requests."""
+"""First sentences of a result: the pressure at the weakest focus, and unmet requests."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from airtact.evaluation.metrics import pascals
 
 
 def body_word(bodies: Sequence[str]) -> str:
-    """Return the word for bodies of these names: hand or object."""
+    """Return "hand" or "object", the word for bodies of these names."""
     parts = ("hand", "finger", "thumb", "palm")
     return "hand" if any(part in name.lower() for name in bodies for part in parts) else "object"
 
@@ -26,15 +26,15 @@ def headline(
     ----------
     comparison : comparison of the drive that considers the bodies with the drive of the same method
         that ignores them, if there is one.
-    drive : the first drive as it is emitted. If it is at full scale, so is the second; otherwise
+    drive : the first drive as it is emitted. If it is at full scale, the second is too; otherwise
         the second has the same energy.
-    word : the word for the bodies.
-    foci : a name for each focus, used for the focus that loses most.
+    word : the word for the bodies, such as "hand".
+    foci : a name for each focus; the sentence names the focus that loses most.
     """
-    # Below full scale the hardware does not limit the peak, so the drives are compared by energy.
+    # Below full scale the hardware does not limit the peak, so compare the drives by energy.
     held_equal = "equal peak" if drive.is_full_scale else "equal energy"
     values = _counted(comparison, held_equal)
-    # The comparison has every drive at full scale, but the drive is emitted at its own peak.
+    # The comparison holds every drive at full scale, but the drive is emitted at its own peak.
     first = drive.peak * _counted(comparison, "equal peak")[0].min()
     amount = _amount(first, comparison.target)
     sentence = f"{_capital(comparison.names[0])}: {amount} at the weakest focus."
@@ -44,7 +44,7 @@ def headline(
     amount = _amount(first / (1.0 + gain), comparison.target)
     sentence += f" {_capital(comparison.names[1])}: {amount}."
     error = comparison.report.estimated_error
-    # Differences below 1 % are never claimed, even for a smaller estimated error.
+    # Never claim a difference below 1 %, even if the estimated error is smaller.
     if abs(gain) <= max(error, 0.01):
         if error > 0.03:
             return (
@@ -70,7 +70,7 @@ def headline(
 def shortfalls(
     target: Target, foci: Sequence[str], reached: Float64[np.ndarray, "foci"], drive: Drive
 ) -> tuple[str, ...]:
-    """List the foci that get less than 98 % of their requested pressure, in one sentence if any.
+    """State in one sentence which foci get less than 98 % of their requested pressure, if any.
 
     Parameters
     ----------

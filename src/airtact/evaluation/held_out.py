@@ -1,4 +1,4 @@
-"""Pressure of drives under deviations of hand, air and transducers, on held-out samples."""
+"""Pressure of drives when hand, air and transducers deviate, on samples held out from synthesis."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from airtact.evaluation.metrics import pascals
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """The weakest focus under several drives, over samples that no drive was made for.
+    """The weakest focus under several drives, over samples that no drive was computed from.
 
     Attributes
     ----------
     names : names of the D drives.
-    pressures : (D, S) peak pressure of the weakest focus in each sample, at the energy of the first
-        drive [Pa].
-    expected : (D,) the same without deviations [Pa].
-    left_out : number of impossible samples.
+    pressures : (D, S) peak pressure at the weakest focus in each sample, with every drive at the
+        energy of the first [Pa].
+    expected : (D,) the same pressure without deviations [Pa].
+    left_out : number of samples left out because they are impossible.
     """
 
     names: tuple[str, ...]
@@ -52,18 +52,18 @@ class HeldOut:
 
 
 def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Drive]) -> HeldOut:
-    """Evaluate drives on samples, each at the energy of the first.
+    """Evaluate drives on samples, every drive at the energy of the first.
 
     Parameters
     ----------
-    samples : samples with another seed than those that the drives were made for.
+    samples : samples with another seed than the samples that the drives were computed from.
     target : the foci; those without a request do not count.
     drives : drives by name.
 
     Raises
     ------
     InvalidInput
-        A drive is for another number of elements.
+        If a drive has another number of elements than the samples.
     """
     # The rows of the foci come first; suppression points after them do not count.
     asked = np.flatnonzero(target.weights > 0.0)

@@ -1,4 +1,4 @@
-"""The pressure at every focus under a drive, from a solver that did not make the drive."""
+"""The pressure at every focus under a drive, from a solver that did not compute the drive."""
 
 from dataclasses import dataclass
 
@@ -25,7 +25,7 @@ NOT_MODELLED = (
 
 def not_modelled(report: SolveReport) -> str:
     """Return a sentence on the limits of the pressures that a report belongs to."""
-    # Solvers note planes and boards in their settings, which also stored fields carry.
+    # Solvers record planes and boards in their settings, which are stored with a field.
     planes = PLANES in report.settings
     if BOARDS in report.settings:
         walls = "Tables and walls"
@@ -53,7 +53,7 @@ def pascals(pressure: float) -> str:
 def in_real_air(
     pressures: Num[np.ndarray, "foci"], steepening: Steepening | None
 ) -> tuple[str, ...]:
-    """State the pressure that the focus of the largest steepening keeps, if it is noticeable.
+    """State the pressure left in real air at the focus of the largest steepening, if noticeable.
 
     Parameters
     ----------
@@ -63,15 +63,15 @@ def in_real_air(
     if steepening is None:
         return ()
     focus = int(steepening.second.argmax())
-    # A second harmonic of 10 % is 20 dB lower, and takes 0.5 % of the fundamental at most.
+    # A second harmonic of 10 % is 20 dB lower and takes at most 0.5 % from the fundamental.
     if steepening.second[focus] < 0.1:
         return ()
     computed = pascals(float(np.abs(pressures[focus])))
     kept = float(steepening.kept[focus])
     if np.isnan(kept):
         return (
-            f"{computed} computed, but real air steepens the wave until shocks limit it: less is "
-            "left, and no estimate says how much.",
+            f"{computed} computed, but real air steepens the wave until shocks limit it: the real "
+            "pressure is lower by an unknown amount.",
         )
     expected = pascals(kept * float(np.abs(pressures[focus])))
     second = f"{steepening.second_harmonic[focus]:.0%}".replace("%", " %")
@@ -90,8 +90,8 @@ class Evaluation:
     target : the foci and their requested pressures.
     pressures : (F,) complex pressure at each focus [Pa], peak.
     report : report of the solver that evaluated them.
-    field : the field of the drive alone; None if it was solved together with others.
-    steepening : effect of real air at the foci, None if it was not estimated.
+    field : the field of the drive alone; None if several drives were solved together.
+    steepening : effect of real air at the foci; None if it was not estimated.
     """
 
     target: Target
@@ -120,22 +120,22 @@ class Evaluation:
 
     @property
     def second_harmonic(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) second harmonic over ``expected``, NaN where it is unknown."""
+        """(F,) ratio of the second harmonic to ``expected``, NaN where it is unknown."""
         if self.steepening is None:
             return np.full(len(self.pressures), np.nan)
         return self.steepening.second_harmonic
 
     @property
     def shares(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) ratio of pressure to requested pressure, NaN if that is missing or 0 Pa."""
+        """(F,) ratio of pressure to requested pressure, NaN if the request is missing or 0 Pa."""
         return fraction(self.magnitudes, self.target)
 
     @property
     def counted(self) -> Float64[np.ndarray, "counted"]:
-        """Values of the foci with a request; worst, mean and uniformity follow from them.
+        """Values of the foci with a request, from which worst, mean and uniformity follow.
 
-        They are fractions of the requested pressures if there are any, otherwise magnitudes [Pa],
-        divided by the requested shares if there are any.
+        They are fractions of the requested pressures if pressures are requested. Otherwise they are
+        magnitudes [Pa], divided by the requested shares if shares are requested.
         """
         # Foci without a request have no share and must not count as the worst.
         if self.target.pressures is not None:
@@ -160,7 +160,7 @@ class Evaluation:
         Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define it for intensity; here
         it is computed from ``counted``.
         """
-        # If all foci are silent, return 0, not 0 / 0.
+        # If all foci are silent, return 0 instead of dividing 0 by 0.
         high = self.counted.max()
         low = self.counted.min()
         return float(1.0 - (high - low) / (high + low)) if high > 0.0 else 0.0
@@ -212,14 +212,14 @@ def evaluate(
     Returns
     -------
     The complex pressures (F,) at the foci [Pa], with the report of the solver. They are linear in
-    the drive; ``expected`` has the pressures in real air, which steepens strong sound.
+    the drive; ``expected`` holds the pressures in real air, which steepens strong sound.
 
     Raises
     ------
     InvalidInput
-        If the drive is silent or for another number of elements, an element or a focus is inside a
-        body, a focus or a body is behind the face of a directional element, a focus is on an
-        element, or something is of the wrong kind.
+        If the drive is silent or has another number of elements than the array, an element or a
+        focus is inside a body, a focus or a body is behind the face of a directional element, a
+        focus is on an element, or an argument is of the wrong kind.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     field = radiate_drives(scene, array, [drive], solver, foci=target.points, progress=progress)

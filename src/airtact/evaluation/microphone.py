@@ -20,7 +20,7 @@ class Microphone:
     ----------
     diameter : diameter of the face and the housing [m]; a quarter of an inch in the paper (section
         4.2).
-    axis : (3,) direction that the face points in, of any length.
+    axis : (3,) direction in which the face points, of any length.
     housing : length of the housing behind the face [m].
 
     Raises
@@ -61,13 +61,13 @@ class Microphone:
 
     def face(self, centres: Real[np.ndarray, "centres 3"]) -> Float64[np.ndarray, "centres face 3"]:
         """Return the points of the face (N, Q, 3) [m] at each of its centres (N, 3) [m]."""
-        # The quadrature of a piston's face is exact for polynomials of degree 9.
+        # The quadrature over a piston's face is exact for polynomials of degree 9.
         return centres[:, None, :] + piston(self.diameter / 2.0).points @ self._turn.T
 
     def blocked(
         self, scene: Scene, centres: Real[np.ndarray, "centres 3"]
     ) -> Bool[np.ndarray, "centres"]:
-        """Return whether a body overlaps the face or the housing (N,).
+        """Return whether a body overlaps the face or the housing at each position (N,).
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class Microphone:
     def read(
         self, field: RadiatedField, centres: Real[np.ndarray, "centres 3"]
     ) -> Complex128[np.ndarray, "centres excitations"]:
-        """Return the mean pressure over the face (N, S) [Pa], NaN if a body overlaps it.
+        """Return the mean pressure over the face (N, S) [Pa], NaN where a body overlaps it.
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class Microphone:
         centres = points_of(centres, "positions of a microphone", least=0)
         excitations = field.sources.strengths.shape[1]
         readings = np.full((len(centres), excitations), np.nan, dtype=np.complex128)
-        # The field inside bodies is not defined, so blocked positions are not evaluated.
+        # The field is not defined inside bodies, so skip blocked positions.
         free = ~self.blocked(field.scene, centres)
         points = self.face(centres[free])
         pressure = field.at(points.reshape(-1, 3)).reshape(*points.shape[:2], excitations)

@@ -47,7 +47,7 @@ def radiation_pressure(
 
 @dataclass(frozen=True, eq=False)
 class RadiationMap:
-    """Sound on the surfaces of all bodies of a scene under one drive, at Q points.
+    """Sound on the surfaces of all bodies of a scene under one drive, at Q surface points.
 
     Attributes
     ----------
@@ -75,12 +75,12 @@ class RadiationMap:
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
 
     def pad_force(self, focus: Real[np.ndarray, "3"]) -> float:
-        """Force on the skin within 5 mm of a focus [N], about a fingertip; positive inwards.
+        """Force on the skin within 5 mm of a focus [N], about the area of a fingertip.
 
-        It is NaN if the skin is more than 2 mm away.
+        It is positive inwards, and NaN if the skin is more than 2 mm from the focus.
         """
         nearest = int(np.linalg.norm(self.points - focus, axis=1).argmin())
-        # The height of the focus above the tangent plane of the nearest point.
+        # Height of the focus above the tangent plane of the nearest point
         height = float((np.asarray(focus) - self.points[nearest]) @ self.normals[nearest])
         if height > 2e-3:
             return float("nan")
@@ -94,8 +94,8 @@ class RadiationMap:
 def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
     """Compute the radiation pressure on all surfaces for one excitation of a solved field.
 
-    It raises ``InvalidInput`` if there is no body, a body is not sound-hard, or the velocity on a
-    surface is unknown.
+    It raises ``InvalidInput`` if the scene has no body, a body is not sound-hard, or the solver
+    does not compute the velocity on a surface.
     """
     scene = field.scene
     if not scene.obstacles:
@@ -110,11 +110,11 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
                 code="not_supported",
             )
     shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
-    # Radiation pressure varies over half a wavelength.
+    # Radiation pressure varies over half a wavelength, so the points must be closer than that.
     edge = scene.wavelength / 3.0
     panels = panels_of(shapes, edge, np.empty((0, 3)), smallest=edge)
     nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
-    # Quadratic panels deviate from the surface; the solver evaluates pressure and velocity on it.
+    # Quadratic panels deviate from the surface; the solver evaluates the field on the panels.
     points = np.array(nodes.points)
     for index, shape in enumerate(shapes):
         on_body = nodes.body == index

@@ -19,7 +19,7 @@ from airtact.errors import (
 from airtact.files.text_table import read_text_table
 
 MIN_POSITIONS = 3
-"""Smallest number of positions; almost any field fits fewer."""
+"""Smallest number of positions; almost any field fits fewer than this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Scan:
             )
         away = np.linalg.norm(points, axis=1)
         worst = int(away.argmax())
-        # The scene is some decimetres wide, so positions beyond 2 m are probably in millimetres.
+        # The scene is a few decimetres wide, so positions beyond 2 m are probably in millimetres.
         if away[worst] > 2.0:
             raise InvalidInput(
                 f"position {worst} of the scan is {away[worst]:.4g} m from the origin. Is it in "
@@ -108,7 +108,7 @@ def load_scan(path: str | Path) -> Scan:
     if phased:
         phases = table.numbers("phase")
         largest = float(np.abs(phases).max(initial=0.0))
-        # Wrapped phases end at 2π. Phases in degrees and unwrapped phases exceed it.
+        # Wrapped phases end at 2π; phases in degrees and unwrapped phases exceed it.
         if largest > 2.0 * np.pi + 0.1:
             raise InvalidInput(
                 f"{Path(path).name}: the column phase reaches {largest:.4g}. Is it in degrees? "
@@ -131,7 +131,7 @@ class Overlay:
     used : (N,) whether the prediction is defined at a position.
     scale : least-squares ratio of measured to predicted pressure; real and positive if no phase was
         measured.
-    error : rms of measured minus scale times predicted, divided by the rms of measured.
+    error : rms of the measured minus the scaled predicted pressure, divided by the measured rms.
     """
 
     scan: Scan
@@ -188,7 +188,8 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     """
     if predicted.shape != scan.pressures.shape:
         raise InvalidInput(
-            f"{len(predicted)} predictions do not fit a scan of {len(scan.points)} positions.",
+            f"got {len(predicted)} predictions for a scan of {len(scan.points)} positions; give "
+            "one per position.",
             code="sizes_differ",
         )
     used = np.isfinite(predicted)
@@ -200,7 +201,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
         )
     model = predicted[used]
     measured = scan.pressures[used]
-    # Without phases only magnitudes can be compared, and the scale is real and positive.
+    # Without phases only magnitudes can be compared, so the scale is real and positive.
     if not scan.phased:
         model = np.abs(model).astype(np.complex128)
         measured = np.abs(measured).astype(np.complex128)
@@ -209,7 +210,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     scale, error = _fitted(measured, model)
     # Instruments with the convention e^(+iωt) store conjugated phases.
     mirrored = _fitted(measured, model.conj())[1] if scan.phased else error
-    # With an error up to 20 % the scan agrees with the prediction.
+    # An error up to 20 % counts as agreement.
     if mirrored < 0.5 * error and error > 0.2:
         raise InvalidInput(
             f"the scan deviates from the prediction by {error:.1%}, and by {mirrored:.1%} with "
@@ -239,7 +240,7 @@ def best_shift(
     def error(shift: Float64[np.ndarray, "3"]) -> float:
         model = read(scan.points + shift)
         used = np.isfinite(model)
-        # A shift into a body would leave few positions, and almost any field fits those.
+        # A shift into a body leaves few positions, and almost any field fits few positions.
         if used.sum() < max(MIN_POSITIONS, 0.3 * len(used)):
             return 1.0
         measured = scan.pressures[used]
@@ -265,6 +266,6 @@ def best_shift(
 def _fitted(
     measured: Complex128[np.ndarray, "points"], model: Complex128[np.ndarray, "points"]
 ) -> tuple[complex, float]:
-    # Least squares: s = ⟨model, measured⟩ / ‖model‖²; ``vdot`` conjugates its first argument.
+    # Least squares: s = ⟨model, measured⟩ / ‖model‖²; ``vdot`` conjugates its first argument
     scale = complex(np.vdot(model, measured) / np.vdot(model, model).real)
     return scale, float(np.linalg.norm(measured - scale * model) / np.linalg.norm(measured))

@@ -1,4 +1,4 @@
-"""Errors of the solver on this machine for the known fields of one sphere and of two spheres."""
+"""Errors of the solver on this machine for the known fields around one and two spheres."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import sphere
 from airtact.timing import Progress, no_progress
 
-# The solver to check; its accuracy is the limit for every error
+# The solver to check; no error may exceed its accuracy.
 SOLVER = BoundaryElement(accuracy=0.01)
 
 
@@ -29,9 +29,9 @@ class KnownField:
 
     Attributes
     ----------
-    name : the bodies and the place of the points.
+    name : the bodies and the location of the points.
     truth : the reference.
-    error : norm of the difference divided by that of the reference, over all sources and points.
+    error : norm of the difference over all sources and points, relative to the reference.
     reference_error : estimated error of the reference.
     """
 
@@ -89,8 +89,8 @@ def self_check(report_step: Progress = no_progress) -> SelfCheck:
     beside = Pose(np.eye(3), np.array([16e-3, 0.0, 0.0]))
     scene = Scene(air, [first, sound_hard(sphere(5e-3, 2.5e-3).moved(beside))], frequency=40e3)
     # The reference was solved by ``references/fundamental_solutions.py``, which shares no code with
-    # the solver. Its points are across the middle of the gap and 100 mm away; by reciprocity either
-    # set may be the sources.
+    # the solver. Its points are across the middle of the gap and 100 mm away. By reciprocity,
+    # either set can serve as the sources.
     with np.load(Path(__file__).with_name("two_spheres.npz")) as stored:
         away, between, pressure, error = (
             stored[name] for name in ("away", "between", "pressure", "error")

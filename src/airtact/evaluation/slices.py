@@ -23,8 +23,8 @@ class Slices:
 
     Attributes
     ----------
-    corner : (3,) the first point [m].
-    axes : (3, 3) unit vectors in rows: right, up, and the normal of the planes. Each is an axis of
+    axes : (3, 3) unit vectors in rows: right, up, and the normal of the planes, each along an axis
+        of the frame.
         the frame.
     steps : (3,) distance between neighbouring points along each axis [m].
     pressures : (planes, rows, columns, S) peak pressure [Pa], continued into hard bodies.
@@ -48,17 +48,17 @@ def slices_around(
     """Evaluate a field in planes perpendicular to the axis closest to a window's normal.
 
     The complex pressure is evaluated at four to five points per wavelength and interpolated by
-    cubic splines. At a sound-hard surface its slope along the normal vanishes, so near the surface
-    it is approximated by a parabola between the solved pressure on the surface and the pressure at
-    a height of ``WALL`` wavelengths. The error is about 2 % in the mean, and at worst 7 % of the
-    largest pressure.
+    cubic splines. At a sound-hard surface its normal derivative vanishes. Near the surface the
+    pressure is therefore approximated by a parabola between the solved pressure on the surface and
+    that at a height of ``WALL`` wavelengths. The error is about 2 % on average, and at worst 7 % of
+    the largest pressure.
 
     Parameters
     ----------
-    field : field that a solver returned.
+    field : field of a solver.
     columns : the S excitations to show.
     foci : (F, 3) positions of the foci [m].
-    window : window through the foci.
+    window : a window through the foci.
 
     Returns
     -------
@@ -78,14 +78,14 @@ def slices_around(
     depth = field.scene.depth(points).reshape(grid.shape[:3])
     pressure = _pressure(field, points, depth.ravel())[:, list(columns)]
     pressure = _carried_inside(pressure.reshape(*grid.shape[:3], -1))
-    # Points behind a plane are hidden like those inside bodies.
+    # Points behind a plane are hidden like points inside bodies.
     for plane in field.scene.planes:
         depth = np.maximum(depth, -plane.height(points).reshape(depth.shape))
     fine = (2, 2, 2) if any_axis else (1, 2, 2)
-    if len(columns) > 3:  # the page would grow large
+    if len(columns) > 3:  # limits the size of the page
         fine = (1, 1, 1)
     excitations = np.moveaxis(pressure, -1, 0)
-    # Complex values are interpolated, since magnitudes have kinks at their zeros.
+    # Interpolate complex values, since magnitudes have kinks at their zeros.
     pressures = np.stack([np.abs(_finer(part, fine)) for part in excitations], axis=-1)
     steps = (highest - lowest) / (np.array(pressures.shape[2::-1]) - 1)
     depth = np.real(_finer(np.clip(depth, -wavelength, wavelength), fine))
@@ -93,12 +93,12 @@ def slices_around(
 
 
 def _counts(size: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
-    # Count points along the axes of a size [wavelengths]; also return if all steps are equal.
-    # An odd number, so that one plane is in the middle.
+    # Count the points along each axis for a size [wavelengths], and return whether all steps are
+    # equal. The count across the planes is odd, so that one plane is in the middle.
     counts = 2 * np.ceil(size * 5.0 / 2.0).astype(int) + 1
     if counts.prod() <= MAX_POINTS:
         return tuple(counts.tolist()), True
-    # Too many points for a box: take at most four per wavelength in the planes, and at least nine
+    # Too many points for a box: use at most four per wavelength in the planes, and at least nine
     # planes.
     min_planes = 9
     step = max(0.25, float(np.sqrt(size[0] * size[1] * min_planes / MAX_POINTS)))
@@ -110,7 +110,7 @@ def _counts(size: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
 def _finer(
     values: Inexact[np.ndarray, "planes rows columns"], times: tuple[int, int, int]
 ) -> Complex128[np.ndarray, "more_planes more_rows more_columns"]:
-    # Put ``times`` − 1 values between neighbours along each axis by cubic splines.
+    # Interpolate ``times`` − 1 values between neighbours along each axis by cubic splines.
     from scipy.interpolate import make_interp_spline
 
     out = np.asarray(values, dtype=np.complex128)
@@ -126,7 +126,8 @@ def _pressure(
     points: Float64[np.ndarray, "points 3"],
     depth: Float64[np.ndarray, "points"],
 ) -> Complex128[np.ndarray, "points excitations"]:
-    # Complex pressure at points, from the parabola near hard walls; NaN deep inside bodies.
+    # Return the complex pressure at points, from the parabola near hard walls; NaN deep inside
+    # bodies.
     if any(obstacle.boundary != "sound_hard" for obstacle in field.scene.obstacles):
         return field.at(points)
     surface = field.on_surface
@@ -148,7 +149,7 @@ def _pressure(
     pressure[away] = evaluated[: np.count_nonzero(away)]
     rims = evaluated[np.count_nonzero(away) :]
     walls = pressure_on_surfaces(field, projections)
-    # The slope along the normal vanishes on the wall, so use a parabola in the height.
+    # The normal derivative vanishes on the wall, so the parabola in the height has no linear term.
     weight = (depth[near] / rim)[:, None] ** 2
     pressure[near] = walls + weight * (np.where(np.isfinite(rims), rims, walls) - walls)
     return pressure
@@ -190,7 +191,7 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
 
     Parameters
     ----------
-    field : field that a solver returned.
+    field : field of a solver.
     columns : the S excitations to show.
     """
     from trimesh.remesh import subdivide_to_size
@@ -208,7 +209,7 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
             max_edge=0.3 * field.scene.wavelength,
             max_iter=20,
         )
-        # Merge the corners of the subdivided triangles, which would be shaded as facets.
+        # Merge the corners of the subdivided triangles; otherwise they are shaded as facets.
         points, numbers = np.unique(points.round(9), axis=0, return_inverse=True)
         vertices.append(points)
         triangles.append(numbers.reshape(-1)[corners] + count)
@@ -230,8 +231,8 @@ def pressure_on_surfaces(
 
     Returns
     -------
-    (P, S) complex pressure [Pa] of each excitation. It is interpolated by kriging from the nearest
-    16 solved points, with the covariance sin(kr)/kr of a diffuse field.
+    (P, S) complex pressure [Pa] of each excitation, interpolated by kriging from the nearest 16
+    solved points, with the covariance sin(kr)/kr of a diffuse field.
     """
     from scipy.spatial import KDTree
 
@@ -241,11 +242,11 @@ def pressure_on_surfaces(
     distances, nearest = KDTree(surface.points).query(points, k=neighbours)
     normals = surface.normals[nearest]
     around = surface.points[nearest]
-    # Exclude points around an edge or behind a thin wall.
+    # Exclude solved points around an edge or behind a thin wall.
     same_side = np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.5
     between = np.linalg.norm(around[:, :, None] - around[:, None], axis=-1)
     covariance = np.sinc(wavenumber * between / np.pi) * same_side[:, :, None] * same_side[:, None]
-    # Errors of the solved pressure are assumed to have 1e-4 of the variance.
+    # The errors of the solved pressure are assumed to have 1e-4 of its variance.
     diagonal = np.arange(neighbours)
     covariance[:, diagonal, diagonal] = 1.0 + 1e-4
     to_point = np.sinc(wavenumber * distances / np.pi) * same_side

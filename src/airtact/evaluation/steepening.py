@@ -1,11 +1,11 @@
-"""Steepening of strong sound: what a focus keeps of its linear pressure in real air.
+"""Steepening of strong sound: the part of the linear pressure that remains at a focus in real air.
 
 The sound at a focus is a sum of plane waves, one for each patch of the array. By perturbation
-theory of the isentropic Euler equations, every pair of waves makes a second harmonic (second
-order), and every pair and a third wave take from the fundamental (third order). Waves interact
-over their whole path if they are parallel, and hardly at all if they cross: a box of boards loses
-nothing where a single board loses a quarter. ``benchmarks/nonlinear.py`` compares the estimate
-with the Euler equations.
+theory of the isentropic Euler equations, every pair of waves generates a second harmonic (second
+order), and every pair together with a third wave reduces the fundamental (third order). Parallel
+waves interact over their whole path, crossing waves hardly at all. A box of boards therefore loses
+nothing where a single board loses a quarter. ``benchmarks/nonlinear.py`` compares the estimate with
+the Euler equations.
 
 Sources
 -------
@@ -27,7 +27,7 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.errors import one_line, points_of
 
-# B/A of air, its ratio of specific heats minus 1
+# B/A of air: its ratio of specific heats minus 1
 NONLINEARITY = 0.4
 
 
@@ -37,9 +37,9 @@ class Steepening:
 
     Attributes
     ----------
-    second : (F,) second harmonic over the linear fundamental, by second-order theory.
+    second : (F,) ratio of the second harmonic to the linear fundamental, by second-order theory.
     depletion : (F,) lost share of the fundamental, by third-order theory.
-    doubt : (F,) error of the amplitude of the waves, from bodies that the estimate simplifies.
+    doubt : (F,) relative error of the waves' amplitude, because the estimate simplifies the bodies.
     """
 
     second: Float64[np.ndarray, "points"]
@@ -50,34 +50,34 @@ class Steepening:
         return one_line(self, f"second harmonic up to {self.second_harmonic.max():.0%}")
 
     def scaled(self, factor: float) -> "Steepening":
-        """Return the effect on the drive times a factor."""
+        """Return the effect if the drive is multiplied by a factor."""
         return replace(self, second=factor * self.second, depletion=factor**2 * self.depletion)
 
     @property
     def error(self) -> Float64[np.ndarray, "points"]:
         """(F,) estimated relative error of ``kept``."""
-        # The largest error in the benchmark is 0.04 of the square. Doubt of the amplitude counts
-        # with the largest possible depletion, that of a plane wave.
+        # The largest error in the benchmark is 0.04 of the square. The doubt about the amplitude is
+        # multiplied by the largest possible depletion, that of a plane wave.
         return (0.05 + 0.5 * self.doubt) * self.second**2
 
     @property
     def kept(self) -> Float64[np.ndarray, "points"]:
-        """(F,) fundamental over linear pressure; NaN where shocks or bodies leave it unknown.
+        """(F,) ratio of the fundamental to the linear pressure; NaN where shocks or bodies hide it.
 
         >>> wave = Steepening(np.array([0.25]), np.array([0.5**2 / 8]), np.zeros(1))
         >>> wave.kept.round(4).tolist()  # a plane wave at σ = 0.5: 2 J₁(0.5)/0.5
         [0.969]
         """
-        # The plane wave that loses as much in third order has σ²/8. Fubini's result for it also
-        # holds for foci, there up to σ = 2.
+        # σ of the plane wave with the same third-order loss, σ²/8. Fubini's result for that wave
+        # also holds for foci, in their case up to σ = 2.
         shock = np.sqrt(8.0 * np.maximum(self.depletion, 1e-12))
         holds = (shock <= 2.0) & (self.error <= 0.2)
         return np.where(holds, 2.0 * j1(shock) / shock, np.nan)
 
     @property
     def second_harmonic(self) -> Float64[np.ndarray, "points"]:
-        """(F,) second harmonic over the fundamental, within 15 % up to 1; NaN as ``kept``."""
-        # It feeds the third and higher ones. The factor 0.4 fits the computed foci.
+        """(F,) ratio of second harmonic to fundamental, within 15 % up to 1; NaN like ``kept``."""
+        # It feeds the third and higher harmonics. The factor 0.4 fits the computed foci.
         saturated = self.second / (1.0 + 0.4 * self.second**2)
         return np.where(np.isfinite(self.kept), saturated, np.nan)
 
@@ -92,10 +92,10 @@ def steepening(
 
     Parameters
     ----------
-    field : the linear field, of which only the sources and the scene are used.
+    field : the linear field; only its sources and scene are used.
     points : (F, 3) foci [m].
     pressures : (F,) linear pressure at the foci [Pa].
-    excitation : the excitation of the field.
+    excitation : index of the excitation in the field.
     """
     points = points_of(points, "points", least=0)
     medium = field.scene.medium
@@ -125,10 +125,10 @@ class _Waves:
 
     Attributes
     ----------
-    pressure : (N,) pressure of each [Pa].
-    direction : (N, 3) direction, shorter than 1 for the mean of several sources, so that products
-        of directions are mean cosines.
-    path : length of their paths times the wavenumber [rad].
+    pressure : (N,) pressure of each wave [Pa].
+    direction : (N, 3) direction of each wave. The mean of several sources is shorter than 1, so
+        that products of directions are mean cosines.
+    path : length of the paths times the wavenumber [rad].
     """
 
     pressure: Complex128[np.ndarray, "waves"]
@@ -138,13 +138,13 @@ class _Waves:
     def patches(self, count: int) -> "_Waves":
         """Combine waves of neighbouring directions to at most ``count``."""
         count = min(count, len(self.pressure))
-        # Leaves of a balanced tree are neighbours, and so are equal parts of their sequence.
+        # The leaves of a balanced tree are sorted by neighbourhood, so equal parts are patches.
         order = np.asarray(KDTree(self.direction).indices)
         starts = np.linspace(0, len(order), count, endpoint=False).astype(int)
         weight = np.abs(self.pressure)[order]
         direction = np.add.reduceat(weight[:, None] * self.direction[order], starts)
-        # Waves in exactly the same direction would resonate: their sums are quotients of zeros.
-        # This length keeps them apart by a hundredth of a radian over the path.
+        # Waves in exactly the same direction would resonate and give 0/0. This length separates
+        # them by a hundredth of a radian over the path.
         longest = np.sqrt(1.0 - min(0.02 / self.path, 0.5))
         length = np.linalg.norm(direction, axis=1)
         length = np.maximum(np.add.reduceat(weight, starts), length / longest)
@@ -190,21 +190,22 @@ def _skin_near(scene: Scene, point: Float64[np.ndarray, "3"]) -> list[Plane]:
 
 
 def _second_order(waves: _Waves) -> complex:
-    """Second harmonic over the squared fundamental at the focus, times P ρc² [Pa]."""
+    """Return the second harmonic over the squared fundamental at the focus, times P ρc² [Pa]."""
     forced, free = _second_harmonic(waves.direction @ waves.direction.T, waves.path)
     pressure = waves.pressure
     return 2.0 * complex(pressure @ (forced * (1.0 - free)) @ pressure) / pressure.sum()
 
 
 def _second_harmonic(cosine: np.ndarray, path: float) -> tuple[np.ndarray, np.ndarray]:
-    """Second harmonic of two plane waves of unit pressure that cross at an angle.
+    """Return the second harmonic of two plane waves of unit pressure that cross at an angle.
 
     Their product e^{i(k₁+k₂)x} forces a wave, which solves (∇² + 4k²)P₂ = 2βk²/(ρc²) P₁². A free
     wave e^{2ikx} in the same direction cancels it at the array.
 
     Returns
     -------
-    The amplitude of the forced wave, times ρc²/2 [Pa], and that of the free wave over it, negative.
+    The amplitude of the forced wave, times ρc²/2 [Pa], and the ratio of the free wave to it, which
+    is negative.
     """
     square = np.maximum(2.0 + 2.0 * cosine, 0.0)  # of |k₁ + k₂|/k
     gap = 4.0 - square
@@ -213,7 +214,7 @@ def _second_harmonic(cosine: np.ndarray, path: float) -> tuple[np.ndarray, np.nd
 
 
 def _third_order(waves: _Waves) -> float:
-    """Lost share of the fundamental at the focus, times (ρc²)² [Pa²]."""
+    """Return the lost share of the fundamental at the focus, times (ρc²)² [Pa²]."""
     pressure = waves.pressure
     cosine = waves.direction @ waves.direction.T
     first, other = np.triu_indices(len(pressure))
@@ -221,25 +222,25 @@ def _third_order(waves: _Waves) -> float:
     forced, free = _second_harmonic(between, waves.path)
     pairs = forced * pressure[first] * pressure[other]
     pairs[first != other] *= 2.0
-    # All pairs with every fourth wave, which stands for its neighbours in the tree. Single
-    # precision takes a fifth of the time, and parts of this size fit the cache.
+    # All pairs with every fourth wave, which represents its neighbours in the tree. Single
+    # precision takes a fifth of the time, and blocks of this size fit the cache.
     third = pressure[2::4] if len(pressure) > 4 else pressure
     cosine = (cosine[:, 2::4] if len(pressure) > 4 else cosine).astype(np.float32)
-    # The floor is for opposite waves, which have no middle direction.
+    # The floor avoids a division by 0 for opposite waves, which have no middle direction.
     square = np.maximum(2.0 + 2.0 * between, 1e-6).astype(np.float32)[:, None]
     free = free.astype(np.complex64)[:, None]
     lost = 0.0 + 0.0j
     for part in np.array_split(np.arange(len(pairs)), 1 + len(pairs) // 2000):
         along = cosine[first[part]] + cosine[other[part]]
         middle = along / np.sqrt(square[part])
-        # The wave of frequency 2ω − ω, from the free and from the forced second harmonic.
+        # The wave of frequency 2ω − ω, from the free and the forced second harmonic
         coupling = NONLINEARITY / 2.0 + middle - 8.0 * ((1.0 - middle) / 2.0) ** 2
         response = free[part] * _response(5.0 - 4.0 * middle, waves.path)
         response -= _response(square[part] + 1.0 - 2.0 * along, waves.path)
         lost -= 2.0 * complex(pairs[part] @ (coupling * response) @ third.conj())
     lost *= pressure.sum().conj() / third.sum().conj() / pressure.sum()
-    # Patches are too coarse if the phase of interacting waves differs by a radian over a patch.
-    # Finer patches in ten arrays show by how much.
+    # Patches are too coarse if the phase of interacting waves varies by a radian within a patch.
+    # The size of the error comes from finer patches in ten arrays.
     spread = waves.path * np.average(
         1.0 - np.sum(waves.direction**2, axis=1), weights=np.abs(pressure)
     )
@@ -247,9 +248,9 @@ def _third_order(waves: _Waves) -> float:
 
 
 def _response(square: Float32[np.ndarray, "pairs waves"], path: float) -> np.ndarray:
-    """Response of the fundamental to a force e^{iκx} along the path, by κ² in units of k².
+    """Return the response of the fundamental to a force e^{iκx} along the path, by κ²/k².
 
-    It is (1 − e^{−iφ})/(κ² − 1) with φ = (κ − 1) times the path, written without its zero.
+    It is (1 − e^{−iφ})/(κ² − 1) with φ = (κ − 1) times the path, in a form that avoids 0/0.
     """
     wavenumber = np.sqrt(np.maximum(square, 0.0))
     half = np.float32(0.5 * path) * (wavenumber - np.float32(1.0)) + np.float32(1e-6)

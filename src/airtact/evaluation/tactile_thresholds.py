@@ -10,7 +10,7 @@ Modulation = Literal["amplitude", "spatiotemporal"]
 # From T. Howard et al. 2019.
 THRESHOLDS: dict[str, float] = {"amplitude": 557.0, "spatiotemporal": 334.0}
 
-# The note for a drive that is not modulated
+# The note for an unmodulated drive
 CONSTANT_FORCE_NOTE = (
     'Skin hardly feels a constant force: give [drive.modulation] with kind = "am" in the scene '
     "file, or play the drive with --modulate am:200."
@@ -18,7 +18,7 @@ CONSTANT_FORCE_NOTE = (
 
 
 def sensation(pressure: float, modulation: Modulation | None, depth: float = 1.0) -> str:
-    """Describe the level of a focus above the threshold of detection, with the threshold's source.
+    """Describe a focus's level relative to the detection threshold, with the threshold's source.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Verification of a drive by one solve, with a solver that did not make the drive."""
+"""Verification of a drive by one solve, with a solver that did not compute the drive."""
 
 from dataclasses import dataclass
 
@@ -26,9 +26,9 @@ from airtact.transducers.levels import EIGHT_BITS, Levels
 
 
 def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
-    """Return the largest peak pressure of each focus if it were the only one [Pa].
+    """Return the peak pressure that each focus would reach if it were the only one [Pa].
 
-    It is Σ_e |H_fe|: every element is at full scale, and their sound arrives in phase.
+    It is Σ_e |H_fe|, where every element is at full scale and the contributions are in phase.
 
     Examples
     --------
@@ -55,21 +55,21 @@ class SideLobe:
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """All results for a drive; ``print`` it for a summary.
+    """All results of verifying a drive; ``print`` it for a summary.
 
     Attributes
     ----------
     evaluation : the pressure at each of the F foci.
-    quantised : the same for the drive rounded to levels.
-    levels : those levels.
+    quantised : the same for the drive rounded to the levels of a board.
+    levels : the levels of the board.
     attainable : (F,) pressure of each focus at full scale if it were the only one [Pa].
     skin : sound on the surfaces of the bodies, None in open air.
     forces : (F,) force on the skin within 5 mm of each focus in real air [N], NaN for foci away
         from skin and where ``evaluation.expected`` is NaN.
-    side_lobe : strongest sound more than a wavelength from every focus: on the bodies, and in the
-        air up to two wavelengths beyond the foci.
+    side_lobe : strongest pressure more than a wavelength from every focus, on the bodies and in
+        the air up to two wavelengths beyond the foci.
     suppression_points : (Q,) complex pressure at the target's suppression points [Pa].
-    head : (N,) level at the points of a head [dB SPL]; linear, which real air does not exceed.
+    head : (N,) linear level at the points of a head [dB SPL]; the level in real air is not higher.
     """
 
     evaluation: Evaluation
@@ -94,7 +94,7 @@ class Verification:
     @property
     def quantisation_loss(self) -> float:
         """Largest relative change of a focus's pressure due to rounding."""
-        # Silent foci have no relative change.
+        # The relative change is undefined for silent foci.
         exact = self.evaluation.magnitudes
         change = np.abs(self.quantised.magnitudes - exact)[exact > 0.0] / exact[exact > 0.0]
         return float(change.max(initial=0.0))
@@ -107,7 +107,7 @@ class Verification:
 
     @property
     def suppression_level(self) -> float:
-        """Mean p² at the suppression points relative to the foci [dB]; NaN without such points."""
+        """Mean p² at the suppression points relative to the foci [dB]; NaN if there are none."""
         if not len(self.suppression_points):
             return float("nan")
         foci = np.mean(self.evaluation.magnitudes**2)
@@ -133,7 +133,7 @@ class Verification:
             foci = counted(len(self.forces), "focus", "foci")
             newtons = span(1e3 * forces, "mN", ".3g")
             lines.append(f"force of the sound on the skin {newtons} at {len(forces)} of {foci}")
-        # Where the estimate of real air does not hold, the pressure is far above the threshold.
+        # Where the estimate for real air is invalid, the pressure is far above the threshold.
         felt = np.fmin(self.evaluation.magnitudes, self.evaluation.expected)
         lines.append(sensation(float(felt.min()), "amplitude"))
         if len(self.head):
@@ -154,7 +154,7 @@ def verify(
     levels: Levels = EIGHT_BITS,
     progress: Progress | None = None,
 ) -> Verification:
-    """Verify a drive: foci, attainable maximum, side lobes, skin, thresholds, rounding and head.
+    """Verify a drive: foci, attainable pressure, side lobes, skin, thresholds, rounding and head.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def verify(
     transfer : transfer matrix of the foci, for the attainable maximum; None to compute it with
         ``solver``.
     head : (3,) or (N, 3) points of a head [m] at which the level is evaluated.
-    levels : levels of a board; the drive rounded to them is verified too.
+    levels : levels of a board; the drive rounded to these levels is verified as well.
 
     Returns
     -------
@@ -172,15 +172,15 @@ def verify(
     Raises
     ------
     InvalidInput
-        As ``evaluate``, or if a suppression or head point is in a body or on an element, or a body
-        is not sound-hard.
+        As for ``evaluate``, or if a suppression point or a point of the head is in a body or on an
+        element, or a body is not sound-hard.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     head = np.empty((0, 3)) if head is None else np.atleast_2d(head)
     head = points_of(head, "points of the head", least=0)
     if transfer is not None:
         check_foci(transfer, target)
-    # Solve both drives together: rounding then costs a right-hand side, not a factorisation.
+    # Solve both drives together: rounding then costs a right-hand side instead of a factorisation.
     rounded = quantise(drive, levels).drive()
     if not rounded.amplitudes.any():  # a drive too weak for the levels
         rounded = drive
@@ -212,8 +212,8 @@ def verify(
         quantised=Evaluation(target, quantised[:foci], report, steepening=rounding),
         attainable=attainable(transfer)[:foci],
         skin=skin,
-        # Half of the energy that the fundamental loses arrives in harmonics, which press too; the
-        # force on walls in benchmarks/nonlinear.py agrees within 6 %.
+        # Half of the energy that the fundamental loses reaches the focus in harmonics, which exert
+        # pressure too. The force on walls in benchmarks/nonlinear.py agrees within 6 %.
         forces=np.array([skin.pad_force(at) if skin else np.nan for at in target.points])
         * (0.5 + 0.5 * steepened.kept**2),
         side_lobe=_side_lobe(field, skin, array, target),
@@ -254,7 +254,7 @@ def _side_lobe(
 
     low = target.points.min(axis=0) - 2.0 * wavelength
     high = target.points.max(axis=0) + 2.0 * wavelength
-    # Six points per wavelength, but 20,000 points at most.
+    # Six points per wavelength, but at most 20,000 points.
     spacing = max(wavelength / 6.0, float(np.cbrt(np.prod(high - low) / 20_000)))
     counts = ((high - low) / spacing).astype(int) + 1
     points, pressure = pressure_at(_grid(list(map(np.linspace, low, high, counts))))

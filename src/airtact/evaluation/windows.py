@@ -1,4 +1,4 @@
-"""Points for pictures and field files: windows through the foci, and boxes around them."""
+"""Points for pictures and field files: windows through the foci, and boxes around the foci."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -39,12 +39,12 @@ class Window:
 
     @property
     def normal(self) -> Float64[np.ndarray, "3"]:
-        """Unit vector out of the plane, towards the viewer."""
+        """Unit vector out of the plane, toward the viewer."""
         return np.cross(self.right, self.up)
 
     @property
     def origin(self) -> Float64[np.ndarray, "3"]:
-        """Zero of its picture [m]: along axes of the frame the frame's zero, else the centre."""
+        """Origin of the picture [m]: the frame's along axes of the frame, else the centre."""
         aligned = [axis for axis in (self.right, self.up) if _axis_name(axis)]
         return self.centre - sum((self.centre @ axis * axis for axis in aligned), np.zeros(3))
 
@@ -66,7 +66,7 @@ class Window:
         return 1e3 * (points - self.origin) @ np.stack([self.right, self.up], axis=1)
 
     def height_of(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Distance of points (P, 3) from the plane, positive towards the viewer: (P,) [m]."""
+        """Distance of points (P, 3) from the plane, positive toward the viewer: (P,) [m]."""
         return (points - self.centre) @ self.normal
 
 
@@ -77,20 +77,20 @@ def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
 def plane_through(
     foci: Real[np.ndarray, "foci 3"], bodies: Real[np.ndarray, "vertices 3"], wavelength: float
 ) -> Window:
-    """Return a window through the foci, and towards the bodies if the foci do not fix the plane.
+    """Return a window through the foci, turned toward the bodies if the foci do not fix the plane.
 
     Foci that are not in one plane give the best-fitting plane. The window extends three wavelengths
-    past the outermost foci and has about 20,000 points at most. Its sides are along the frame's
-    axes if the plane allows.
+    past the outermost foci and has about 20,000 points at most. Its sides are parallel to the
+    frame's axes if the plane allows it.
     """
     middle = foci.mean(axis=0)
-    # Principal directions of the foci, the widest first. A spread under a tenth of a wavelength
-    # gives no direction.
+    # Principal directions of the foci, the widest first. A spread below a tenth of a wavelength
+    # does not define a direction.
     _, spreads, principal = np.linalg.svd(foci - middle, full_matrices=False)
     candidates = list(principal[: len(spreads)][spreads > wavelength / 10])
     if len(bodies):
         towards = _direction(bodies.mean(axis=0) - middle)
-        # An axis of the frame within 18 degrees is easier to read.
+        # Prefer an axis of the frame within 18 degrees, because the picture is easier to read.
         near = [axis for axis in AXES.values() if abs(towards @ axis) > 0.95]
         candidates.append(near[0] if near else towards)
     first, second = _independent([*candidates, AXES["z"], AXES["x"], AXES["y"]])
@@ -100,7 +100,7 @@ def plane_through(
     up = _direction(axis - axis @ normal * normal)
     right = np.cross(up, normal)
     right = right * np.sign(right[np.argmax(np.abs(right))])
-    # Rounding would hide that an edge is along an axis of the frame.
+    # A rounding error would hide that a side is parallel to an axis of the frame.
     right, up = (np.where(np.abs(edge) < 1e-12, 0.0, edge) for edge in (right, up))
     return _round_foci(foci, right, up, wavelength)
 
@@ -127,7 +127,7 @@ def _round_foci(foci: np.ndarray, right: np.ndarray, up: np.ndarray, wavelength:
     highest = within.max(axis=0)
     width, height = highest - lowest + 6 * wavelength
     centre = middle + (lowest + highest) / 2 @ np.stack([right, up])
-    # About 20,000 points, within 8 to 18 points per wavelength.
+    # About 20,000 points, but no fewer than 8 and no more than 18 points per wavelength.
     step = np.clip(np.sqrt(width * height / 20_000), wavelength / 18, wavelength / 8)
     return Window(centre, right, up, float(width), float(height), float(step))
 
@@ -138,7 +138,7 @@ def _direction(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
 
 
 def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    # Take the first two directions that are well apart, and make them perpendicular.
+    # Take the first two directions that differ clearly, and make them perpendicular.
     first = next(axis for axis in candidates if np.linalg.norm(axis) > 0.5)
     across = (axis - axis @ first * first for axis in candidates)
     return first, _direction(next(axis for axis in across if np.linalg.norm(axis) > 0.3))
@@ -155,7 +155,7 @@ class Box:
     @property
     def points(self) -> Float64[np.ndarray, "points 3"]:
         """The points [m]; x varies fastest and z slowest."""
-        # The order of VTK's image data.
+        # VTK's image data has this order.
         indices = np.stack(np.unravel_index(np.arange(np.prod(self.counts)), self.counts, "F"), 1)
         return self.origin + self.step * indices
 
