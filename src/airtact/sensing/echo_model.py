@@ -1,8 +1,8 @@
-"""Echoes of bodies at poses near an initial one, and their derivatives by the pose, in closed form.
+"""Echoes of bodies at poses near an initial pose, and their derivatives by pose, in closed form.
 
-By reciprocity the regular waves w_e that element e of unit strength emits about the bodies also
-describe its reception: E[r, e] = w_rᵀ T w_e/(4πik). A motion of the bodies multiplies all w_e by
-one matrix D. The array is therefore expanded only once, about the initial pose.
+The regular waves w_e that element e of unit strength emits toward the bodies also describe its
+reception, by reciprocity: E[r, e] = w_rᵀ T w_e/(4πik). A motion of the bodies multiplies all w_e by
+the same matrix D. The array is therefore expanded only once, about the initial pose.
 
 A pose is a twist (6,) of the bodies' frame from the initial pose: translation [m] and rotation
 [rad] about the centre of the scattering matrix. With V_i the generators of the six motions of
@@ -27,7 +27,7 @@ from airtact.transducers.layout import PhasedArray
 Received = Complex[np.ndarray, "receivers transmissions"]
 Twist = Float64[np.ndarray, "6"]
 
-# The twist of bodies that do not move.
+# The twist of bodies that do not move
 STILL = np.zeros(6)
 
 
@@ -38,11 +38,11 @@ class EchoModel:
     Attributes
     ----------
     scattering : scattering matrix of the bodies.
-    emitted : (W, M) regular waves of each transmission about the initial centre, to higher orders,
-        times sensitivity/(4πik), which converts products of waves to pressures [Pa].
+    emitted : (W, M) regular waves of each transmission about the initial centre, with additional
+        orders, times sensitivity/(4πik), which converts products of waves to pressures [Pa].
     receiving : (W, R) regular waves of each receiver about the same centre.
-    valid : (R, M) whether each pressure was received; echoes and derivatives are 0 for others. None
-        if all were.
+    valid : (R, M) whether each pressure was received; echoes and derivatives are 0 where it was
+        not. None if all were received.
     """
 
     scattering: ScatteringMatrix
@@ -60,14 +60,14 @@ class EchoModel:
         valid: Bool[np.ndarray, "receivers transmissions"] | None = None,
         spare: int = 0,
     ) -> "EchoModel":
-        """Expand an array in the bodies' frame, to ``spare`` orders above that of the bodies.
+        """Expand an array in the bodies' frame, with ``spare`` more orders than the bodies need.
 
-        A translation by 1/k mixes about one more order.
+        A translation by 1/k mixes about one additional order.
 
         Raises
         ------
         InvalidInput
-            "bodies_overlap": an element is inside the ball around the bodies.
+            If an element is inside the ball around the bodies.
         """
         waves = _array_waves(scattering, array, scattering.order + spare)
         scale = array.element.sensitivity / (4j * np.pi * scattering.scene.wavenumber)
@@ -75,7 +75,7 @@ class EchoModel:
         return cls(scattering, emitted, waves[:, receivers], valid)
 
     def part(self, receivers: Int64[np.ndarray, "chosen"], transmissions: int) -> "EchoModel":
-        """Return the model of some receivers and the first transmissions."""
+        """Return the model of selected receivers and the first transmissions."""
         return replace(
             self,
             emitted=np.ascontiguousarray(self.emitted[:, :transmissions]),
@@ -94,7 +94,7 @@ class EchoModel:
         along = np.concatenate([incident, *along_motions(incident, self._wavenumber)], axis=1)
         scattered = self._scattered(along)
         count = self.emitted.shape[1]
-        # − V_i T D w: the motions act on the outgoing waves of the echo itself.
+        # − V_i T D w: the motions act on the outgoing waves of the echo.
         back = along_motions(np.ascontiguousarray(scattered[:, :count]), self._wavenumber)
         return self._received(twist, scattered[:, count:] - np.concatenate(back, axis=1))
 
@@ -103,8 +103,8 @@ class EchoModel:
         return self.scattering.scene.wavenumber.real
 
     def _incident(self, twist: Twist) -> Waves:
-        # Regular waves about the moved centre, with the additional orders of the
-        # translation.
+        # Regular waves about the moved centre, with the additional orders that the
+        # translation needs.
         # A translation by d mixes orders up to about k d apart.
         spare = 1 + int(np.ceil(self._wavenumber * np.linalg.norm(twist[:3])))
         count = wave_count(self.scattering.order + spare)
@@ -121,7 +121,7 @@ class EchoModel:
         self, twist: Twist, scattered: Waves
     ) -> Complex[np.ndarray, "parts receivers transmissions"]:
         back = moved(-twist, scattered, self._wavenumber)
-        # Faster than the transposed product, because there are few columns.
+        # This is faster than the transposed product, because there are few columns.
         received = back.T @ self.receiving[: len(back)]
         parts = np.swapaxes(received.reshape(-1, self.emitted.shape[1], received.shape[1]), 1, 2)
         return parts if self.valid is None else parts * self.valid
@@ -143,7 +143,7 @@ def _array_waves(
             code="bodies_overlap",
         )
     waves = np.zeros((wave_count(order), len(array)), dtype=np.complex64)
-    # One point of all faces at a time, to limit the memory.
+    # Process one point of all faces at a time, to limit the memory.
     for weight, points in zip(array.element.weights, np.swapaxes(faces, 0, 1), strict=True):
         gains = (weight * array.gains).astype(np.complex64)
         waves += monopole_waves(order, points, scattering.scene.wavenumber) * gains
@@ -155,7 +155,7 @@ def _cross(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
 
 
 def motion_of(twist: Twist) -> Pose:
-    """Exponential of a twist: a motion about the centre of the waves."""
+    """Exponential of a twist, which is a motion about the centre of the waves."""
     generator = np.zeros((4, 4))
     generator[:3, :3] = _cross(twist[3:])
     generator[:3, 3] = twist[:3]

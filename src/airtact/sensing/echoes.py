@@ -56,15 +56,15 @@ class Echoes:
     frequency : frequency of the sound [Hz].
     noise : rms magnitude of the complex noise of one pressure [Pa], measured without a
         transmission; None if unknown.
-    valid : (R, M) whether each pressure was received; elements cannot receive while they ring. None
-        if all were. Invalid pressures are stored as 0.
+    valid : (R, M) whether each pressure was received, because elements cannot receive while they
+        ring; None if all were received. Invalid pressures are stored as 0.
 
     Raises
     ------
     InvalidInput
-        "wrong_shape", "empty", "sizes_differ": shapes that do not match; "not_finite": omit dead
-        receivers from ``receivers``; "over_full_scale"; "out_of_range", "given_twice": receivers;
-        "all_zero": a transmission without sound; "link_failed": no pressure is valid.
+        If shapes do not match or are empty, a value is NaN or infinite (omit dead receivers from
+        ``receivers``), a code exceeds full scale, receivers do not exist or are listed twice, a
+        transmission is silent, or no pressure is valid.
 
     Examples
     --------
@@ -134,12 +134,12 @@ class Echoes:
         return np.asarray(self.receivers, dtype=np.int64)
 
     def save(self, path: str | Path) -> None:
-        """Write an HDF5 file for ``load_echoes``; it appears only when it is complete.
+        """Write an HDF5 file for ``load_echoes``; the file appears only once it is complete.
 
         Raises
         ------
         InvalidInput
-            "unknown_format": the name does not end in .h5; "not_writable".
+            If the file name does not end in .h5 or the file cannot be written.
 
         Examples
         --------
@@ -189,8 +189,8 @@ def load_echoes(path: str | Path) -> Echoes:
     Raises
     ------
     InvalidInput
-        "file_missing", "file_unreadable", "unknown_format", "unsupported_version", "data_missing",
-        or as ``Echoes``.
+        If the file is missing or unreadable, has another format or version, or lacks a dataset; or
+        as for ``Echoes``.
     """
     path = _checked_path(path)
     raw = datasets_of(path, LAYOUT, newest=2)
@@ -232,7 +232,7 @@ def _checked_path(path: str | Path) -> Path:
     path = Path(of_kind(path, str | Path, "the file of echoes", 'its path, such as "echoes.h5"'))
     if path.suffix.lower() != ".h5":
         raise InvalidInput(
-            f"{path.name} is not a file of echoes: its ending must be .h5.", code="unknown_format"
+            f"{path.name} is not an echo file name: it must end in .h5.", code="unknown_format"
         )
     return path
 

@@ -1,9 +1,9 @@
-"""Pose of the bodies of a scene, and their opening, from echoes of the array's transmissions.
+"""Pose of the bodies of a scene, and optionally their opening, from echoes of the transmissions.
 
 The pose minimises the difference of modelled and measured echoes by the Levenberg-Marquardt method
-with exact derivatives: first with few receivers and transmissions, which is fast, then with all. An
-initial path error of half a wavelength, to the bodies and back, may lead to another minimum. If the
-resulting pose does not match the echoes, other initial poses around it are tried.
+with exact derivatives, first with few receivers and transmissions to save time, then with all. If
+the path to the bodies and back is initially wrong by half a wavelength, the method may find another
+minimum. If the resulting pose does not match the echoes, other initial poses around it are tried.
 """
 
 from collections.abc import Iterator
@@ -31,10 +31,10 @@ from airtact.sensing.scattering import (
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 
-# Largest relative residual beyond noise of a converged pose.
+# Largest misfit of a converged pose: the relative residual in excess of the noise.
 MAX_MISFIT = 0.1
 
-# Additional orders for translations by a few millimetres.
+# Additional orders of waves, for translations by a few millimetres.
 SPARE_ORDERS = 9
 
 # Twist of the bodies from the initial pose [m], [rad], and change of the opening of a family.
@@ -51,18 +51,18 @@ class Located:
     ----------
     pose : pose of the obstacles in the array's frame, as in ``PhasedArray.seen_from``.
     covariance : (6, 6) covariance of the translation of ``centre`` [m] and of a small rotation
-        about it [rad] along the array's axes, with a seventh row and column for the ``opening`` of
-        a family. It follows from the residual. It is increased if receivers in different places
+        about it [rad] along the array's axes; a family adds a seventh row and column for
+        ``opening``. It follows from the residual. It is increased if receivers in different places
         disagree by more than the noise, or if the residual indicates a wrong shape.
-    bound : Cramér-Rao bound, of the same shape: the smallest covariance possible with the noise;
-        NaN if the noise is unknown.
+    bound : Cramér-Rao bound, of the same shape: the smallest covariance that is possible with the
+        noise; NaN if the noise is unknown.
     residual : rms of the residual, including noise, divided by the rms of the echoes.
     misfit : the same without noise; 0.2 or more for a wrong model, such as another hand.
     converged : whether the iteration converged with a misfit of at most 0.1. Do not use the pose
         otherwise.
     steps : number of steps from the initial pose.
     centre : (3,) centre of the bodies in the array's frame [m].
-    left_out : indices of receivers that match no pose, such as dead ones.
+    left_out : indices of the receivers that disagree with every pose, such as dead ones.
     opening : best parameter of the ``ScatteringFamily``, such as the gap of two fingers [m]; None
         for a scene.
     """
@@ -90,7 +90,7 @@ class Located:
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """Standard deviation of the translation [m] and rotation [rad], combined over all axes."""
+        """Standard deviations of the translation [m] and rotation [rad], combined over all axes."""
         variances = np.diag(self.covariance)
         return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:6].sum()))
 
@@ -118,8 +118,8 @@ def locate(
         parameter, such as the gap of two fingers.
     array : the transducers in their own frame, in the order of the codes.
     start : initial pose of the obstacles in the array's frame, correct to about 5 mm and 8 degrees.
-    scattering : scattering matrix of the scene; by default the solver computes it. A family has its
-        own.
+    scattering : scattering matrix of the scene; by default the solver computes it. Omit it for a
+        family, which contains its matrices.
     solver : solver of the scattering matrix; by default
         ``BoundaryElement(accuracy=0.005, estimate=False)``.
 
@@ -130,10 +130,10 @@ def locate(
     Raises
     ------
     InvalidInput
-        "sizes_differ", "does_not_match": echoes or scattering matrix; "signal_unusable";
-        "bodies_overlap", "inside_body", "behind_faces": an impossible initial pose;
-        "pose_not_found": the echoes do not determine a motion, such as a rotation of a ball, or the
-        opening; "given_twice": a family and a scattering matrix; or as ``scattering_matrix``.
+        If the echoes or the scattering matrix do not match the scene and the array, the signal is
+        too weak or clipped, the initial pose is impossible, both a family and a scattering matrix
+        are given, or the echoes do not determine a motion or the opening (such as the rotation of a
+        ball). Also as for ``scattering_matrix``.
 
     Examples
     --------
@@ -174,7 +174,7 @@ def locate(
     )
     fit = _Fit(model, np.asarray(echoes.pressures), echoes.noise or 0.0, family)
     best = fit.best()
-    # The last steps exclude receivers that match no pose.
+    # The last steps exclude receivers that disagree with every pose.
     missing = fit.missing(best)
     rows = np.setdiff1d(np.arange(len(fit.measured)), missing)
     if len(missing):
@@ -184,7 +184,7 @@ def locate(
     motion = motion_of(best.x[:6])
     pose = start @ Pose(motion.rotation, centre - motion.rotation @ centre + motion.translation)
     opening = None
-    # Interpolation and truncated waves reduce the accuracy of derivatives by the opening.
+    # Interpolation and truncated waves make the derivatives with respect to the opening less exact.
     smallest = 1e-3
     inside = True
     if family is not None:
@@ -204,9 +204,9 @@ def locate(
     variance *= max(1.0, disagreement(derivatives, best.fun, inverse, places))
     misfit = fit.misfit(best)
     # The residual of a wrong shape has about 8 degrees of freedom (ends and radii of two fingers,
-    # minus the six of a pose), for any number of pressures. Each unknown of the pose is assumed to
-    # have absorbed as much, so the power is divided by 8 and not by the number of pressures.
-    # 5 % are attributed to errors of solvers and interpolation.
+    # minus the six of a pose), however many pressures there are. Each unknown of the pose is
+    # assumed to have absorbed as much power as one degree of freedom, so the power is divided by 8
+    # and not by the number of pressures. 5 % are attributed to errors of solvers and interpolation.
     of_shape = 2.0 * max(misfit**2 - 0.05**2, 0.0) * power(fit.measured) / 8
     return Located(
         pose=pose,
@@ -257,7 +257,7 @@ class _Fit:
         return _parts(model.echoes(unknowns[:6]) - self.measured)
 
     def derivatives(self, unknowns: Unknowns) -> Float64[np.ndarray, "parts unknowns"]:
-        """Return derivatives of the residual by motions [Pa/m], [Pa/rad] and by the opening."""
+        """Derivatives of the residual by motions [Pa/m], [Pa/rad] and by the opening."""
         twist = unknowns[:6]
         if self.family is None:
             by = self.model.derivatives(twist)
@@ -289,7 +289,7 @@ class _Fit:
 
     @property
     def units(self) -> Unknowns:
-        """Steps of the unknowns [m], [rad] and of the opening with about the same effect."""
+        """Steps of the unknowns [m], [rad] and of the opening that change echoes about equally."""
         of_opening = [] if self.family is None else [1.0 / self.family.effect]
         return np.array([1.0] * 3 + [1.0 / self.model.scattering.radius] * 3 + of_opening)
 
@@ -312,7 +312,7 @@ class _Fit:
                 return
 
     def part(self, receivers: Receivers, transmissions: int) -> "_Fit":
-        """Return the fit of some receivers and the first transmissions."""
+        """Return the fit of selected receivers and the first transmissions."""
         measured = self.measured[receivers, :transmissions]
         return _Fit(self.model.part(receivers, transmissions), measured, self.noise, self.family)
 
@@ -323,7 +323,7 @@ class _Fit:
     def misfit(
         self, pose: OptimizeResult, without: Int64[np.ndarray, "rows"] | None = None
     ) -> float:
-        """Rms of the residual divided by the rms of the echoes, both without noise."""
+        """Ratio of the rms residual to the rms of the echoes, both without noise."""
         rows = np.delete(np.arange(len(self.measured)), [] if without is None else without)
         measured = self.measured[rows]
         of_noise = self.noise**2 * np.count_nonzero(measured)  # invalid pressures are 0
@@ -331,11 +331,11 @@ class _Fit:
         return float(np.sqrt(max(power(self.left(pose)[rows]) - of_noise, 0.0) / of_echoes))
 
     def explained(self, pose: OptimizeResult) -> bool:
-        """Whether a pose matches the echoes, except at receivers that match no pose."""
+        """Whether a pose matches the echoes, except at receivers that disagree with every pose."""
         return self.misfit(pose, self.missing(pose)) <= MAX_MISFIT
 
     def missing(self, pose: OptimizeResult) -> Receivers:
-        """Rows of the receivers that match no pose, at most one in five."""
+        """Rows of the receivers that disagree with every pose, at most one in five."""
         left = self.left(pose)
         residual, measured, expected = (
             np.sqrt(np.mean(np.abs(pressures) ** 2, axis=1))
@@ -408,7 +408,7 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
             f"{echoes.noise or 0.0:.3g} Pa; transmit more, or closer to the bodies.",
             code="signal_unusable",
         )
-    # Clipping shows in the magnitudes or, with two converters, in the quadratures.
+    # Clipping is visible in the magnitudes or, with two converters, in the quadratures.
     for values in (np.abs(pressures), np.abs(np.real(pressures)), np.abs(np.imag(pressures))):
         check_not_clipped(values.reshape(-1))
     return seen
@@ -425,16 +425,17 @@ def disagreement(
     inverse: Squares,
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
-    """Ratio of the pose's variance from groups of receivers to that from single ones; 1 for noise.
+    """Ratio of the pose's variance from groups of receivers to that from single receivers.
 
-    The residual of a wrong shape is correlated at neighbouring receivers, so more receivers do not
-    improve the pose. Only groups of neighbours are therefore taken as independent (K.-Y. Liang,
-    S. L. Zeger, Biometrika 73, 13 (1986)). The result is the mean ratio over all unknowns.
+    It is 1 if the residual is noise. The residual of a wrong shape is correlated at neighbouring
+    receivers, so more receivers do not improve the pose. Only groups of neighbours are therefore
+    treated as independent (K.-Y. Liang, S. L. Zeger, Biometrika 73, 13 (1986)). The result is the
+    mean ratio over all unknowns.
     """
     count = min(16, len(places) // 4)
     if count < 2:
         return 1.0
-    # Fewer groups estimate the variance poorly; smaller groups are correlated.
+    # Fewer groups estimate the variance poorly, and smaller groups are correlated.
     groups = kmeans2(places, count, rng=0, minit="++")[1]
     scores = derivatives * residual[:, None]
     scores = scores.reshape(len(places), -1, len(inverse)).sum(axis=1)
@@ -446,7 +447,7 @@ def disagreement(
 def unexplained(
     echoes: Echoes, scattering: ScatteringMatrix, array: PhasedArray, pose: Pose
 ) -> Float64[np.ndarray, "receivers"]:
-    """Residual of the model at each receiver, with noise, relative to the rms of all echoes.
+    """Residual of the model at each receiver, including noise, relative to the rms of all echoes.
 
     Parameters
     ----------
@@ -457,13 +458,13 @@ def unexplained(
 
     Returns
     -------
-    (R,) root mean square over the transmissions; NaN for receivers without valid pressures. About
-    1.4 for an unrelated pose, and the relative noise for a correct one.
+    (R,) root mean square over the transmissions; NaN for receivers without valid pressures. It is
+    about 1.4 for an unrelated pose, and the relative noise for a correct pose.
 
     Raises
     ------
     InvalidInput
-        "sizes_differ": echoes of another array; "bodies_overlap": an element is among the bodies.
+        If the echoes belong to another array, or an element is inside the ball around the bodies.
 
     Examples
     --------

@@ -1,11 +1,11 @@
 """The scattering matrix (T-matrix) of the bodies of a scene, in spherical waves.
 
 The bodies are solved for all regular waves at once. A layer of monopoles of density Z_nm on a
-sphere around them makes the regular wave j_n(kr) Z_nm inside. The quadrature also makes waves of
-aliased orders, which decay inwards. The monopoles that radiate the scattered pressure are projected
-onto outgoing waves. If the solver has no such monopoles, the scattered pressure on the same sphere
-is projected instead. See P. C. Waterman, J. Acoust. Soc. Am. 45, 1417 (1969), and P. A. Martin,
-Multiple Scattering (2006), chapter 7.
+sphere around them generates the regular wave j_n(kr) Z_nm inside. Its quadrature also generates
+waves of aliased orders, which decay inwards. The solver's monopoles that radiate the scattered
+pressure are projected onto outgoing waves. If a solver has no such monopoles, the scattered
+pressure on the same sphere is projected instead. See P. C. Waterman, J. Acoust. Soc. Am. 45, 1417
+(1969), and P. A. Martin, Multiple Scattering (2006), chapter 7.
 """
 
 from collections.abc import Callable
@@ -46,10 +46,10 @@ class ScatteringMatrix:
 
     Attributes
     ----------
-    matrix : (W, W) T of W = (order + 1)² waves; symmetric, by reciprocity.
+    matrix : (W, W) T for W = (order + 1)² waves; symmetric, by reciprocity.
     centre : (3,) centre of the waves, in the frame of the bodies [m].
     radius : radius of a ball about the centre that contains the bodies [m]; transducers must be
-        outside it.
+        outside the ball.
     scene : the bodies, their medium and the frequency.
     asymmetry : relative difference of the matrix from its transpose before symmetrisation.
     report : report of the solve.
@@ -87,10 +87,10 @@ def scattering_matrix(
     accuracy: float = 0.005,
     ball: tuple[Float64[np.ndarray, "3"], float] | None = None,
 ) -> ScatteringMatrix:
-    """Solve the bodies of a scene for all regular spherical waves about their centre.
+    """Solve for the response of the bodies of a scene to all regular spherical waves.
 
-    This is one block solve with several hundred excitations, which ``Stored(solver, folder)``
-    stores. Echoes for any rigid pose then take milliseconds, see ``simulate_echoes`` and
+    A single block solve has several hundred excitations; ``Stored(solver, folder)`` stores its
+    result. Echoes for any rigid pose then take milliseconds, see ``simulate_echoes`` and
     ``locate``.
 
     Parameters
@@ -105,8 +105,8 @@ def scattering_matrix(
     Raises
     ------
     InvalidInput
-        "empty", "out_of_range", "too_many": bodies that need more than order 80, "data_missing":
-        the solver gives no field around them; or as the solver.
+        If there are no bodies, ``accuracy`` is out of range, the bodies need orders above 80, or
+        the solver has no field around them; or as for the solver.
 
     Examples
     --------
@@ -136,7 +136,7 @@ def scattering_matrix(
     # The field inside a layer of density Z_nm is 4πik h_n(k R) j_n(kr) Z_nm, hence the amplitudes.
     layer = mixed((weights * waves).T, amplitudes)
     field = solver.radiate(scene, Monopoles(centre + outer * directions, layer))
-    # Projected sources need neither a quadrature nor the field close to the bodies.
+    # Projected monopoles need neither a quadrature nor the field close to the bodies.
     sources = field.scattering_sources
     if sources is not None:
         offsets = sources.positions - centre
@@ -161,7 +161,7 @@ def _symmetric(
     scattered: Complex128[np.ndarray, "waves patterns"],
     patterns: Float64[np.ndarray, "waves patterns"] | None,
 ) -> Complex128[np.ndarray, "waves waves"]:
-    """Return the symmetric matrix from its product with patterns.
+    """Return the symmetric matrix, given its product with patterns.
 
     Reciprocity also determines its product with all other waves, projected onto the patterns. The
     remaining block is neglected; it is of second order in the small waves at the bodies.
@@ -175,7 +175,7 @@ def _symmetric(
 
 
 def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
-    """Raise "does_not_match" if the matrix belongs to another scene."""
+    """Raise an error if the matrix belongs to another scene."""
     if scattering.scene is not scene:
         raise InvalidInput(
             "the scattering matrix belongs to another scene; use scattering.scene.",
@@ -184,11 +184,11 @@ def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
 
 
 def _order(reach: float, accuracy: float) -> int:
-    """Highest order for a relative accuracy; ``reach`` is k times the radius.
+    """Return the highest order for a relative accuracy; ``reach`` is k times the radius.
 
     The excess over kR grows as d^(2/3) (kR)^(1/3) for d digits (W. C. Chew and others, Fast and
-    Efficient Algorithms in Computational Electromagnetics, 2001, section 3.4); the factor is
-    measured on pairs of capsules.
+    Efficient Algorithms in Computational Electromagnetics, 2001, section 3.4). The factor was
+    determined on pairs of capsules.
     """
     order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
     if order > 80:  # 6,561 waves take 0.7 GB
@@ -203,8 +203,8 @@ def _order(reach: float, accuracy: float) -> int:
 def _quadrature(
     order: int,
 ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points"]]:
-    # Quadrature on the unit sphere that is exact for products of two waves up to an order.
-    # Gauss-Legendre in cos θ and equal steps in φ integrate products up to 2 order + 1 exactly.
+    # Return a quadrature on the unit sphere that is exact for products of two waves up to an order:
+    # Gauss-Legendre in cos θ and equal steps in φ are exact up to the order 2 order + 1.
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
     sines = np.sqrt(1.0 - cosines**2)
@@ -218,12 +218,12 @@ def _quadrature(
 def reaching_patterns(
     scene: Scene, centre: Float64[np.ndarray, "3"], order: int, smallest: float
 ) -> Float64[np.ndarray, "waves patterns"] | None:
-    """Orthonormal patterns of regular waves that reach the bodies; None if nearly all do.
+    """Orthonormal patterns of regular waves that reach the bodies; None if nearly all of them do.
 
     Bodies fill only a part of the ball of the waves, so most patterns hardly reach them. The
     patterns are eigenvectors of the mean square pressure of the waves on and below the surfaces.
-    Points below the surfaces keep waves that vanish on them, as at an interior resonance. The
-    omitted patterns have an rms pressure below ``smallest`` times the largest.
+    The points below the surfaces retain waves that vanish on the surfaces, as at an interior
+    resonance. Patterns with an rms pressure below ``smallest`` times the largest are omitted.
     """
     points = _points_of(scene) - centre
     squares = np.zeros((wave_count(order), wave_count(order)), dtype=np.float32)
@@ -234,12 +234,12 @@ def reaching_patterns(
         squares, overwrite_a=True, check_finite=False, driver="evd"
     )
     count = int(np.count_nonzero(values > smallest**2 * values[-1]))
-    # If most patterns are needed, this saves no work.
+    # If most patterns are needed, selecting them saves no work.
     return patterns[:, -count:].astype(np.float64) if count < 0.8 * len(values) else None
 
 
 def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
-    # Random points on the triangles of the surfaces, and the same number below them [m].
+    # Return random points on the triangles of the surfaces, and as many below them [m].
     random = np.random.default_rng(0)
     corners = np.concatenate([body.surface.corners for body in scene.obstacles])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -290,11 +290,11 @@ class ScatteringFamily:
         return self.matrices[0].scene
 
     def at(self, value: float) -> ScatteringMatrix:
-        """Return the matrix at a value, with the report and scene of the first one."""
+        """Return the matrix at a value; its report and scene are those of the first value."""
         return replace(self.matrices[0], matrix=self._polynomial(value))
 
     def derivative(self, value: float) -> ScatteringMatrix:
-        """Return the derivative of the scattering matrix by the parameter."""
+        """Return the derivative of the scattering matrix with respect to the parameter."""
         return replace(self.matrices[0], matrix=self._polynomial.derivative(value))
 
     @cached_property
@@ -318,7 +318,7 @@ class ScatteringFamily:
 
     @cached_property
     def effect(self) -> float:
-        """Change of the matrix by the parameter, relative to that by a translation of 1 m."""
+        """Ratio of the matrix's change with the parameter to its change with a 1 m translation."""
         middle = 0.5 * (self.low + self.high)
         here = self.at(middle).matrix
         change = self.derivative(middle).matrix
@@ -343,17 +343,17 @@ def scattering_family(
     values: int = 5,
     accuracy: float = 0.005,
 ) -> ScatteringFamily:
-    """Solve bodies for a few values of one shape parameter, such as a gap.
+    """Solve for the scattering matrices of a few values of one shape parameter, such as a gap.
 
-    ``locate`` finds the parameter together with the pose. Each value needs one scattering matrix,
-    which ``Stored(solver, folder)`` stores. Between the values the matrix is interpolated; five
-    values cover ±2 mm at 40 kHz.
+    ``locate`` finds the parameter together with the pose. Each value needs its own scattering
+    matrix, which ``Stored(solver, folder)`` stores. Between the values the matrix is interpolated;
+    five values cover ±2 mm at 40 kHz.
 
     Parameters
     ----------
-    solver : solver of the bodies, as for ``scattering_matrix``.
-    scene_of : function that returns the scene for a value of the parameter, with the same number of
-        bodies, frame, medium and frequency for all values.
+    solver : solver for the bodies, as for ``scattering_matrix``.
+    scene_of : function that returns the scene for a value of the parameter. The number of bodies,
+        the frame, the medium and the frequency must not depend on the value.
     low, high : smallest and largest value of the parameter.
     start : initial value for ``locate``; the middle by default.
     values : number of solved values, 3 to 12.
@@ -362,9 +362,9 @@ def scattering_family(
     Raises
     ------
     InvalidInput
-        "out_of_range": invalid values; "does_not_match": scenes with different media, frequencies
-        or numbers of bodies; "all_zero": the bodies do not depend on the parameter; "too_few": the
-        interpolation error exceeds 2 %; or as ``scattering_matrix``.
+        If the values are invalid, the scenes have different media, frequencies or numbers of
+        bodies, the bodies do not depend on the parameter, or the interpolation error exceeds 2 %;
+        or as for ``scattering_matrix``.
 
     Examples
     --------
@@ -412,7 +412,7 @@ def scattering_family(
             f"{1e3 * shift:.1g} mm; scene_of must use its argument.",
             code="all_zero",
         )
-    if family.error > 0.02:  # beyond this the interpolation limits the fit, not the solver
+    if family.error > 0.02:  # above this the interpolation limits the fit, not the solver
         raise InvalidInput(
             f"{len(matrices)} values from {low:g} to {high:g} are too few: the interpolation error "
             f"of the scattering matrix is {100 * family.error:.2g} %, more than 2 %. Use more "

@@ -3,15 +3,15 @@
 Elements of boards that face each other receive each other's transmissions. Codes such as Hadamard
 codes separate the emitters. Element r receives p_re = ρ_r τ_e T_re from element e. T is the direct
 sound between elements of unit gain, τ are the gains of emission, and ρ the gains of reception; they
-differ because of the electronics. For given positions the gains are found by alternating least
+differ because of the electronics. For given positions the gains follow from alternating least
 squares for ρ and τ. Motions of the boards and the sound speed are found by the Levenberg-Marquardt
 method on the residual of the optimal gains (variable projection: G. Golub and V. Pereyra, SIAM J.
 Numer. Anal. 10, 413, 1973), with exact derivatives.
 
 Board 0 is fixed, because a motion of the whole array changes nothing. Multiplying all ρ and
-dividing all τ by one factor changes nothing either, so both get the same mean (with two boards, in
-each direction separately). The scale of the array follows from the positions of the elements on
-their boards, which are taken as exact.
+dividing all τ by a common factor changes nothing either, so both are scaled to the same mean (with
+two boards, in each direction separately). The scale of the array follows from the positions of the
+elements on their boards, which are taken as exact.
 """
 
 from dataclasses import dataclass, replace
@@ -35,10 +35,10 @@ from airtact.transducers.calibration import save_calibration
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray, join
 
-# Largest relative residual beyond noise of a converged calibration.
+# Largest misfit of a converged calibration: the relative residual in excess of the noise.
 MAX_MISFIT = 0.1
 
-# Whether each pair of receiver and emitter is used.
+# Whether each pair of receiver and emitter is used
 CountedPairs = Bool[np.ndarray, "elements elements"]
 
 Gains = Complex128[np.ndarray, "elements"]
@@ -54,13 +54,13 @@ class Calibrated:
     ----------
     array : the array with corrected boards and the gains of emission.
     sound_speed : speed of sound [m/s].
-    motions : motion of each board from its given to its true pose, in the array's frame; board 0
-        does not move.
+    motions : motion of each board from its given to its true pose, in the array's frame; that of
+        board 0 is zero.
     emission, reception : (E,) gains of emission and reception; 0 for dead elements, and 1 in
         ``reception`` for elements that do not receive. Their common factor is a convention.
     covariance : (6 B − 5, 6 B − 5) covariance of the translation of the centre of boards 1 to B − 1
-        [m] and a small rotation about it [rad], board by board along the array's axes, and of the
-        sound speed [m/s].
+        [m] and of a small rotation about it [rad], board by board along the array's axes, and of
+        the sound speed [m/s].
     gain_deviation : relative rms standard deviation of the gains, and of their phases [rad].
     residual : rms of the residual, including noise, divided by the rms of the direct sound.
     misfit : the same without noise.
@@ -97,7 +97,7 @@ class Calibrated:
 
     @property
     def deviation(self) -> tuple[float, float, float]:
-        """Largest standard deviation of the boards [m], [rad], and of the sound speed [m/s]."""
+        """Largest standard deviations of board positions [m] and angles [rad], and of sound speed."""
         variances = np.diag(self.covariance)
         boards = variances[:-1].reshape(-1, 2, 3).sum(axis=2).max(axis=0)
         return float(np.sqrt(boards[0])), float(np.sqrt(boards[1])), float(np.sqrt(variances[-1]))
@@ -115,7 +115,7 @@ class Calibrated:
         Raises
         ------
         InvalidInput
-            "sizes_differ": echoes of another array; "data_missing": dead receivers.
+            If the echoes belong to another array, or receivers are dead.
         """
         check_elements(echoes, self.array, "echoes")
         received = self.reception[echoes.receiving]
@@ -134,7 +134,7 @@ class Calibrated:
         Raises
         ------
         InvalidInput
-            "unknown_format" for another format than .csv, "not_writable".
+            If the file name does not end in .csv or the file cannot be written.
         """
         size = len(self.array) // len(self.motions)
         motions = [motion for motion in self.motions for _ in range(size)]
@@ -143,7 +143,7 @@ class Calibrated:
 
 @dataclass(frozen=True, eq=False)
 class ArrayState:
-    """Boards, wavenumber and gains, and their residual.
+    """Boards, wavenumber and gains, with the residual that they leave.
 
     Attributes
     ----------
@@ -151,8 +151,8 @@ class ArrayState:
     wavenumber : wavenumber of the sound [1/m].
     reception, emission : (E,) gains.
     slopes : derivatives of the direct sound of each pair of boards (first, second), first < second.
-    model : (E, E) pressure at the receivers from the emitters for unit gains, 0 for unused pairs
-        [Pa].
+    model : (E, E) pressure at the receivers from the emitters for unit gains [Pa], 0 for unused
+        pairs.
     cost : sum of squares of the residual [Pa²].
     steps : number of steps.
     settled : whether the iteration converged.
@@ -190,14 +190,14 @@ class ArrayFit:
     def best(
         self, boards: tuple[PhasedArray, ...], wavenumber: complex, enough: float
     ) -> ArrayState:
-        """Find the best of several starts with a few elements of each board, then fit all elements.
+        """Fit several starts with a few elements of each board, then the best with all elements.
 
         Phases are ambiguous by 2π, so a start that is wrong by half a wavelength may lead to a
         wrong minimum.
         """
         random = np.random.default_rng(0)
         size = len(boards[0])
-        # 48 elements of each board compare starts; 48 starts find boards that are 2 mm off.
+        # Starts are compared with 48 elements per board; 48 starts suffice for boards 2 mm off.
         chosen = [np.sort(random.permutation(size)[:48]) for _ in boards]
         rows = np.concatenate([size * board + each for board, each in enumerate(chosen)])
         few = ArrayFit(self.measured[np.ix_(rows, rows)], self.counted[np.ix_(rows, rows)])
@@ -241,7 +241,7 @@ class ArrayFit:
                 return replace(here, steps=count, settled=True)
             if improvement > 0.0:
                 squares, slope = self.equations(here, units)
-            # After a successful step the next one is closer to Gauss-Newton.
+            # After a successful step the next step is closer to Gauss-Newton.
             damping *= 0.2 if improvement > 0.0 else 6.0
         return replace(here, steps=60)
 
@@ -270,7 +270,7 @@ class ArrayFit:
         return ArrayState(boards, wavenumber, reception, emission, slopes, model, cost)
 
     def _gains(self, model: Pairs, reception: Gains, emission: Gains) -> tuple[Gains, Gains]:
-        # Find the gains by alternating least squares; unused gains stay the same.
+        # Compute the gains by alternating least squares; unused gains stay the same.
         turned = model.conj() * self.measured
         power = np.abs(model) ** 2
         for _ in range(40):
@@ -296,7 +296,7 @@ class ArrayFit:
         residual = model - self.measured
         squares = np.zeros((unknowns, unknowns))
         slope = np.zeros(unknowns)
-        # Coupling of the logarithms of the gains, reception first, to the unknowns.
+        # Coupling of the logarithms of the gains to the unknowns, reception first
         mixed = np.zeros((2, elements, unknowns), dtype=np.complex128)
         for (first, second), between in here.slopes.items():
             indices = np.r_[6 * first : 6 * first + 6, 6 * second : 6 * second + 6, unknowns - 1]
@@ -316,7 +316,7 @@ class ArrayFit:
         of_gains = np.concatenate([np.sum(model.conj() * residual, axis=axis) for axis in (1, 0)])
         # Board 0 is fixed: omit its six unknowns.
         mixed = np.column_stack([mixed.reshape(2 * elements, unknowns)[:, 6:] * units, of_gains])
-        # Real parts are for log magnitudes and imaginary parts for phases, with equal equations.
+        # Log magnitudes use the real parts, and phases the imaginary parts, in equal equations.
         parts = np.concatenate([mixed.real, mixed.imag], axis=1)
         solved = solve(self._gain_equations(np.abs(model) ** 2), parts, assume_a="pos")
         both = parts.T @ solved
@@ -348,9 +348,9 @@ def calibrate(
 ) -> Calibrated:
     """Find the poses of boards, the gains of elements and the sound speed from direct sound.
 
-    There must be nothing between the boards, and nothing may be subtracted. Elements on different
-    boards are used if they face each other within 60 degrees. The errors of the boards may be 2 mm
-    and 1 degree, and that of the sound speed 4 m/s (7 °C).
+    The space between the boards must be empty, and nothing may be subtracted from the echoes. Only
+    elements on different boards that face each other within 60 degrees are used. The poses of the
+    boards may be wrong by 2 mm and 1 degree, and the sound speed by 4 m/s (7 °C).
 
     Parameters
     ----------
@@ -358,14 +358,14 @@ def calibrate(
     array : array with the assumed poses of its boards; its gains are ignored.
     medium : assumed air; its absorption is not corrected.
     boards : number of boards, all with the same number of elements, listed one after another; by
-        default it is found if the boards are of a known kind.
+        default it is inferred from the known kinds of boards.
 
     Raises
     ------
     InvalidInput
-        "sizes_differ", "unknown_name": the array does not match; "given_twice": the codes do not
-        separate the elements; "misplaced": elements or boards face no others; "signal_unusable";
-        "pose_not_found": the transmissions do not determine a combination of unknowns.
+        If the array does not match the echoes, the codes do not separate the elements, elements or
+        boards face no others, the signal is unusable, or the transmissions do not determine a
+        combination of unknowns.
 
     Examples
     --------
@@ -410,10 +410,10 @@ def calibrate(
         _check_determined(squares, variance, echoes)
     covariance = variance * np.linalg.pinv(squares, hermitian=True)
     speed = 2 * np.pi * echoes.frequency / best.wavenumber.real
-    # Convert the unknowns to metres, radians, and the sound speed.
+    # Convert the unknowns to metres and radians, and the wavenumber to the sound speed.
     scale = np.append(units[:-1], -units[-1] * speed / best.wavenumber.real)
     emission, reception = _same_mean(fit, best, dead)
-    # Information on each gain with the other unknowns fixed; they hardly matter.
+    # Fisher information of each gain with the other unknowns fixed; they hardly matter.
     emitted = np.sum(np.abs(best.reception[:, None] * best.emission * best.model) ** 2, axis=0)
     calibrated = join(best.boards).calibrated(emission)
     return Calibrated(
@@ -469,7 +469,7 @@ def _facing_pairs(echoes: Echoes, boards: list[PhasedArray]) -> CountedPairs:
 
 
 def _dead(alone: Pairs, pairs: CountedPairs, noise: float) -> Int64[np.ndarray, "dead"]:
-    # Find elements that emit, or receive, less than a tenth of the median.
+    # Indices of elements that emit, or receive, less than a tenth of the median.
     power = np.where(pairs, np.abs(alone) ** 2, 0.0)
     dead = []
     for axis in (0, 1):
@@ -511,7 +511,7 @@ def _check_linked(
 
 def _check_determined(squares: Squares, variance: float, echoes: Echoes) -> None:
     values, vectors = np.linalg.eigh(squares)
-    # The limit is a standard deviation of 1 mm.
+    # A standard deviation of 1 mm is the limit.
     if values[0] > 1e-12 * values[-1] and variance < values[0] * 1e-3**2:
         return
     boards = range(1, 1 + len(values) // 6)
@@ -531,7 +531,7 @@ def _check_determined(squares: Squares, variance: float, echoes: Echoes) -> None
 def _same_mean(
     fit: ArrayFit, state: ArrayState, dead: Int64[np.ndarray, "dead"]
 ) -> tuple[Gains, Gains]:
-    # Gains of emission and reception, scaled in each group so that their means are equal.
+    # Scale the gains of emission and reception in each group so that their means are equal.
     emission = state.emission.copy()
     reception = state.reception.copy()
     receives = fit.counted.any(axis=1)
@@ -557,7 +557,7 @@ def moved(board: PhasedArray, motion: Float64[np.ndarray, "6"]) -> PhasedArray:
 
 
 def _units(boards: tuple[PhasedArray, ...], wavenumber: complex) -> Step:
-    # Return steps in metres, radians and 1/m with about the same effect.
+    # Return steps in metres, radians and 1/m that change the model about equally.
     middles = np.stack([board.positions.mean(axis=0) for board in boards])
     arm = float(np.sqrt(np.mean([np.var(board.positions, axis=0).sum() for board in boards])))
     distance = float(np.linalg.norm(middles[:, None] - middles, axis=2).max())

@@ -16,14 +16,14 @@ from airtact.transducers.placement import check_placement
 
 
 def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
-    """Signs from a Hadamard matrix; all elements emit in every transmission.
+    """Return the signs of a Hadamard matrix as codes; all elements emit in every transmission.
 
     Parameters
     ----------
     elements : number of elements E.
-    transmissions : number of transmissions M; at most the smallest power of 2 not below E, which is
-        the default. With the default the elements can be separated, and the noise is as low as if
-        each element emitted alone E times.
+    transmissions : number of transmissions M; the default and maximum is the smallest power of 2
+        that is at least E. With the default the elements can be separated, and the noise is as low
+        as if each element emitted alone E times.
 
     Returns
     -------
@@ -32,9 +32,9 @@ def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
     Raises
     ------
     InvalidInput
-        "out_of_range": ``elements`` or ``transmissions``.
+        If ``elements`` or ``transmissions`` is out of range.
     """
-    # Sylvester's construction needs a power of 2; rows beyond the elements are left out.
+    # Sylvester's construction needs a power of 2; rows beyond the elements are dropped.
     size = 1 << (_count(elements, "elements") - 1).bit_length()
     count = size if transmissions is None else _count(transmissions, "transmissions", size)
     return hadamard(size)[:elements, :count].astype(np.complex128)
@@ -45,7 +45,7 @@ def random_codes(
     transmissions: int,
     seed: int = 0,
 ) -> Codes:
-    """Random phases at full scale for all elements.
+    """Return codes of random phases at full scale for all elements.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def random_codes(
     Raises
     ------
     InvalidInput
-        "out_of_range": ``elements``, ``transmissions`` or ``seed``.
+        If ``elements``, ``transmissions`` or ``seed`` is out of range.
 
     Examples
     --------
@@ -97,11 +97,11 @@ def simulate_echoes(
 
     Parameters
     ----------
-    made_by : a solver, which solves for each code; or the scattering matrix of the scene, which
-        takes only milliseconds.
+    made_by : a solver, which solves for each code, or the scattering matrix of the scene, which
+        needs only milliseconds.
     scene : the bodies.
     array : the E transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
-    codes : (E, M), as in ``Echoes``.
+    codes : (E, M) codes, as in ``Echoes``.
     receivers : indices of the receiving elements; all by default.
     noise : level of the echoes (rms) above the added complex noise [dB]; no noise by default.
     seed : seed of the random numbers, 0 or more.
@@ -109,9 +109,9 @@ def simulate_echoes(
     Raises
     ------
     InvalidInput
-        As ``Echoes`` and ``transfer_matrix``; "bodies_overlap"; "sizes_differ": codes of another
-        array; "does_not_match": the scattering matrix belongs to another scene; "out_of_range":
-        ``noise`` or ``seed``.
+        As for ``Echoes`` and ``transfer_matrix``; or if an element is inside the ball around the
+        bodies, the codes belong to another array, the scattering matrix belongs to another scene,
+        or ``noise`` or ``seed`` is out of range.
 
     Examples
     --------
@@ -132,7 +132,7 @@ def simulate_echoes(
         )
     check_seed(seed)
     count = len(array) if receivers is None else len(receivers)
-    # Echoes checks codes and receivers before anything is solved.
+    # Echoes checks the codes and receivers before anything is solved.
     checked = Echoes(codes, np.zeros((count, codes.shape[1])), receivers)
     drives = np.asarray(checked.codes)
     receiving = checked.receiving
@@ -146,7 +146,7 @@ def simulate_echoes(
         gains = (array.element.sensitivity * array.gains)[:, None, None] * weights[:, None]
         strengths = (gains * drives[:, None, :]).reshape(-1, drives.shape[1])
         scattered = made_by.radiate(scene, Monopoles(faces, strengths)).scattered_at(faces)
-        # By reciprocity an element receives with the weights that it emits with.
+        # By reciprocity an element receives with the weights with which it emits.
         over_faces = scattered.reshape(len(array), len(weights), -1)
         received = array.gains[:, None] * np.einsum("q,rqm->rm", weights, over_faces)
         pressures = received[receiving]

@@ -25,14 +25,14 @@ Pairs = Complex128[np.ndarray, "receivers emitters"]
 def transmission(
     receiving: PhasedArray, emitting: PhasedArray, wavenumber: complex
 ) -> tuple[Pairs, Complex128[np.ndarray, "13 receivers emitters"]]:
-    """Sum the direct sound over the faces of all elements of two boards, with its derivatives.
+    """Sum the direct sound over the faces of all elements of two boards; also differentiate it.
 
     Returns
     -------
-    Pressures (R, E) at receiver r from emitter e, both of unit gain [Pa], the same in both
-    directions; and their derivatives (13, R, E) by a translation of the receiving board [Pa/m] and
-    a rotation about its centre [Pa/rad], by the same motions of the emitting board, and by the
-    wavenumber [Pa·m].
+    Pressures (R, E) at receiver r from emitter e [Pa], both of unit gain, the same in both
+    directions. Then their derivatives (13, R, E) with respect to a translation of the receiving
+    board [Pa/m] and a rotation about its centre [Pa/rad], the same motions of the emitting board,
+    and the wavenumber [Pa·m].
     """
     weights = receiving.element.weights
     faces = receiving.face_points
@@ -54,7 +54,7 @@ def transmission(
         )
         wave = wave.reshape(distance.shape)
         slopes[12, block] = 1j * _summed(wave, count, emitters)
-        # The derivative by k, above, has no factor 1/R.
+        # The derivative by k, above, lacks the factor 1/R.
         wave /= distance
         pressures[block] = _summed(wave, count, emitters)
         slope = (wave * (1j * wavenumber - 1.0 / distance) / distance)[..., None] * away
@@ -81,9 +81,10 @@ def facing(
     cosine: float = 0.5,
     nearest: float = 0.02,
 ) -> Bool[np.ndarray, "receivers emitters"]:
-    """Whether elements of two boards face each other and are not adjacent at an edge.
+    """Whether elements of two boards face each other and are not adjacent at a common edge.
 
-    The default limits are 20 mm and 60 degrees; beyond that angle real transducers are not pistons.
+    The default limits are 20 mm and 60 degrees; at larger angles real transducers deviate from
+    pistons.
     """
     away = receiving.positions[:, None, :] - emitting.positions
     distance = np.linalg.norm(away, axis=2)
@@ -93,12 +94,12 @@ def facing(
 
 
 def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]:
-    """Split an array into a given number of equal boards, or into boards of a known kind.
+    """Split an array into ``count`` equal boards, or by default into boards of a known kind.
 
     Raises
     ------
     InvalidInput
-        "unknown_name": the number of boards is unknown or does not divide the elements.
+        If the number of boards is unknown or does not divide the number of elements.
     """
     if count is None:
         count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
@@ -146,7 +147,7 @@ def simulate_transmissions(
     medium : the air.
     codes : (E, M), as in ``Echoes``.
     boards : number of boards, all with the same number of elements, listed one after another; by
-        default it is found if the boards are of a known kind.
+        default it is inferred from the known kinds of boards.
     frequency : frequency of the sound [Hz].
     reception : (E,) gains of reception; those of the array by default.
     noise : level of the pressures (rms) above the added complex noise [dB]; no noise by default.
@@ -155,7 +156,7 @@ def simulate_transmissions(
     Raises
     ------
     InvalidInput
-        As ``Echoes``; "sizes_differ", "unknown_name", "out_of_range".
+        As for ``Echoes``, or if the number of gains, the number of boards or the noise is invalid.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     parts = boards_of(array, boards)

@@ -28,7 +28,7 @@ Waves = Complex[np.ndarray, "waves columns"]
 
 
 def wave_count(order: int) -> int:
-    """Count the waves up to an order."""
+    """Return the number of waves up to an order."""
     return (order + 1) ** 2
 
 
@@ -42,8 +42,8 @@ def harmonics(
 ) -> Float64[np.ndarray, "waves points"]:
     """Real harmonics (waves, P) in the directions of offsets (P, 3) from the centre.
 
-    The normalised Legendre functions follow from the two lower orders, for all degrees m at once
-    (DLMF 14.10.3). The recurrence is stable because they grow with n.
+    The normalised Legendre functions follow from those of the two lower orders, for all degrees m
+    at once (DLMF 14.10.3). The recurrence is stable because the functions grow with n.
     """
     x, y, z = (np.asarray(offsets, dtype=np.float64) / np.linalg.norm(offsets, axis=1)[:, None]).T
     sine = np.hypot(x, y)
@@ -61,11 +61,11 @@ def harmonics(
             grown[:n] = np.sqrt((4 * n**2 - 1) / (n**2 - m**2)) * z * legendre
             factor = ((2 * n + 1) * ((n - 1) ** 2 - m**2)) / (max(2 * n - 3, 1) * (n**2 - m**2))
             grown[: n - 1] -= np.sqrt(factor[: n - 1]) * below[: n - 1]
-            # The degree n has no predecessor two orders below, and follows from degree n − 1.
+            # Degree n has no predecessor two orders below; it follows from degree n − 1.
             grown[n] = np.sqrt((2 * n + 1) / (2 * n)) * sine * legendre[n - 1]
             below = legendre
             legendre = grown
-        # Degrees 0 to n follow the middle of the order's waves, −n to −1 precede it.
+        # Degrees 0 to n follow the middle of the order's waves; −n to −1 precede it.
         np.multiply(legendre, cosines[: n + 1], out=out[n * n + n : (n + 1) ** 2])
         np.multiply(legendre[:0:-1], sines[n:0:-1], out=out[n * n : n * n + n])
     return out
@@ -74,7 +74,7 @@ def harmonics(
 def outgoing_radial(
     order: int, radii: Real[np.ndarray, "points"], wavenumber: complex
 ) -> Complex128[np.ndarray, "orders points"]:
-    """Hankel functions h_n(kr) of every order, (order + 1, P)."""
+    """Hankel functions h_n(kr) of all orders, (order + 1, P)."""
     argument = wavenumber * np.asarray(radii, dtype=np.complex128)
     hankel = np.empty((order + 2, len(argument)), dtype=np.complex128)
     hankel[0] = -1j * np.exp(1j * argument) / argument
@@ -87,7 +87,7 @@ def outgoing_radial(
 def of_waves(
     order: int, radial: Shaped[np.ndarray, "orders *points"]
 ) -> Shaped[np.ndarray, "waves *points"]:
-    """Repeat the row of each order for each of its waves."""
+    """Repeat the row of each order for all waves of that order."""
     return np.repeat(radial, 2 * np.arange(order + 1) + 1, axis=0)
 
 
@@ -99,7 +99,7 @@ def projected(
 ) -> Waves:
     """Outgoing waves (waves, S) of monopoles at offsets (P, 3) with strengths (P, S) [Pa·m].
 
-    The sums are in single precision, which exceeds the accuracy of solvers.
+    The sums are in single precision, which is finer than the accuracy of the solvers.
     """
     waves = regular_waves(order, offsets, wavenumber)
     strengths = np.ascontiguousarray(strengths, dtype=np.complex64)
@@ -112,7 +112,7 @@ def regular_waves(
     order: int, offsets: Real[np.ndarray, "points 3"], wavenumber: complex
 ) -> Shaped[np.ndarray, "waves points"]:
     """Regular waves j_n(kr) Z_nm (waves, P) at offsets (P, 3); real for a real k."""
-    # A real argument keeps the waves, and all products with them, real.
+    # A real argument keeps the waves and all products with them real.
     argument = np.linalg.norm(offsets, axis=1) * (
         wavenumber if wavenumber.imag else wavenumber.real
     )
@@ -144,13 +144,13 @@ def motions(order: int) -> tuple[csr_matrix, ...]:
     along_z = antisymmetric(
         np.sqrt((n**2 - m**2) / (4 * n**2 - 1)), (index - 2 * n).astype(np.int64)
     )
-    # ∂/∂φ makes sin |m|φ of cos mφ and the reverse.
+    # ∂/∂φ turns cos mφ into sin |m|φ and vice versa.
     about_z = antisymmetric(-np.maximum(m, 0.0), index - 2 * m)
     # About y, cos mφ couples to cos (m − 1)φ and sin mφ to sin (m − 1)φ.
     lowered = 0.5 * np.sqrt(n * (n + 1) - np.abs(m) * (np.abs(m) - 1.0))
     lowered *= np.where(m == 1, np.sqrt(2.0), 1.0) * (m != 0) * (m != -1)
     about_y = antisymmetric(lowered, index - np.sign(m))
-    # The others are commutators of vector operators.
+    # The other matrices are commutators of these operators.
     about_x = about_z @ about_y - about_y @ about_z
     along_x = along_z @ about_y - about_y @ along_z
     along_y = about_x @ along_z - along_z @ about_x
@@ -158,14 +158,14 @@ def motions(order: int) -> tuple[csr_matrix, ...]:
         csr_matrix(matrix) for matrix in (along_x, along_y, along_z, about_x, about_y, about_z)
     ]
     for matrix in matrices:
-        # Remove cancelled entries that rounding keeps; they would double the work of products.
+        # Remove entries that cancel up to rounding; they would double the work of products.
         matrix.data[np.abs(matrix.data) < 1e-13] = 0.0
         matrix.eliminate_zeros()
     return tuple(csr_matrix(matrix, dtype=np.float32) for matrix in matrices)
 
 
 def along_motions(waves: Waves, wavenumber: float) -> Complex[np.ndarray, "6 waves columns"]:
-    """Differentiate regular waves by the six motions, translations [1/m] and rotations [1/rad]."""
+    """Derivatives of regular waves by the six motions, translations [1/m] and rotations [1/rad]."""
     along = np.stack([matrix @ waves for matrix in motions(order_of(waves))])
     along[:3] *= wavenumber
     return along
@@ -182,9 +182,9 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
     size = wavenumber * float(np.linalg.norm(twist[:3])) + order * float(np.linalg.norm(twist[3:]))
     if size == 0.0:
         return waves
-    # J_j falls faster than exponentially once j exceeds the argument by a few cube roots of it.
+    # J_j falls faster than exponentially once j exceeds its argument by a few cube roots of it.
     bessel = jv(np.arange(int(size + 8 * np.cbrt(size)) + 12), size)
-    # Omit smaller terms, except the first two, with which the recurrence begins.
+    # Omit smaller terms, except the first two, which start the recurrence.
     bessel = bessel[: max(int(np.flatnonzero(np.abs(bessel) > 1e-6)[-1]) + 1, 2)]
     bessel[1:] *= 2.0
     parts = np.concatenate([wavenumber * np.asarray(twist[:3]), twist[3:]]) / size
@@ -203,7 +203,7 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
 def mixed(
     weights: Real[np.ndarray, "mixtures waves"], waves: Waves
 ) -> Complex[np.ndarray, "mixtures columns"]:
-    """Multiply waves by a real matrix in their precision, at half the cost of a complex one."""
+    """Multiply waves by a real matrix in their own precision; this halves the cost."""
     real = np.ascontiguousarray(waves).view(np.real(waves).dtype)
     return (weights.astype(real.dtype, copy=False) @ real).view(waves.dtype)
 
@@ -212,8 +212,8 @@ def mixed(
 def _together(
     order: int,
 ) -> tuple[Float32[np.ndarray, "6 entries"], Int[np.ndarray, "entries"], Int[np.ndarray, "ends"]]:
-    # Entries of the six ``motions`` in a common sparse pattern, its columns and rows.
-    # With a common pattern, a weighted sum of the matrices is a sum of their values.
+    # Store the entries of the six ``motions`` in a common sparse pattern, with its columns and
+    # rows. A weighted sum of the matrices is then a sum of their values.
     shared = csr_matrix(sum(abs(matrix) for matrix in motions(order)))
     shared.sort_indices()
     row, column = shared.tocoo().coords
