@@ -107,7 +107,7 @@ def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered, v
     words = report.inner_text("output")
     assert run.setup.foci[0] in words
     assert "requested: 900 Pa" in words
-    assert f"object-aware: {run.pressures[0]:,.0f} Pa" in words
+    assert f"object considered: {run.pressures[0]:,.0f} Pa" in words
     report.uncheck("[name=surfaces]")
     report.click("text=the foci")
     box = report.locator(".stage").bounding_box()
@@ -129,7 +129,7 @@ def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered, v
     scale = np.abs(run.drive.amplitudes).max()
     np.testing.assert_allclose(
         pressures[away],
-        scale * np.abs(run.verification.at(points[away])["object-aware"]),
+        scale * np.abs(run.verification.at(points[away])["object considered"]),
         atol=0.02 * view.peak,
     )
 

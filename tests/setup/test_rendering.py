@@ -114,7 +114,7 @@ def control_in_closed_form(setup) -> at.Drive:
 
 def test_the_control_is_that_of_the_series(result):
     setup = result.setup
-    assert result.verification.names == ("object-aware", "without the object")
+    assert result.verification.names == ("object considered", "object ignored")
     control = control_in_closed_form(setup)
     sources = at.evaluation.drive_sources(setup.array, [result.drive, control])
     ours, theirs = np.abs(at.SphereSeries().radiate(setup.scene, sources).at(setup.target.points)).T

@@ -146,7 +146,7 @@ def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
     if not bodies:
         return ("drive",)
     word = body_word(bodies)
-    return f"{word}-aware", f"without the {word}"
+    return f"{word} considered", f"{word} ignored"
 
 
 def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive]) -> Drive | None:
