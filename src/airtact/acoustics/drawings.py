@@ -14,13 +14,13 @@ from airtact.acoustics.target_points import Points, check_count, frame_of, space
 from airtact.errors import LARGEST_NUMBER, SMALLEST_NUMBER, InvalidInput, Vector, positive
 from airtact.files.bounded import bytes_of
 
-# Largest size of an SVG drawing [bytes]; the reading time grows with the square of the size
+# Largest size of an SVG drawing [bytes]; the reading time grows with the square of the size.
 MAX_DRAWING_BYTES = 500_000
 
-# Largest number of straight and curved parts of a drawing, counted for each use
+# Largest number of straight and curved parts of a drawing, counted at each use
 MAX_CURVES = 5_000
 
-# Lines from corner to corner in a plane, x to the right and y up
+# Polygonal lines in a plane, with x to the right and y up
 Strokes = list[Float64[np.ndarray, "_ 2"]]
 
 
@@ -40,13 +40,13 @@ def text(
     height : height of a capital letter [m].
     spacing : largest distance between neighbours along a stroke [m].
     centre : (3,) middle of the text [m].
-    normal : (3,) direction to the reader.
+    normal : (3,) direction toward the reader.
     up : (3,) direction of the letters' tops; None for y, or z if the normal is nearly y.
 
     Raises
     ------
     InvalidInput
-        If the text is empty, a letter is not in the font, or ``polyline`` would raise it.
+        If the text is empty, a letter is not in the font, or as for ``polyline``.
 
     Examples
     --------
@@ -64,11 +64,11 @@ def text(
                 code="unknown_name",
             )
     font = HersheyFonts()
-    # sans serif, in single strokes rather than outlines
+    # Sans serif, in single strokes instead of outlines
     font.load_default_font("futural")
     font.normalize_rendering(1.0)  # otherwise y would run down
     strokes = [np.array(stroke, dtype=np.float64) for stroke in font.strokes_for_text(words)]
-    # The height of capitals differs from font to font.
+    # The height of capitals depends on the font.
     capital = np.concatenate([np.array(stroke) for stroke in font.strokes_for_text("H")])
     scale = positive(height, "the height of a letter", "m") / float(np.ptp(capital[:, 1]))
     strokes = [stroke * scale for stroke in strokes]
@@ -83,7 +83,7 @@ def svg_path(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Points (F, 3) [m] of the lines of an SVG drawing: paths, polygons, circles, transforms.
+    """Points (F, 3) [m] on the lines of an SVG drawing: paths, polygons, circles, transforms.
 
     Parameters
     ----------
@@ -91,14 +91,14 @@ def svg_path(
     width : width of the drawing [m], or its height if it has no width.
     spacing : largest distance between neighbours along a line [m].
     centre : (3,) middle of the drawing [m].
-    normal : (3,) direction to the viewer.
+    normal : (3,) direction toward the viewer.
     up : (3,) direction of the drawing's top; None for y, or z if the normal is nearly y.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, is not SVG, has no lines or too many, or ``polyline`` would
-        raise it.
+        If the file cannot be read, is not SVG, or has no lines or too many; or as for
+        ``polyline``.
     """
     width = positive(width, "the width of the drawing", "m")
     spacing = positive(spacing, "the spacing", "m")
@@ -111,7 +111,7 @@ def svg_path(
         _check_curves(_numbers_in(source) + _letters_in(source), name)
     strokes = _strokes_of(drawing, name)
     corners = np.concatenate([np.empty((0, 2)), *strokes])
-    # Written as `not ... <=`, so that NaN is rejected too.
+    # `not ... <=` also rejects NaN.
     farthest = np.abs(corners).max(initial=0.0)
     if not farthest <= LARGEST_NUMBER:
         raise InvalidInput(
@@ -158,9 +158,9 @@ def _corners(line: Any) -> Float64[np.ndarray, "corners 2"]:
 
 
 def _checked_drawing(drawing: bytes, name: str) -> bytes:
-    """Check the size of an SVG file before the reader expands it, and drop its style sheets.
+    """Check the size of an SVG file before the reader expands it, and remove its style sheets.
 
-    The reader takes minutes for style sheets, which do not move any line.
+    The reader takes minutes for style sheets, although they do not move any line.
     """
     try:
         root = ElementTree.fromstring(drawing)
@@ -169,8 +169,8 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
     total = 0
     for element in root.iter():
         kind = element.tag.rpartition("}")[2]
-        # An element used a thousand times would be expanded to a thousand elements, and the reader
-        # copies attributes into all children.
+        # The reader copies an element for every use, up to thousands of times, and copies
+        # attributes into all children.
         if kind == "use" or len(element.attrib) > 100:
             raise InvalidInput(
                 f"{name} has copies of elements, or one of over 100 attributes; flatten it.",
@@ -178,7 +178,7 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
             )
         if kind == "style":
             element.text = ""
-        # Even an empty element takes the reader as long as a curve of six numbers.
+        # The reader needs as much time for an empty element as for a curve of six numbers.
         total += 6 + sum(_numbers_in(value) for value in element.attrib.values())
         total += _letters_in(element.attrib.get("d", ""))
     _check_curves(total, name)
@@ -212,7 +212,7 @@ def _laid_out(
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     spacing = positive(spacing, "the spacing", "m")
     lengths = [np.linalg.norm(np.diff(stroke, axis=0), axis=1).sum() for stroke in strokes]
-    # If strokes cross or follow each other, up to four in five points are left out below.
+    # If strokes cross or follow each other, up to four in five points are dropped below.
     check_count(0.2 * np.maximum(np.array(lengths) / spacing, 1.0).sum(), spacing)
     axes = np.stack([right, upwards])
     points = [_along((stroke - middle) @ axes, spacing) for stroke in strokes]
@@ -230,7 +230,7 @@ def _along(corners: Float64[np.ndarray, "corners 3"], spacing: float) -> Points:
     corners = corners[np.append(True, moving)]
     steps = steps[moving]
     lengths = lengths[moving]
-    # Points spaced evenly over the whole stroke would round off its corners.
+    # Points spaced evenly over the entire stroke would round off its corners.
     cosine = np.einsum("ij,ij->i", steps[1:], steps[:-1]) / (lengths[1:] * lengths[:-1])
     sharp = 1 + np.flatnonzero(cosine < 0.5)  # the stroke bends by more than 60 degrees
     points = []

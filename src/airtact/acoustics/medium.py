@@ -1,4 +1,4 @@
-"""The medium: speed of sound, density, absorption; humid air from its temperature.
+"""The medium: speed of sound, density and absorption, for humid air from its temperature.
 
 Sources
 -------
@@ -26,15 +26,15 @@ class Medium:
 
     Attributes
     ----------
-    sound_speed : [m/s], above zero.
-    density : [kg/m³], above zero.
+    sound_speed : speed of sound [m/s], above zero.
+    density : density [kg/m³], above zero.
     absorption : decay of the amplitude per metre [Np/m], zero or more.
 
     Raises
     ------
     InvalidInput
-        When a number is not finite, zero or negative (absorption may be zero), or outside the range
-        of fluids: 100 to 10000 m/s, 0.01 to 30000 kg/m³.
+        If a number is not finite, is zero or negative (absorption may be zero), or lies outside the
+        range of fluids: 100 to 10000 m/s, 0.01 to 30000 kg/m³.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class Medium:
             object.__setattr__(self, name, number)
 
     def wavenumber(self, frequency: float) -> complex:
-        """Wavenumber k = 2πf/c + i·absorption [1/m] at a frequency [Hz]; e^{ikr} decays."""
+        """Wavenumber k = 2πf/c + i·absorption [1/m] at a frequency [Hz], so that e^{ikr} decays."""
         angular = 2.0 * math.pi * positive(frequency, "frequency", "Hz")
         return complex(angular / self.sound_speed, self.absorption)
 
@@ -81,12 +81,12 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
     celsius : temperature [°C], -20 to 50 (the range of ISO 9613-1; Cramer and CIPM-2007 were fitted
         at 0 to 30 °C).
     humidity : relative humidity, 0 to 1.
-    frequency : frequency [Hz] of the absorption.
+    frequency : frequency at which the absorption is computed [Hz].
 
     Raises
     ------
     InvalidInput
-        A value is outside its range.
+        If a value is outside its range.
 
     Examples
     --------
@@ -119,7 +119,7 @@ def _vapour_fraction(celsius: float, humidity: float) -> float:
 
 
 def _sound_speed(t: float, w: float) -> float:
-    """Cramer (1993), equation (15): t in °C, w the mole fraction of vapour."""
+    """Cramer (1993), equation (15): t in °C, w the mole fraction of water vapour."""
     p = _PASCAL
     c = _CARBON_DIOXIDE
     return (

@@ -1,6 +1,6 @@
 """Rigid planes, such as a table or a wall.
 
-The field in front of a plane follows from image sources behind it.
+The field in front of a plane is computed with image sources behind it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,17 +15,17 @@ from airtact.geometry.checks import NEAREST
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 
-# Points up to this distance behind a plane count as on it [m]
+# Points up to this distance behind a plane count as lying on it [m]
 ON_PLANE = 1e-9
 
 # Smallest distance of a body from a plane [m]; the body and its image are then as far apart as two
-# bodies must be
+# bodies must be.
 MIN_GAP = 0.5 * NEAREST
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """An infinite rigid plane, made by ``plane``; the sound is on the side of its normal.
+    """An infinite rigid plane; all sound is on the side that its normal points to.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Plane:
         )
 
     def height(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Distance of points (P, 3) [m] in front of the plane [m], negative behind it."""
+        """Distance of points (P, 3) [m] from the plane [m], negative behind it."""
         return (points - self.point) @ self.normal
 
     def image(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
@@ -68,17 +68,18 @@ def plane(point: Vector, normal: Vector) -> Plane:
 
     ∂p/∂n = 0 on the plane, and all sound is in front of it. The images of sources and bodies in the
     plane give the exact field. A point source on the plane radiates twice its open-air pressure. A
-    transducer flush in it keeps its sensitivity, which is stated for a transducer in a board.
+    transducer mounted flush in the plane keeps its sensitivity, which is stated for a transducer in
+    a board.
 
     Parameters
     ----------
     point : (3,) any point of the plane [m].
-    normal : (3,) direction to the side with the sound, of any length.
+    normal : (3,) direction toward the side with the sound, of any length.
 
     Raises
     ------
     InvalidInput
-        A normal of length 0, NaN or infinity.
+        If the normal has length 0, or a number is NaN or infinite.
 
     Examples
     --------
@@ -98,7 +99,7 @@ def plane(point: Vector, normal: Vector) -> Plane:
 
 
 def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plane, ...]:
-    """Check the planes of a scene: at most one, which no body touches or crosses."""
+    """Check the planes of a scene: at most one, and no body may touch or cross it."""
     if isinstance(planes, Plane) or not isinstance(planes, Iterable):
         raise InvalidInput(
             f"the planes of a scene must be a list such as [plane], not a {type(planes).__name__}.",
@@ -108,8 +109,8 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
     for index, plane in enumerate(planes):
         of_kind(plane, Plane, f"plane {index}", "plane(point, normal)")
     if len(planes) > 1:
-        # The sum over the images between parallel planes does not converge. Crossing planes form a
-        # corner, which has other images.
+        # The sum over the images between parallel planes does not converge, and crossing planes
+        # form a corner with more images.
         raise InvalidInput(
             f"the scene has {len(planes)} planes, but at most one is supported; leave out those "
             "far from the foci.",
@@ -159,7 +160,7 @@ def before_planes(
 def check_before_planes(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"], name: str
 ) -> None:
-    """Raise "behind_plane" if one of the points (P, 3) [m] is behind a plane."""
+    """Raise an error if one of the points (P, 3) [m] is behind a plane."""
     for plane in planes:
         height = plane.height(points)
         behind = np.flatnonzero(height < -ON_PLANE)

@@ -26,7 +26,7 @@ from airtact.errors import (
 from airtact.geometry.checks import NEAREST, approach, check_apart, check_surface
 from airtact.geometry.surface import Surface
 
-# Points up to this deep in a body count as on its surface [m]
+# Points up to this deep in a body count as lying on its surface [m]
 CONTACT = 1e-9
 
 
@@ -43,8 +43,8 @@ class Obstacle:
         ``"filled"`` (another fluid).
     ratio : Z/(ρc) of an impedance, else None.
     medium : fluid inside a filled body, else None.
-    board : whether the body consists of boards of the array, with elements in their faces, as
-        ``reflecting_boards`` builds them.
+    board : whether the body consists of reflecting boards of the array, with elements in their
+        faces, as ``reflecting_boards`` builds them.
     """
 
     surface: Surface
@@ -116,13 +116,13 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
     Raises
     ------
     InvalidInput
-        When the ratio is zero, not finite, or has a negative real part, which would emit power.
+        If the ratio is zero, not finite, or has a negative real part, which would emit power.
     """
     return Obstacle(surface, "impedance", ratio=ratio)
 
 
 def filled(surface: Surface, medium: Medium) -> Obstacle:
-    """Build a body from its closed surface and the fluid that fills it; sound enters it."""
+    """Build a body from its closed surface and the fluid that fills it; sound enters the body."""
     return Obstacle(surface, "filled", medium=medium)
 
 
@@ -133,17 +133,17 @@ class Scene:
     Attributes
     ----------
     medium : fluid around the bodies.
-    obstacles : the bodies, which do not touch; none for a free field.
-    frequency : [Hz], 1 kHz to 1 MHz.
-    planes : a list with one rigid plane such as a table, see ``plane``; empty for open air.
+    obstacles : the bodies, which must not touch; empty for a free field.
+    frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
+    planes : list of at most one rigid plane, such as a table, see ``plane``; empty for open air.
 
     Raises
     ------
     InvalidInput
-        The frequency is outside its range, or so low that every body is under 1/50 of a wavelength;
-        a body is over 10 m from the origin; the absorption exceeds 1 Np per wavelength; a surface
-        intersects itself; two bodies overlap; a body touches or crosses a plane; there are several
-        planes; or an argument has the wrong type.
+        If the frequency is outside its range, or so low that every body is under 1/50 of a
+        wavelength; a body is over 10 m from the origin; the absorption exceeds 1 Np per wavelength;
+        a surface intersects itself; two bodies overlap; a body touches or crosses a plane; there
+        are several planes; or an argument has the wrong type.
 
     Examples
     --------
@@ -194,7 +194,7 @@ class Scene:
                 code="out_of_range",
             )
         for index, obstacle in enumerate(self.obstacles):
-            # One vertex suffices, because a body in millimetres is far beyond this limit.
+            # Checking one vertex suffices, because a body in millimetres is far beyond this limit.
             distance = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
             if distance > 10.0:
                 raise InvalidInput(
@@ -226,9 +226,9 @@ class Scene:
         return self.medium.wavelength(self.frequency)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Depth of points (P, 3) [m] in a body [m].
+        """Depth of points (P, 3) [m] inside the bodies [m].
 
-        It is the largest over all bodies, negative outside, and -inf if there are no bodies.
+        It is the largest depth over all bodies, negative outside, and -inf if there are no bodies.
 
         Raise ``InvalidInput`` if the points have the wrong shape, or are NaN or infinite.
         """
@@ -258,7 +258,7 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
         for board in boards:
             if obstacle.board:
                 continue
-            # Rounding must not reject a body at exactly this distance.
+            # Rounding errors must not reject a body at exactly this distance.
             contact = approach(obstacle.surface, board.surface, NEAREST * (1.0 - 1e-9))
             if contact is not None:
                 gap = "intersects"
@@ -273,15 +273,15 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
 
 
 def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
-    """Return ρc/Z of the surface of each body, 0 for other boundaries."""
+    """Return ρc/Z of the surface of each body, which is 0 for other boundaries."""
     ratios = [obstacle.ratio for obstacle in scene.obstacles]
     return np.array([0.0 if ratio is None else 1.0 / ratio for ratio in ratios], np.complex128)
 
 
 def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], name: str) -> None:
-    """Raise "inside_body" or "behind_plane" if points lie in a body or behind a plane.
+    """Raise an error if points lie in a body or behind a plane.
 
-    ``name`` is what a point is called, such as "focus" or "transducer".
+    ``name`` is the word for a point, such as "focus" or "transducer".
     """
     points = points_of(points, f"{name} points")
     check_not_inside(scene.depth(points), points, name)
@@ -291,7 +291,7 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], name: str)
 def check_not_inside(
     depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], name: str
 ) -> None:
-    """Raise "inside_body" if points lie deeper in a body than ``CONTACT``."""
+    """Raise an error if points lie deeper in a body than ``CONTACT``."""
     count = int((depth > CONTACT).sum())
     if count:
         deepest = int(depth.argmax())
@@ -305,9 +305,9 @@ def check_not_inside(
 
 
 def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
-    """Raise if the sources have the wrong type, are inside a body or behind a plane.
+    """Raise an error if the sources have the wrong type, are inside a body or behind a plane.
 
-    The error calls the sources of ``Target.beacons`` foci. ``planes`` is True if the solver
+    The message calls the sources of ``Target.beacons`` foci. ``planes`` is True if the solver
     supports planes.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
@@ -321,7 +321,7 @@ def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> Non
 
 
 def check_no_planes(scene: Scene, solver: str) -> None:
-    """Raise if the scene has planes or reflecting boards, which ``solver`` does not support."""
+    """Raise an error if the scene has planes or reflecting boards, unsupported by ``solver``."""
     if scene.planes:
         raise InvalidInput(
             f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {solver} does "
@@ -333,7 +333,7 @@ def check_no_planes(scene: Scene, solver: str) -> None:
 
 
 def check_no_boards(scene: Scene, solver: str) -> None:
-    """Raise if the scene has reflecting boards, which ``solver`` does not support."""
+    """Raise an error if the scene has reflecting boards, which ``solver`` does not support."""
     if scene.boards:
         raise InvalidInput(
             f"the scene has {counted(len(scene.boards), 'body', 'bodies')} of reflecting boards, "

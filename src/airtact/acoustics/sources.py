@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 
 from airtact.errors import InvalidInput, check_finite, complex_numbers, in_short, points_of
 
-# Points closer to a source than this count as at the source [m]
+# Points closer to a source than this count as lying at the source [m]
 STANDS_ON = 1e-9
 
 
@@ -17,18 +17,18 @@ STANDS_ON = 1e-9
 class Monopoles:
     """N point sources with S independent excitations, which a solver solves separately.
 
-    A monopole of strength s, alone in open air, gives the pressure p = s e^{ikr}/r.
+    A monopole of strength s in open air produces the pressure p = s e^{ikr}/r.
 
     Attributes
     ----------
-    positions : (N, 3) [m], stored as float64.
-    strengths : (N, S) [Pa·m]: in excitation s all N points emit at once; (N,) is one excitation.
-        Stored as (N, S) complex128.
+    positions : (N, 3) positions [m], stored as float64.
+    strengths : (N, S) strengths [Pa·m]; in each excitation all N points emit at once. Shape (N,) is
+        a single excitation. Stored as (N, S) complex128.
 
     Raises
     ------
     InvalidInput
-        There are no points or excitations, a number is NaN or infinite, or shapes do not match.
+        If there are no points or excitations, a number is NaN or infinite, or shapes do not match.
 
     Examples
     --------
@@ -70,7 +70,7 @@ class Monopoles:
 
 
 def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> None:
-    """Raise "misplaced" if a receiver is closer to a source than ``STANDS_ON``.
+    """Raise an error if a receiver is closer to a source than ``STANDS_ON``.
 
     The pressure is infinite there.
     """
@@ -88,14 +88,14 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
 def nearest_source(
     points: Real[np.ndarray, "points 3"], sources: Monopoles, within: float
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
-    """Distance [m] and index of the nearest source of each point.
+    """Distance [m] to and index of the nearest source of each point.
 
-    If no source is within reach, the distance is larger and the index is arbitrary.
+    If no source is within ``reach``, the distance is larger than that and the index is arbitrary.
     """
     columns = np.ascontiguousarray(points.T)  # far faster than a minimum over three columns
     low = columns.min(axis=1, initial=np.inf) - within
     high = columns.max(axis=1, initial=-np.inf) + within
-    # Most points are far from all sources; the box around them contains few sources.
+    # Most points are far from all sources, and the box around them contains few sources.
     inside = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
     if not len(inside) or not len(points):
         return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)

@@ -1,7 +1,7 @@
 """``Stored``: a solver that caches its fields in a folder.
 
-An entry is a checksum and a NumPy archive. The archive contains the field's arrays and its
-dataclasses as a JSON tree. Scene and sources are not stored, because the caller has them.
+An entry consists of a checksum and a NumPy archive. The archive contains the field's arrays, and
+its dataclasses as a JSON tree. Scene and sources are not stored, because the caller supplies them.
 """
 
 import hashlib
@@ -32,14 +32,14 @@ SUFFIX = ".field"
 
 
 def name_of(*values: object) -> str:
-    """Hash values and airtact's code to 40 hexadecimal digits.
+    """Hash values together with airtact's code to 40 hexadecimal digits.
 
-    All fields of dataclasses count, except caches and callbacks (``field(compare=False)``).
+    All fields of dataclasses are hashed, except caches and callbacks (``field(compare=False)``).
 
     Raises
     ------
     InvalidInput
-        A value cannot be hashed, such as a solver that is not a dataclass.
+        If a value cannot be hashed, such as a solver that is not a dataclass.
     """
     arrays: list[np.ndarray] = []
     tree = json.dumps([_tree(value, arrays, {}) for value in values], sort_keys=True)
@@ -52,16 +52,16 @@ def name_of(*values: object) -> str:
 
 @cache
 def program(package: Path = Path(errors.__file__).parent) -> str:
-    """Digest of the Python files and compiled kernels of airtact."""
+    """Hash of airtact's Python files and compiled kernels."""
     digest = hashlib.blake2b(digest_size=20)
-    # Another version of airtact may give different numbers.
+    # Another version of airtact may compute different numbers.
     for file in [*sorted(package.rglob("*.py")), Path(str(_kernels.__file__))]:
         digest.update(file.name.encode() + hashlib.blake2b(file.read_bytes()).digest())
     return digest.hexdigest()
 
 
 def packed(field: RadiatedField, key: str) -> bytes:
-    """Pack a field into the bytes of its entry; raise "wrong_kind" for objects of libraries."""
+    """Pack a field into the bytes of its entry; raise an error for objects of libraries."""
     arrays: list[np.ndarray] = []
     tree = _tree(field, arrays, {id(field.scene): "scene", id(field.sources): "sources"})
     stream = io.BytesIO()
@@ -71,7 +71,7 @@ def packed(field: RadiatedField, key: str) -> bytes:
 
 
 def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField | None:
-    """Restore a field; None if its bytes were changed or the key differs."""
+    """Restore a field; return None if its bytes were changed or the key differs."""
     archive = content[64:]
     if content[:64] != _checksum(key, archive):
         return None
@@ -101,7 +101,7 @@ def _tree(value: object, arrays: list[np.ndarray], references: Mapping[int, str]
     if isinstance(value, complex):
         return {"complex": [value.real, value.imag]}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
-        # JSON has no NumPy arrays, so the tree has the index of each.
+        # JSON has no NumPy arrays, so the tree contains the index of each array.
         arrays.append(value)
         return {"array": len(arrays) - 1}
     if isinstance(value, tuple | list):
@@ -139,7 +139,7 @@ def _value(tree: Any, arrays: list[np.ndarray], references: Mapping[str, object]
         case {"table": table}:
             return restored(table)
         case {"module": str(module), "class": name, "fields": table}:
-            # Only dataclasses of airtact are built, even if a damaged file names others.
+            # Only airtact's dataclasses are built, even if a damaged file names others.
             if not module.startswith("airtact."):
                 raise ValueError(module)
             kind: Any = getattr(importlib.import_module(module), name)
@@ -154,22 +154,22 @@ class Stored(Solver):
 
     The key of a field includes everything that affects it, to the last bit: vertices and mid-edge
     points, boundaries, medium, frequency, sources, settings of the solver, and airtact's code. An
-    entry is written completely or not at all, even if several processes write or one is killed. A
+    entry is written completely or not at all, even if several processes write or are killed. A
     damaged entry is detected by its checksum, and its field is solved again. If the folder exceeds
     ``most_bytes``, the least recently used entries are deleted. A field that cannot be stored, such
-    as one of finite elements, is still solved; the warnings of its report give the reason. Code
-    outside airtact is not part of the key: after changing your own solver, use another folder.
+    as a field of finite elements, is still solved; the warnings of its report give the reason. Code
+    outside airtact is not part of the key: use another folder after changing your own solver.
 
     Parameters
     ----------
-    solver : solver of fields that are not stored.
+    solver : solver of fields that are not yet stored.
     folder : folder of the files, created if missing. Any number of processes may share it.
-    most_bytes : largest size of the folder.
+    most_bytes : largest total size of the files.
 
     Raises
     ------
     InvalidInput
-        An argument has the wrong type, or ``most_bytes`` is below 1.
+        If an argument has the wrong type, or ``most_bytes`` is below 1.
 
     Examples
     --------
@@ -202,13 +202,14 @@ class Stored(Solver):
         self.most_bytes = int(most_bytes)
 
     def reporting(self, progress: Progress | None) -> "Stored":
-        """Return the store with a callback that gets the name of each step of its solver."""
+        """Return the store with a callback that receives the name of each step of its solver."""
         return Stored(self.solver.reporting(progress), self.folder, self.most_bytes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Field of the monopoles, read from the folder or solved; raises the solver's errors.
+        """Return the field of the monopoles, read from the folder or solved.
 
-        A stored field has ``store`` as the only step in its report's ``seconds``.
+        The errors are those of the solver. The report of a field from the folder has ``store`` as
+        the only step in ``seconds``.
         """
         begun = time.perf_counter()
         try:
@@ -245,7 +246,7 @@ class Stored(Solver):
         with whole_file(path) as partial:
             partial.write_bytes(content)
         entries = []
-        # Partial files of killed processes count too.
+        # Partial files of killed processes count as well.
         for entry in self.folder.glob(f"*{SUFFIX}*"):
             with suppress(FileNotFoundError):  # another process may delete it at the same time
                 state = entry.stat()

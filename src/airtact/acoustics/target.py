@@ -1,4 +1,4 @@
-"""Targets: foci with their pressures, and points of suppressed pressure."""
+"""Targets: foci with requested pressures, and points of suppressed pressure."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -30,8 +30,8 @@ PerFocus = Num[np.ndarray, "foci"] | complex | float | int
 class Beacons(Monopoles):
     """The virtual sources of a target.
 
-    The first ``foci`` sources are at foci, the others at suppression points. Panels are not refined
-    near suppression points.
+    The first ``foci`` sources are at foci, the others at suppression points. Panels are refined
+    only near the foci.
     """
 
     foci: int = 0
@@ -48,7 +48,7 @@ class Beacons(Monopoles):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Foci and suppression points in the obstacles' frame, which move with the hand.
+    """Foci and suppression points in the obstacles' frame; they move with the hand.
 
     Attributes
     ----------
@@ -56,8 +56,8 @@ class Target:
     pressures : (F,) required peak pressures [Pa]; None makes the foci as strong as possible.
     shares : (F,) relative pressures, as strong as the array allows, or None. Without pressures and
         shares, all foci have equal weight.
-    phases : (F,) required phases [rad], from complex pressures or shares; None if the method
-        chooses them.
+    phases : (F,) required phases [rad], from complex pressures or shares; None if the synthesis
+        method chooses them.
     suppression_points : (Q, 3) points where the pressure is suppressed [m], none by default.
 
     Examples
@@ -101,19 +101,19 @@ class Target:
 
         Parameters
         ----------
-        points : (F, 3) [m], or (3,) for one focus.
-        pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers fix
-            the phases too; with real numbers the method chooses them.
-        shares : relative pressures in the same form; give at most one of the two.
+        points : (F, 3) foci [m], or (3,) for one focus.
+        pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers also
+            fix the phases; with real numbers the synthesis method chooses them.
+        shares : relative pressures in the same form; give pressures or shares, not both.
         suppression_points : (Q, 3) points where the pressure is suppressed [m].
 
         Raises
         ------
         InvalidInput
-            There are no points, a number is NaN, infinite or negative, a point is over 2 m from
-            the origin, no number is above zero, their count is wrong, both pressures and shares are
-            given, a suppression point is within 1 µm of a focus, or the points are a position and a
-            normal, as ``hand.place`` returns them.
+            If there are no points, a number is NaN, infinite or negative, a point is over 2 m from
+            the origin, no number is above zero, there are too few or too many numbers, both
+            pressures and shares are given, a suppression point is within 1 µm of a focus, or the
+            points are a position and a normal, as ``hand.place`` returns them.
         """
         _check_no_normal(points)
         if len(points) == 3 and all(np.ndim(coordinate) == 0 for coordinate in points):
@@ -141,7 +141,7 @@ class Target:
             "suppression_points": suppressed,
             "pressures": None if pressures is None else magnitudes,
             "shares": None if shares is None else magnitudes,
-            # real numbers leave the phases to the method
+            # Real numbers leave the phases to the synthesis method.
             "phases": None if values is None or np.isrealobj(values) else fixed(np.angle(values)),
         }
         for name, value in attributes.items():
@@ -161,15 +161,15 @@ class Target:
         return self.weights * np.exp(1j * np.asarray(phases))
 
     def beacons(self, suppression: bool = False) -> Monopoles:
-        """Virtual sources of 1 Pa·m at the foci, each its own excitation.
+        """Virtual sources of 1 Pa·m at the foci, each in its own excitation.
 
-        The strengths are the identity (F, F).
+        The strengths are the identity matrix (F, F).
 
         Parameters
         ----------
-        suppression : whether the suppression points follow as further beacons, (F + Q, F + Q).
+        suppression : whether to append the suppression points as beacons; then (F + Q, F + Q).
         """
-        # Each beacon is a separate excitation; its field is one row of the transfer matrix.
+        # Each beacon is a separate excitation, whose field is one row of the transfer matrix.
         points = self.points
         if suppression:
             points = np.concatenate([points, self.suppression_points])

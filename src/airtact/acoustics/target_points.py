@@ -1,8 +1,8 @@
-"""Shapes as points for a ``Target``: lines, circles, spheres, surfaces of bodies.
+"""Points of shapes for a ``Target``: lines, circles, spheres, surfaces of bodies.
 
 The spacing is the largest distance between neighbours along a line. Foci less than half a
-wavelength apart merge, so a quarter to a half of a wavelength (2 to 4 mm at 40 kHz) gives an
-unbroken line.
+wavelength apart merge, so a spacing of a quarter to half a wavelength (2 to 4 mm at 40 kHz) gives
+an unbroken line.
 """
 
 from collections.abc import Callable
@@ -28,12 +28,12 @@ from airtact.geometry.surface import Surface
 
 Points = Float64[np.ndarray, "points 3"]
 
-# Largest distance of points from the surface that they are projected to [m]
+# Largest distance from a surface at which points are projected onto it [m]
 MAX_OFFSET = 0.02
 
 
 def segment(start: Vector, end: Vector, spacing: float) -> Points:
-    """Points (F, 3) [m] of a straight line, evenly spaced, with both ends.
+    """Points (F, 3) [m] on a straight line, evenly spaced, including both ends.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
     Raises
     ------
     InvalidInput
-        If both ends coincide, a number is not finite, or there would be more than 4096 points.
+        If both ends coincide, a number is not finite, or there are more than 4096 points.
 
     Examples
     --------
@@ -56,18 +56,18 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
 def polyline(
     corners: Real[np.ndarray, "corners 3"], spacing: float, closed: bool = False
 ) -> Points:
-    """Points (F, 3) [m] of straight lines between corners, evenly spaced on each line.
+    """Points (F, 3) [m] on straight lines between corners, evenly spaced on each line.
 
     Parameters
     ----------
     corners : (C, 3) corners [m], which are included in the points.
     spacing : largest distance between neighbours [m].
-    closed : whether a line leads back from the last corner to the first.
+    closed : whether a line connects the last corner to the first.
 
     Raises
     ------
     InvalidInput
-        As for ``segment``, or there are fewer than two corners (three if closed).
+        As for ``segment``, or if there are fewer than two corners (three if closed).
     """
     corners = points_of(corners, "corners of a polyline")
     minimum = 3 if closed else 2
@@ -88,7 +88,7 @@ def polyline(
             f"line {int(lengths.argmin())} of a polyline has no length: its ends coincide.",
             code="all_zero",
         )
-    # Rounding must not add a point if the spacing divides the length.
+    # Rounding must not add a point if the length is a multiple of the spacing.
     counts = np.maximum(np.ceil(lengths / spacing - 1e-9), 1.0)
     check_count(counts.sum() + 1.0, spacing)
     parts = [
@@ -103,20 +103,20 @@ def polyline(
 def circle(
     centre: Vector, radius: float, spacing: float, normal: Vector = (0.0, 0.0, 1.0)
 ) -> Points:
-    """Points (F, 3) [m] of a circle, evenly spaced, anticlockwise about the normal.
+    """Points (F, 3) [m] on a circle, evenly spaced, anticlockwise about the normal.
 
     Parameters
     ----------
-    centre : (3,) [m].
-    radius : [m].
+    centre : (3,) centre of the circle [m].
+    radius : radius of the circle [m].
     spacing : largest distance between neighbours along the circle [m].
     normal : (3,) direction perpendicular to the circle's plane.
 
     Raises
     ------
     InvalidInput
-        If a number is not finite, a length is not above zero, the normal is zero, or there would be
-        more than 4096 points.
+        If a number is not finite, a length is not above zero, the normal is zero, or there are more
+        than 4096 points.
 
     Examples
     --------
@@ -139,8 +139,8 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
 
     Parameters
     ----------
-    centre : (3,) [m].
-    radius : [m].
+    centre : (3,) centre of the sphere [m].
+    radius : radius of the sphere [m].
     spacing : approximate distance between neighbours [m].
 
     Raises
@@ -155,12 +155,12 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     """
     radius = positive(radius, "the radius", "m")
     spacing = positive(spacing, "the spacing", "m")
-    # in a hexagonal lattice each point covers an area of √3/2 times the square of the spacing
+    # In a hexagonal lattice each point covers an area of √3/2 times the square of the spacing.
     count = max(4.0, np.ceil(4.0 * np.pi * radius**2 / (np.sqrt(0.75) * spacing**2)))
     check_count(count, spacing)
     index = np.arange(int(count)) + 0.5
     height = 1.0 - 2.0 * index / count
-    # With the golden angle, points never line up along meridians.
+    # The golden angle prevents points from lining up along meridians.
     azimuth = np.pi * (1.0 + np.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height**2)
     directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)
@@ -179,7 +179,7 @@ def surface_points(
     surface : the body.
     spacing : approximate distance between neighbours [m].
     facing : (3,) direction of the outward normals, or None for the whole surface.
-    within : the largest angle between normal and ``facing`` [degrees].
+    within : largest angle between the normal and ``facing`` [degrees].
 
     Raises
     ------
@@ -211,9 +211,9 @@ def surface_points(
 
 
 def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
-    """Project points (P, 3) [m] to a surface and shift them along the normal.
+    """Project points (P, 3) [m] onto a surface and shift them along the normal.
 
-    Use it to put a drawing onto the hand.
+    Use it to place a drawing on the hand.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     offset = between(offset, 0.0, MAX_OFFSET, "the offset", "m", "give metres.")
     points = points_of(points, "points", least=0)
     projected = surface.shape.project(points).copy()
-    # Bodies such as hands project only points near them. Other points start from the nearest
+    # Bodies such as hands can only project nearby points. Other points start from the nearest
     # triangle.
     off = np.flatnonzero(np.abs(surface.depth(projected)) > 1e-6)
     if len(off):
@@ -263,7 +263,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
 
 
 def spaced_apart(points: Points, spacing: float) -> Float64[np.ndarray, "kept 3"]:
-    """Leave out points within ``spacing`` [m] of an earlier point that is kept."""
+    """Drop points within ``spacing`` [m] of an earlier point that is kept."""
     remaining = []
     dropped = np.zeros(len(points), dtype=bool)
     tree = KDTree(points)
@@ -305,7 +305,7 @@ def frame_of(
 
 
 def check_count(count: float, spacing: float) -> None:
-    """Raise "too_many" if a spacing [m] gives more than ``MOST_POINTS`` points."""
+    """Raise an error if a spacing [m] gives more than ``MOST_POINTS`` points."""
     if count > MOST_POINTS:
         raise InvalidInput(
             f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than "
@@ -322,7 +322,7 @@ def outward(
     """Find unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest."""
     step = 1e-4  # [m]
     shifts = step * np.concatenate([np.eye(3), -np.eye(3)])
-    # central differences; the direction is z if the depth is constant
+    # Central differences; the direction is z if the depth is constant
     around = depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)
     gradients = around[:, 3:] - around[:, :3]
     length = np.linalg.norm(gradients, axis=1, keepdims=True)

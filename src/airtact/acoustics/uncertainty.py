@@ -6,7 +6,7 @@ import numpy as np
 
 from airtact.errors import InvalidInput, Vector, between, one_line, point_of
 
-# Angles between zero and this are probably in radians [degree]
+# Angles above zero and below this are probably in radians [degree]
 SMALLEST_ANGLE = 0.1
 
 _MILLIMETRES = "is it in millimetres? Give metres."
@@ -37,23 +37,23 @@ class Uncertainty:
     ----------
     position : position of the hand, along each of x, y and z [m].
     rotation : rotation of the hand about a random axis through the middle of the foci [degree].
-    own_position, own_rotation : position and rotation of each body separately, or of the bone with
-        a focus [m, degree]. A body rotates about the middle of its foci.
+    own_position, own_rotation : position and rotation of each body separately, or of the bone that
+        has a focus [m, degree]. A body rotates about the middle of its foci.
     along_skin : position of each focus on its body, in each of two directions along the surface
         [m].
-    age : time since the pose was measured [s]; meanwhile the hand moves at ``velocity``.
+    age : time since the pose was measured [s], during which the hand moves at ``velocity``.
     velocity : (3,) velocity of the hand in the obstacles' frame [m/s]; not a deviation.
     temperature : temperature of the air [K].
     humidity : relative humidity of the air, as a fraction.
-    gain : amplitude of each element, as a fraction of it.
+    gain : amplitude of each element, as a fraction of its nominal amplitude.
     phase : phase of each element [degree].
     dead : expected fraction of the elements that emit nothing; not a deviation.
 
     Raises
     ------
     InvalidInput
-        "not_a_number"; "out_of_range": a number is negative, not finite or implausibly large in its
-        unit, or an angle is between 0 and 0.1 degrees, which is probably in radians.
+        If a value is not a number, is negative, not finite or implausibly large in its unit, or if
+        an angle is between 0 and 0.1 degrees and so probably in radians.
 
     Examples
     --------

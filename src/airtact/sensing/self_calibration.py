@@ -97,7 +97,7 @@ class Calibrated:
 
     @property
     def deviation(self) -> tuple[float, float, float]:
-        """Largest standard deviations of board positions [m] and angles [rad], and of sound speed."""
+        """Largest standard deviations of the boards [m], [rad] and of the sound speed [m/s]."""
         variances = np.diag(self.covariance)
         boards = variances[:-1].reshape(-1, 2, 3).sum(axis=2).max(axis=0)
         return float(np.sqrt(boards[0])), float(np.sqrt(boards[1])), float(np.sqrt(variances[-1]))

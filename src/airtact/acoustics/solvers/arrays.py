@@ -1,4 +1,4 @@
-"""Array types of the solvers. Axes of one name have one length within a signature."""
+"""Array types of the solvers. Axes with the same name have the same length within a signature."""
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int64, Real
@@ -8,7 +8,7 @@ Vectors = Float64[np.ndarray, "points 3"]  # positions or directions
 Mask = Bool[np.ndarray, "points"]
 Indices = Int64[np.ndarray, "points"]
 Lengths = Float64[np.ndarray, "points"]
-# Weights of the corners of the tetrahedron that holds each point
+# Barycentric coordinates of each point in its tetrahedron
 Barycentric = Float64[np.ndarray, "points 4"]
 Pressures = Complex128[np.ndarray, "points excitations"]
 Gradients = Complex128[np.ndarray, "points 3 excitations"]  # also velocities
@@ -27,7 +27,7 @@ GroupPoints = Float64[np.ndarray, "groups 3"]
 PanelPoints = Float64[np.ndarray, "panels 3"]
 PanelLengths = Float64[np.ndarray, "panels"]
 Admittances = Complex128[np.ndarray, "panels"]
-# ikρc/Z times area of each node; empty if all are sound-hard
+# ikρc/Z times the area of each node; empty if all bodies are sound-hard
 SingleLayer = Complex128[np.ndarray, "_"]
 # Bounds of each point's panels, and the panels
 NearLists = tuple[Int64[np.ndarray, "_"], Int64[np.ndarray, "_"]]

@@ -7,9 +7,9 @@ from jaxtyping import Float, Float32
 def chebyshev_weights(
     coordinates: Float[np.ndarray, "points"], count: int
 ) -> Float32[np.ndarray, "points count"]:
-    """Weights of the points cos(π (j + 1/2)/count) for coordinates in [-1, 1].
+    """Return the weights of the points cos(π (j + 1/2)/count) for coordinates in [-1, 1].
 
-    By the barycentric formula (J.-P. Berrut, L. N. Trefethen, SIAM Review 46 (2004) 501).
+    The barycentric formula is that of J.-P. Berrut, L. N. Trefethen, SIAM Review 46 (2004) 501.
     """
     angles = np.pi * (np.arange(count) + 0.5) / count
     off = coordinates[:, None] - np.cos(angles).astype(coordinates.dtype)

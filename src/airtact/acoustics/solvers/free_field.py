@@ -28,7 +28,7 @@ class OpenAirField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """No surface: arrays of length 0."""
+        """Arrays of length 0, because there is no surface."""
         return SurfaceField.empty(self.sources)
 
     def _at(self, points: Vectors) -> Pressures:
@@ -39,7 +39,7 @@ class OpenAirField(RadiatedField):
         return pressure
 
     def _scattered_at(self, points: Vectors) -> Pressures:
-        # only the images in a plane scatter
+        # Only the images in a plane count as scattered.
         scattered = np.zeros((len(points), self.excitations), dtype=np.complex128)
         for plane in self.scene.planes:
             images = Monopoles(plane.image(self.sources.positions), self.sources.strengths)
@@ -58,7 +58,7 @@ class FreeField(Solver):
     """Sound in open air or in front of a plane in closed form, for scenes without obstacles."""
 
     def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:
-        """Field of the monopoles in a scene without obstacles.
+        """Return the field of the monopoles in a scene without obstacles.
 
         Raises
         ------

@@ -1,7 +1,7 @@
-"""GMRES for several right-hand sides, which share each pass over the matrix.
+"""GMRES for several right-hand sides, which share each multiplication by the matrix.
 
 Each right-hand side has its own Krylov space (Saad & Schultz, SIAM J. Sci. Stat. Comput. 7 (1986)
-856). SciPy's solver takes one right-hand side, and reading the matrix takes most of the time.
+856). SciPy's solver takes a single right-hand side, but reading the matrix takes most of the time.
 """
 
 import math
@@ -22,7 +22,7 @@ class GmresResult:
     Attributes
     ----------
     solution : solution of each right-hand side.
-    residuals : relative residual of each.
+    residuals : relative residual of each solution.
     iterations : products with the matrix; 0 for a direct solution.
     """
 
@@ -43,16 +43,16 @@ def gmres(
     Parameters
     ----------
     product : returns A v for each row v of an array (sides, unknowns).
-    right_sides : each b, as a row.
+    right_sides : the right-hand sides b, as rows.
     tolerance : relative residual that all right-hand sides must reach.
     error : approximate relative error of the solution at which to stop. An ill-conditioned A, as
-        for sound in a cavity, leaves a large error at a small residual, and needs more iterations.
+        for sound in a cavity, leaves a large error at a small residual and needs more iterations.
     most_iterations : largest number of iterations.
 
     Raises
     ------
     NotConverged
-        The tolerance was not reached, or the right-hand sides are not finite.
+        If the tolerance was not reached, or the right-hand sides are not finite.
     """
     finite = np.isfinite(right_sides)
     if not finite.all():
@@ -62,11 +62,11 @@ def gmres(
             code="not_finite",
         )
     sides, unknowns = right_sides.shape
-    # in double precision, because squares may leave the range of float32
+    # Use double precision, because squares may leave the range of float32.
     norms = np.linalg.norm(right_sides.astype(np.complex128), axis=1)
     real = np.float32 if right_sides.dtype == np.complex64 else np.float64
     scale = np.where(norms > 0, norms, 1).astype(real)[:, None]
-    room = min(most_iterations, 15) + 1  # most solves take fewer; the basis grows if needed
+    room = min(most_iterations, 15) + 1  # most solves need fewer; the basis grows if needed
     basis = np.empty((room, sides, unknowns), dtype=right_sides.dtype)
     basis[0] = right_sides / scale
     packed = most_iterations * (most_iterations + 1) // 2
@@ -85,7 +85,7 @@ def gmres(
             basis = np.concatenate([basis, np.empty_like(basis)])
         basis[step] = product(basis[step - 1])
         _kernels.krylov_step(basis[: step + 1], spaces)
-        # Givens rotations leave the residual in the last entry
+        # Givens rotations leave the residual in the last entry.
         residuals = np.abs(spaces.right[:, step])
         if not (residuals < tolerance).all():  # NaN is never small
             continue
@@ -121,5 +121,6 @@ def _settled(
     triangles[:, row, column] = spaces.triangles[:, : len(row)]
     smallest = np.linalg.svd(triangles, compute_uv=False)[:, -1]
     size = smallest * np.linalg.norm(spaces.weights[:, :steps], axis=1)
-    # Without cavities the error is 1.3 to 2.7 times the residual, so up to 3 is well-conditioned.
+    # Without cavities the error is 1.3 to 2.7 times the residual, so ratios up to 3 count as
+    # well-conditioned.
     return bool(((residuals <= error * size) | (3.0 * size >= 1.0)).all())

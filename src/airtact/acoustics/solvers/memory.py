@@ -6,7 +6,7 @@ import os
 def available_memory() -> float:
     """Return the bytes available without swapping; infinity if the system does not report them."""
     try:
-        # Unbuffered for speed, because this is read before every solve.
+        # Unbuffered for speed, because this file is read before every solve.
         with open("/proc/meminfo", "rb", buffering=0) as file:
             _, mark, rest = (file.read(4096) or b"").partition(b"MemAvailable:")
     except OSError:

@@ -1,4 +1,4 @@
-"""Pressure of monopoles in open air, and the gradient of any pressure by differences."""
+"""Pressure of monopoles in open air, and the gradient of any pressure by finite differences."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ def differences(
 ) -> Gradients:
     """Pressure gradient ∇p [Pa/m] by fourth-order central differences with a given step [m].
 
-    The pressure must exist two steps away on all sides.
+    The pressure must be defined up to two steps away on all sides.
     """
     stencil = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
     gradient = []

@@ -23,10 +23,10 @@ from airtact.acoustics.target_points import outward
 from airtact.errors import counted, in_short, one_line, points_of
 from airtact.timing import Progress
 
-# Setting of a report: number of planes of the scene, if there are any
+# Setting of a report: number of planes of the scene, if any
 PLANES = "rigid_planes"
 
-# Setting of a report: number of reflecting boards, if there are any
+# Setting of a report: number of reflecting boards, if any
 BOARDS = "reflecting_boards"
 
 
@@ -37,7 +37,7 @@ class SolveReport:
     Attributes
     ----------
     solver : name of the method.
-    residual : worst relative residual of the linear systems (0 for closed forms).
+    residual : largest relative residual of the linear systems (0 for closed forms).
     iterations : iterations of the slowest right-hand side.
     nodes : number of unknowns.
     nodes_per_square_wavelength : unknowns per λ² of the bodies' surfaces (infinite for closed
@@ -46,10 +46,10 @@ class SolveReport:
         surfaces.
     seconds : wall time by step [s].
     settings : the solver's settings.
-    warnings : a sentence for each warning.
+    warnings : one sentence per warning.
     citations : references for the method.
     farthest_off_triangles, mean_off_triangles : largest and mean distance of the panels from the
-        triangles of the surface, of the worst body [m]; 0 for primitives.
+        triangles of the surface, for the worst body [m]; 0 for primitives.
     """
 
     solver: str
@@ -86,7 +86,7 @@ class SurfaceField:
     ----------
     points, normals : points on the surfaces [m], and outward unit normals.
     areas : area that each point represents [m²].
-    pressure : total pressure of each excitation there [Pa].
+    pressure : total pressure of each excitation at each point [Pa].
     """
 
     points: NodePoints
@@ -105,12 +105,12 @@ class SurfaceField:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RadiatedField(ABC):
-    """The sound field of some monopoles in a scene, evaluated at any points outside the bodies.
+    """The sound field of monopoles in a scene, evaluated at any points outside the bodies.
 
     Attributes
     ----------
     scene : the scene that was solved.
-    sources : the monopoles.
+    sources : the monopoles that emit the sound.
     report : how the field was solved.
     """
 
@@ -142,7 +142,7 @@ class RadiatedField(ABC):
 
     @property
     def scattering_sources(self) -> Monopoles | None:
-        """Monopoles that radiate the scattered pressure away from the bodies, or None."""
+        """Monopoles that radiate the scattered pressure away from the bodies; None if unknown."""
         return None
 
     @property
@@ -150,28 +150,28 @@ class RadiatedField(ABC):
         """The field without the images of sources and bodies in a plane; None if unknown."""
         return None if self.scene.planes else self
 
-    # Public methods check their points once; solvers implement the methods with an underscore.
+    # Public methods check their points once; solvers implement the methods with underscores.
     def at(self, points: Points) -> Pressures:
         """Total pressure [Pa] of each excitation at points (P, 3) [m]; NaN where not ``valid``.
 
         Raises
         ------
         InvalidInput
-            A point is NaN or infinite, the shape is wrong, or a point is at a source.
+            If a point is NaN or infinite, the shape is wrong, or a point is at a source.
         """
         return self._at(self._receivers(points))
 
     def scattered_at(self, points: Points) -> Pressures:
         """Scattered pressure [Pa]: the total pressure minus the sources' pressure in open air.
 
-        It is finite at the sources, where ``at`` is infinite, and NaN where not ``valid`` and at a
-        source that touches a body. Some solvers subtract the open-air pressure from ``at`` and
-        raise at the sources.
+        It is finite at the sources, where ``at`` is infinite. It is NaN where the field is not
+        ``valid``, and at a source that touches a body. Some solvers subtract the open-air pressure
+        from ``at`` and raise an error at the sources.
 
         Raises
         ------
         InvalidInput
-            A point is NaN or infinite.
+            If a point is NaN or infinite.
         """
         return self._scattered_at(points_of(points, "points", least=0))
 
@@ -183,9 +183,9 @@ class RadiatedField(ABC):
         """Particle velocity v = ∇p/(iωρ) [m/s] along x, y and z, of each excitation.
 
         It is computed by central differences of ``at`` over 1/40 of a wavelength, or less near a
-        surface. Points within 1/200 of a wavelength of a surface count as on it. The result there
-        is the tangential velocity, plus the velocity into an impedance. It is NaN where not
-        ``valid``, and on the surface of a filled body. It raises the same errors as ``at``.
+        surface. Points within 1/200 of a wavelength of a surface count as on it; the result there
+        is the tangential velocity, plus the normal velocity into an impedance. It is NaN where the
+        field is not ``valid``, and on the surface of a filled body. The errors are those of ``at``.
         """
         points = self._receivers(points)
         scene = self.scene
@@ -207,18 +207,18 @@ class RadiatedField(ABC):
             if obstacle.medium is None and touching.any():
                 gradient[touching] = self._surface_gradient(obstacle, points[touching])
         gradient[~self._valid(points)] = np.nan
-        # from ρ ∂v/∂t = −∇p with the time factor e^{−iωt}
+        # From ρ ∂v/∂t = −∇p with the time factor e^{−iωt}
         return gradient / (2j * np.pi * scene.frequency * density[:, None, None])
 
     def _mirrored_at(self, points: Vectors) -> Pressures:
-        """Pressure at points; points behind a rigid plane are first mirrored to its front."""
+        """Pressure at points; points behind a rigid plane are first mirrored to the front."""
         for plane in self.scene.planes:
             behind = plane.height(points) < 0.0
             points = np.where(behind[:, None], plane.image(points), points)
         return self._at(points)
 
     def _surface_gradient(self, obstacle: Obstacle, points: Vectors) -> Gradients:
-        """∇p on the surface of a body [Pa/m]: along it, and along the normal by its impedance."""
+        """∇p on the surface of a body [Pa/m]: along it, and along the normal from its impedance."""
         project = obstacle.surface.shape.project
         # The pressure at the projected point does not vary along the normal.
         step = np.full(len(points), self.scene.wavelength / 40.0)
@@ -230,14 +230,14 @@ class RadiatedField(ABC):
 
     @abstractmethod
     def _at(self, points: Vectors) -> Pressures:
-        """Total pressure at checked points, as ``at``."""
+        """Total pressure at checked points, like ``at``."""
 
     def _scattered_at(self, points: Vectors) -> Pressures:
         return self.at(points) - self._incident(points)
 
     @abstractmethod
     def _valid(self, points: Vectors) -> Mask:
-        """Whether the field exists at checked points, as ``valid``."""
+        """Whether the field exists at checked points, like ``valid``."""
 
     def _receivers(self, points: Points) -> Vectors:
         points = points_of(points, "points", least=0)
@@ -255,7 +255,7 @@ class RadiatedField(ABC):
         )
 
     def nowhere(self, points: Points) -> Pressures:
-        """Pressures of NaN for each point and excitation."""
+        """Return pressures of NaN for each point and excitation."""
         return np.full((len(points), self.excitations), np.nan, dtype=np.complex128)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
@@ -263,7 +263,7 @@ class RadiatedField(ABC):
         return np.full(self.excitations, self.report.estimated_error)
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report with the error at points [m] if that is larger, and any warning."""
+        """Return the report, with the error at points [m] if that is larger, and any warning."""
         return self.report
 
 
@@ -291,9 +291,9 @@ class Solver(ABC):
         """Solve the scene for the monopoles, for all their excitations at once."""
 
     def reporting(self, progress: Progress | None) -> "Solver":
-        """Return the solver with a callback, such as ``print``, that gets the name of each step.
+        """Return the solver with a callback, such as ``print``, that receives each step's name.
 
-        Solvers in closed form have no steps, so they are returned unchanged.
+        Closed-form solvers have no steps and are returned unchanged.
         """
         if progress is None or not hasattr(self, "progress"):
             return self

@@ -1,4 +1,4 @@
-"""A field computed elsewhere: nodes and complex pressures, interpolated between the nodes."""
+"""A field of another program: nodes with complex pressures, interpolated between the nodes."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ from airtact.files.text_table import TextTable, read_text_table
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 
-# Nodes closer together than this coincide [m]
+# Nodes closer together than this count as identical [m]
 SAME_NODE = 1e-9
 
 
@@ -38,24 +38,24 @@ SAME_NODE = 1e-9
 class SampledField(RadiatedField):
     """A field interpolated from its pressure at nodes; NaN outside their convex hull.
 
-    A Delaunay triangulation joins the nodes to tetrahedra. Inside each, p·r·e^{-ikr} is
+    A Delaunay triangulation connects the nodes to tetrahedra. In each tetrahedron p·r·e^{-ikr} is
     interpolated linearly, where r is the distance from the nearest source, because the phase of
-    e^{ikr}/r varies far faster than the rest. The tetrahedra also fill the bodies, so do not use
-    points inside bodies. The error is not estimated (NaN).
+    e^{ikr}/r varies far faster than the rest. The tetrahedra also fill the bodies, so do not
+    evaluate points inside bodies. The error is not estimated (NaN).
 
     Attributes
     ----------
     scene : the scene for which the field was computed.
-    sources : the monopoles that emit it.
-    nodes : (N, 3) [m].
+    sources : the monopoles that emit the sound.
+    nodes : (N, 3) positions [m].
     pressures : (N, S) pressures [Pa] for the time factor e^{-iωt}, for each of the S excitations of
-        the sources; (N,) is one excitation.
+        the sources; shape (N,) is a single excitation.
 
     Raises
     ------
     InvalidInput
-        Shapes do not match, a number is NaN or infinite, there are fewer than four nodes, two nodes
-        coincide, or all nodes lie in one plane.
+        If shapes do not match, a number is NaN or infinite, there are fewer than four nodes, two
+        nodes coincide, or all nodes lie in one plane.
     """
 
     report: SolveReport = field(init=False)
@@ -107,7 +107,7 @@ class SampledField(RadiatedField):
         try:
             return Delaunay(nodes)
         except QhullError:
-            # The smallest singular value measures how thick the cloud of nodes is.
+            # The smallest singular value measures the thickness of the cloud of nodes.
             spread = np.linalg.svd(nodes - nodes.mean(axis=0), compute_uv=False)[-1]
             raise InvalidInput(
                 f"the {len(nodes)} nodes lie in one plane, to "
@@ -124,7 +124,7 @@ class SampledField(RadiatedField):
         return self._simplices(points) >= 0
 
     def _simplices(self, points: Vectors) -> np.ndarray:
-        """Tetrahedron of each point, -1 outside the hull."""
+        """Tetrahedron of each point, or -1 outside the convex hull."""
         # A point on the hull counts as inside despite rounding.
         return self._tetrahedra.find_simplex(points, tol=1e-6)
 
@@ -135,7 +135,7 @@ class SampledField(RadiatedField):
         if not len(inside):
             return pressures
         number = number[inside]
-        # Qhull keeps the map from points to the first three barycentric coordinates.
+        # Qhull stores the map from points to the first three barycentric coordinates.
         transforms = self._tetrahedra.transform[number]
         three = np.einsum("pij,pj->pi", transforms[:, :3], points[inside] - transforms[:, 3])
         weights = np.column_stack([three, 1.0 - three.sum(axis=1)])
@@ -146,7 +146,7 @@ class SampledField(RadiatedField):
             emitting = self.sources.positions[strengths != 0]
             if len(emitting):
                 source = emitting[KDTree(emitting).query(nodes.mean(axis=1))[1]]
-                # Without its wave the pressure varies slowly, so it can be interpolated.
+                # Divided by its wave the pressure varies slowly, so it can be interpolated.
                 at_nodes = np.linalg.norm(nodes - source[:, None], axis=2)
                 at_point = np.linalg.norm(points[inside] - source, axis=1)[:, None]
                 phase = self.scene.wavenumber * (at_point - at_nodes)
@@ -162,27 +162,28 @@ def load_samples(
     time_sign: TimeSign,
     scale: float | None = None,
 ) -> SampledField:
-    """Load a field of another program from a text table.
+    """Load a field that another program exported as a text table.
 
     The file has the columns x, y, z, and for each excitation a column of complex numbers such as
     ``0.5-1.2i``, or two columns named ``..._real`` and ``..._imag``. Lines that begin with % or #
     are comments; the last one may name the columns, as in COMSOL's files. Rows with NaN, which
-    COMSOL writes in solids, are left out. If the file has several frequencies, that of the scene is
+    COMSOL writes in solids, are dropped. If the file has several frequencies, that of the scene is
     used.
 
     Parameters
     ----------
     path : the file.
     scene : the scene of the field.
-    sources : the monopoles that emit it, one excitation for each pressure column.
-    time_sign : "e^{-iωt}" as in airtact, or "e^{+jωt}" as in COMSOL, which conjugates pressures.
-    scale : metres per unit of the file's lengths; by default as in its comment "Length unit", or
-        1.
+    sources : the monopoles that emit the sound, with one excitation for each pressure column.
+    time_sign : "e^{-iωt}" as in airtact, or "e^{+jωt}" as in COMSOL, whose pressures are
+        conjugated.
+    scale : metres per unit of the file's lengths; by default the unit in its comment "Length unit",
+        or 1.
 
     Raises
     ------
     InvalidInput
-        The file cannot be read, columns are missing, nodes coincide or lie in one plane, numbers
+        If the file cannot be read, columns are missing, nodes coincide or lie in one plane, numbers
         are NaN, all pressures are 0, or the phases near the sources contradict ``time_sign``.
     """
     path = Path(path)
@@ -203,7 +204,7 @@ def load_samples(
         pressures = _excitations(columns)
         if not pressures.any():
             raise InvalidInput(
-                f"all {pressures.size} pressures are 0; export a field with sound.",
+                f"all {pressures.size} pressures are 0; check the field that was exported.",
                 code="all_zero",
             )
         excitations = sources.strengths.shape[1]
@@ -228,7 +229,7 @@ def load_samples(
 
 
 def _scale_of(table: TextTable, scale: float | None) -> float:
-    """Return metres per unit of a file's lengths, as given or as its comments state."""
+    """Return metres per unit of a file's lengths, from ``scale`` or from the file's comments."""
     if scale is not None:
         scale = positive(scale, "the scale of the samples", "metres per unit")
     units = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
@@ -247,7 +248,7 @@ def _scale_of(table: TextTable, scale: float | None) -> float:
 
 
 def _of_frequency(names: Sequence[str], frequency: float) -> list[str]:
-    """Return the columns of pressures at the scene's frequency; reject levels in decibels."""
+    """Return the pressure columns at the scene's frequency; reject levels in decibels."""
     for name in names:
         if "(db)" in name:
             raise InvalidInput(
@@ -295,8 +296,8 @@ def _excitations(
 
 def _check_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
     """Check that the phase grows away from the sources; warn if it fits neither sign."""
-    # The fits to the right and the wrong sign are 1 and near 0 around a source in open air; around
-    # sources on bodies they are 0.57 to 1 and up to 0.16.
+    # The fits to the correct and the wrong sign are 1 and near 0 around a source in open air;
+    # around sources on bodies they are 0.57 to 1 and up to 0.16.
     stated, opposite = _fits(sampled)
     if opposite > max(1.5 * stated, 0.4):
         raise InvalidInput(
@@ -315,8 +316,8 @@ def _check_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
 
 
 def _fits(sampled: SampledField) -> Float64[np.ndarray, "2"]:
-    """Fit of the phases around the sources to leaving and arriving waves, 0 to 1."""
-    thinned = slice(None, None, len(sampled.nodes) // 20_000 + 1)  # enough to see the phases
+    """Return how well the phases around the sources fit leaving and arriving waves, 0 to 1."""
+    thinned = slice(None, None, len(sampled.nodes) // 20_000 + 1)  # enough to determine the phases
     nodes = sampled.nodes[thinned]
     pressures = np.asarray(sampled.pressures)[thinned]
     fits = np.zeros(2)
@@ -329,7 +330,7 @@ def _fits(sampled: SampledField) -> Float64[np.ndarray, "2"]:
             near = (distance <= reach) & (distance > SAME_NODE)
             level = pressures[near, column] * distance[near]
             phase = np.exp(1j * sampled.scene.wavenumber.real * distance[near])
-            # The sum is large only if the phase follows that of the wave.
+            # The sum is large only if the phase follows the phase of the wave.
             fits += np.abs([np.vdot(phase, level), np.vdot(phase.conj(), level)])
             total += np.abs(level).sum()
     return fits / total if total else fits

@@ -1,4 +1,4 @@
-"""Factorise the sparse complex symmetric matrix of finite elements with Pardiso or NGSolve."""
+"""Factorise the sparse complex symmetric matrix of the finite elements with Pardiso or NGSolve."""
 
 import ctypes
 import importlib.metadata
@@ -22,17 +22,17 @@ from airtact.acoustics.solvers.fem.mesh import Box
 from airtact.acoustics.solvers.memory import available_memory
 from airtact.errors import InvalidInput, NotConverged
 
-# Largest number of refinements for single precision; two or three usually suffice
+# Largest number of refinement steps for single precision; two or three usually suffice.
 MAX_REFINEMENTS = 12
 
-# Up to this order a residual of 1e-3 suffices, because the error of the elements is far larger
+# Up to this order a residual of 1e-3 suffices, because the error of the elements is far larger.
 COARSE_ORDER = 5
 
 
 class Factor(ABC):
-    """A factorised matrix after the unknowns inside tetrahedra are eliminated.
+    """A factorised matrix from which the unknowns inside tetrahedra are eliminated.
 
-    ``free`` are the unknowns shared by tetrahedra that are solved for; the others are 0.
+    ``free`` marks the unknowns shared by tetrahedra that are solved for; the others are 0.
     """
 
     def __init__(self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> None:
@@ -40,7 +40,7 @@ class Factor(ABC):
 
     @abstractmethod
     def solve_shared(self, right: Coefficients) -> Coefficients:
-        """Solve for the unknowns that tetrahedra share; the others are 0."""
+        """Solve for the unknowns shared by tetrahedra; the others are 0."""
 
     def solve(self, right: Coefficients) -> Coefficients:
         """Solution for each column of a right-hand side."""
@@ -51,14 +51,14 @@ class Factor(ABC):
         with many_threads():
             for number in range(right.shape[1]):
                 column.FV().NumPy()[:] = right[:, number]
-                # Static condensation moves the loads inside tetrahedra to shared unknowns ...
+                # Static condensation moves the loads inside tetrahedra to shared unknowns,
                 column.data += form.harmonic_extension_trans * column
                 solution[:, number] = column.FV().NumPy()
             shared = self.solve_shared(solution)
             for number in range(right.shape[1]):
                 inner.FV().NumPy()[:] = solution[:, number]
                 column.FV().NumPy()[:] = shared[:, number]
-                # ... and computes the unknowns inside from those.
+                # and computes the unknowns inside from the shared unknowns afterwards.
                 column.data += form.harmonic_extension * column
                 column.data += form.inner_solve * inner
                 solution[:, number] = column.FV().NumPy()
@@ -94,8 +94,8 @@ class Pardiso(Factor):
     """MKL's Pardiso in single precision, refined against the matrix in double precision.
 
     Generalised conjugate residuals (S. Eisenstat, H. Elman, M. Schultz, SIAM J. Numer. Anal. 20
-    (1983) 345) converge even if plain refinement does not. ``residual`` is the largest residual
-    relative to the right-hand side.
+    (1983) 345) converge even where plain refinement does not. ``residual`` is the largest allowed
+    residual relative to the right-hand side.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class Pardiso(Factor):
         self._residual = residual
         matrix = _upper_backwards(form, free)
         # Pardiso's settings, numbered from 0: METIS in all threads, pivots of at least 1e-8, single
-        # pivots (pairs take a third longer for the same residual), and single precision.
+        # pivots (pairs take a third longer for the same residual), and single precision
         values = {0: 1, 1: 3, 9: 8, 17: -1, 20: 0, 27: 1, 34: 1}
         settings = (ctypes.c_int * 64)()
         for number, value in values.items():
@@ -120,11 +120,11 @@ class Pardiso(Factor):
             (matrix.data.astype(np.complex64), matrix.indptr, matrix.indices),
         )
         self._call(12)
-        # Pardiso's memory is not Python's, so it is released with the object.
+        # Pardiso's memory does not belong to Python, so it is released with this object.
         weakref.finalize(self, self._call, -1)
 
     def solve_shared(self, right: Coefficients) -> Coefficients:
-        """Solve, and refine until the residual is small; raise ``NotConverged`` if it stalls."""
+        """Solve and refine until the residual is small; raise ``NotConverged`` if it stalls."""
         residual = np.where(self.free[:, None], right, 0)
         size = _norms(residual)
         solution = np.zeros_like(residual)
@@ -134,7 +134,7 @@ class Pardiso(Factor):
             scale = np.abs(residual).max() or 1.0
             step = self._solved_once(residual / scale)
             change = np.where(self.free[:, None], self._times(self.form.mat, step), 0)
-            # A change orthogonal to earlier ones does not undo their gain.
+            # A change orthogonal to the earlier changes does not undo their gain.
             for earlier, its_change in directions:
                 part = (its_change.conj() * change).sum(axis=0)
                 step = step - part * earlier
@@ -157,7 +157,7 @@ class Pardiso(Factor):
         )
 
     def _solved_once(self, right: Coefficients) -> Coefficients:
-        # The unknowns are reversed, as in the matrix.
+        # The unknowns are in reverse order, as in the matrix.
         columns = np.asfortranarray(right[self.free][::-1], dtype=np.complex64)
         solved = np.zeros_like(columns)
         self._call(33, columns, solved)
@@ -167,7 +167,7 @@ class Pardiso(Factor):
 
 
 def _norms(vectors: Coefficients) -> Float64[np.ndarray, "excitations"]:
-    """Norm of each column, 1 where that is 0, to divide by."""
+    """Norm of each column, or 1 where the norm is 0, as a divisor."""
     norms = np.linalg.norm(vectors, axis=0)
     return np.where(norms == 0, 1.0, norms)
 
@@ -206,7 +206,7 @@ def _pardiso(
 
 
 def _upper_backwards(form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> csr_array:
-    """Upper triangle of the free unknowns, the last row first.
+    """Upper triangle of the matrix of free unknowns, with the last row first.
 
     NGSolve stores the lower triangle. Read backwards, it is the upper triangle of the matrix with
     reversed unknowns.
@@ -214,7 +214,7 @@ def _upper_backwards(form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) ->
     entries, columns, row_starts = (np.asarray(part) for part in form.mat.CSR())
     rows = np.repeat(np.arange(len(free)), np.diff(row_starts.astype(np.int64)))
     chosen = free[rows] & free[columns]
-    number = np.cumsum(free[::-1])[::-1] - 1  # of the free unknowns; the last is 0
+    number = np.cumsum(free[::-1])[::-1] - 1  # of the free unknowns; the last has number 0
     count = int(free.sum())
     row_ends = np.cumsum(np.bincount(number[rows[chosen]], minlength=count))
     parts = (
@@ -238,10 +238,10 @@ def pardiso_library() -> str | None:
 def factorised(
     form: AssembledForm, free: Bool[np.ndarray, "unknowns"], order: int, method: str
 ) -> Factor:
-    """Factorise the assembled matrix of elements of an order by "pardiso" or "sparsecholesky"."""
+    """Factorise the matrix of elements of a given order by "pardiso" or "sparsecholesky"."""
     if method == "sparsecholesky":
         return SparseCholesky(form, free)
-    # largest residual after refinement, relative to the right-hand side
+    # Largest residual after refinement, relative to the right-hand side
     residual = 1e-3 if order <= COARSE_ORDER else 1e-6
     return Pardiso(form, free, residual)
 
@@ -249,12 +249,12 @@ def factorised(
 def check_memory(
     box: Box, wavelength: float, order: int, elements_per_wavelength: float, method: str
 ) -> None:
-    """Raise "too_little_memory" if the memory does not suffice for a factorisation."""
+    """Raise an error if the memory does not suffice for a factorisation."""
     volume = float((box.outer_high - box.outer_low).prod()) / wavelength**3
-    # Netgen fills a cube with some 8 tetrahedra of the cube's edge length.
+    # Netgen fills a cube with about 8 tetrahedra whose edges are as long as the cube's.
     unknowns = 8.0 * volume * elements_per_wavelength**3 * order**3 / 6
-    # With nested dissection the entries grow as the 4/3 power of the unknowns; half as much memory
-    # is added as workspace.
+    # With nested dissection the number of entries grows as the 4/3 power of the unknowns; half as
+    # much memory is added as workspace.
     bytes_per_entry, fill = (8, 10.0) if method == "pardiso" else (16, 14.0)
     size = 1.5 * bytes_per_entry * fill * unknowns ** (4 / 3)
     free = available_memory()

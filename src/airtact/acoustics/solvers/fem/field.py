@@ -27,7 +27,7 @@ from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import in_mm
 
-# Sources within this distance of a filled body are point loads even near the body [λ]
+# Sources within this distance of a filled body remain point loads even near the body [λ]
 TOUCHING = 0.04
 
 
@@ -58,13 +58,13 @@ class PointSources:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution:
-    """Pressure in the box: the free field of monopoles plus finite elements.
+    """Pressure in the box: the free field of monopoles plus that of the finite elements.
 
     Attributes
     ----------
     system : the equation that was solved.
     outer : monopoles whose free field is added.
-    coefficients : (unknowns, S) of the finite elements.
+    coefficients : (unknowns, S) coefficients of the finite elements.
     """
 
     system: System
@@ -82,9 +82,9 @@ class Solution:
         return pressure
 
     def scattered(self, points: Points, clear: bool = False) -> Pressures:
-        """Scattered pressure at points (P, 3) [λ] off the bodies, by the surface integral.
+        """Scattered pressure at points (P, 3) [λ] outside the bodies, by the surface integral.
 
-        Fewer quadrature points are used for points that are ``clear`` of the bodies.
+        Points that are ``clear`` of the bodies need fewer quadrature points.
         """
         system = self.system
         surface = system.coarse_surface if clear else system.surface
@@ -116,7 +116,7 @@ class Solution:
 
 
 def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
-    """Solve for the field scattered from ``outer`` monopoles, and ``inner`` point loads."""
+    """Solve for the scattering of ``outer`` monopoles plus the field of ``inner`` point loads."""
     right = np.zeros((system.unknowns, outer.strengths.shape[1]), dtype=np.complex128)
     if len(outer.positions):
         right += system.right_hand_side(outer.positions, outer.strengths)
@@ -130,7 +130,7 @@ def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
 class FiniteField(RadiatedField):
     """The field of monopoles by ``FiniteElement``.
 
-    A source within 0.04 wavelengths of a filled body touches it.
+    A source within 0.04 wavelengths of a filled body counts as touching it.
 
     Attributes
     ----------
@@ -182,8 +182,8 @@ class FiniteField(RadiatedField):
     def _images(self) -> list[PointSources]:
         """Images of the sources near bodies that sound does not enter.
 
-        Without the images the scattered pressure is smooth there. An image is as deep in the
-        nearest body as its source is above it. Bodies that are too thin have none.
+        With the images subtracted, the scattered pressure is smooth there. An image is as deep in
+        the nearest body as its source is above it. Bodies that are too thin have no images.
         """
         length = self.scene.wavelength
         near = beside(self.scene, self.sources.positions) & ~self._touching_filled
@@ -225,7 +225,7 @@ class FiniteField(RadiatedField):
             pressure[away] = self._scattered_away(points[away])
         if close.any():
             scattered = self._at(points[close]) - self._incident(points[close])
-            # unknown at such a source, where both pressures are infinite
+            # The value is unknown at such a source, where both pressures are infinite.
             pressure[close] = np.where(np.isfinite(scattered), scattered, np.nan)
         return pressure
 
@@ -246,15 +246,15 @@ class FiniteField(RadiatedField):
 
 
 def beside(scene: Scene, points: Points) -> Mask:
-    """Whether points lie in a body or within a quarter of a wavelength of one."""
+    """Whether points lie in a body or within a quarter of a wavelength of a body."""
     return scene.depth(points) > -0.25 * scene.wavelength
 
 
 def solved_from_afar(system: System, scene: Scene, sources: Monopoles) -> Solution:
     """Solve with the sources near the bodies as point loads.
 
-    By reciprocity, the result far from the bodies is as accurate as the pressure of a far source
-    near them.
+    By reciprocity, the result far from the bodies is as accurate as the pressure that a far source
+    causes near them.
     """
     near = beside(scene, sources.positions)
     scaled = _scaled(scene, sources)

@@ -1,4 +1,4 @@
-"""Import Netgen and NGSolve when needed, silence them, and set their threads."""
+"""Import Netgen and NGSolve on demand, silence them, and set their number of threads."""
 
 import os
 import signal
@@ -39,14 +39,14 @@ def netgen_libraries() -> tuple[ModuleType, ModuleType]:
 
 
 def thread_count() -> int:
-    """Return ``OMP_NUM_THREADS``, else the number of processors available to this process."""
+    """Return ``OMP_NUM_THREADS`` or, by default, the number of processors of this process."""
     count = os.environ.get("OMP_NUM_THREADS", "")
     return int(count) if count.isdigit() and int(count) > 0 else processor_count()
 
 
 @contextmanager
 def many_threads() -> Iterator[None]:
-    """Run NGSolve on all threads."""
+    """Let NGSolve use all threads."""
     ngsolve = ngsolve_library()
     ngsolve.SetNumThreads(thread_count())
     with ngsolve.TaskManager():
@@ -55,11 +55,11 @@ def many_threads() -> Iterator[None]:
 
 @contextmanager
 def heeding_interrupts() -> Iterator[None]:
-    """Restore the handling of Ctrl-C after meshing; with Netgen's handler it ends the process."""
+    """Restore the handling of Ctrl-C after meshing; Netgen's handler would end the process."""
     try:
         yield
     finally:
-        handler = signal.getsignal(signal.SIGINT)  # the one set before Netgen replaced it
+        handler = signal.getsignal(signal.SIGINT)  # the handler before Netgen replaces it
         if handler is not None and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, handler)
 

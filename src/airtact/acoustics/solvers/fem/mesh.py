@@ -1,4 +1,4 @@
-"""Tetrahedra from Netgen, in a box around the bodies and in the perfectly matched layer around it.
+"""Tetrahedra from Netgen in a box around the bodies and in its perfectly matched layer.
 
 Netgen meshes the faces of the boxes, to which the triangles of the bodies are added. A deformation
 curves the tetrahedra next to the bodies. Lengths are in wavelengths, so that Netgen's tolerances do
@@ -24,13 +24,13 @@ from airtact.acoustics.solvers.fem.libraries import (
 from airtact.acoustics.solvers.fem.surface_mesh import SurfaceMesh, surface_mesh
 from airtact.errors import InvalidInput, in_mm
 
-# Netgen's limit on the growth of edges
+# Netgen's limit for the growth of edges between neighbouring tetrahedra
 GRADING = 0.9
 
-# Smallest allowed ratio of a curved tetrahedron's volume element to the straight one's
+# Smallest allowed ratio of a curved tetrahedron's volume element to that of the straight one
 MIN_STRETCH = 0.02
 
-# Points closer together than this coincide [λ]
+# Points closer together than this count as identical [λ]
 SAME_POINT = 1e-6
 
 AIR = 1
@@ -48,12 +48,12 @@ INSIDE = -1e-7
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """The box that is meshed.
+    """The meshed box.
 
     Attributes
     ----------
     low, high : (3,) corners of the air [m].
-    layer : thickness of the perfectly matched layer around it [m].
+    layer : thickness of the perfectly matched layer around the box [m].
     """
 
     low: Float64[np.ndarray, "3"]
@@ -83,13 +83,13 @@ class Tetrahedra:
         return KDTree(self.corners.mean(axis=1))
 
     def positions(self, number: Indices, weights: Barycentric) -> Vectors:
-        """Points with barycentric coordinates (P, 4) of tetrahedra (P,) [λ]."""
+        """Points at barycentric coordinates (P, 4) in the tetrahedra with indices (P,) [λ]."""
         products = weights[:, EDGES[:, 0]] * weights[:, EDGES[:, 1]]
         straight = np.einsum("pc,pcd->pd", weights, self.corners[number])
         return straight + 4 * np.einsum("pe,ped->pd", products, self.bends[number])
 
     def jacobians(self, number: Indices, weights: Barycentric) -> Float64[np.ndarray, "points 3 3"]:
-        """Differentiate the position along the first three barycentric coordinates, as columns."""
+        """Differentiate the position by the first three barycentric coordinates, as columns."""
         along = np.array(self.corners[number])
         for edge, (start, end) in enumerate(EDGES):
             bend = 4 * self.bends[number, edge]
@@ -100,8 +100,8 @@ class Tetrahedra:
     def smallest_stretch(self) -> tuple[float, int]:
         """Smallest ratio of a volume element to that of the straight tetrahedron, and its index.
 
-        A tetrahedron with a ratio of 0 or less is folded. Samples lie 15 % inwards from corners and
-        midpoints, because the ratio may be 0 between two faces on a smooth surface. This does no
+        A tetrahedron with a ratio of 0 or less is folded. The samples lie 15 % inwards from corners
+        and midpoints, because between two faces on a smooth surface the ratio may be 0 without
         harm.
         """
         midpoints = 0.5 * (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]])
@@ -115,7 +115,7 @@ class Tetrahedra:
         return float(smallest.min()), int(smallest.argmin())
 
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
-        """Tetrahedron of each point (P, 3) [λ], -1 for none, and barycentric coordinates.
+        """Tetrahedron of each point (P, 3) [λ], or -1, and barycentric coordinates in it.
 
         The tetrahedra with the nearest centres are tried in turn, until one holds the point.
         """
@@ -137,12 +137,12 @@ class Tetrahedra:
             weights[chosen] = candidate[deeper]
             depth[chosen] = smallest[deeper]
         # The meshed surface deviates by micrometres from the true one, so a point next to a
-        # tetrahedron belongs to it.
+        # tetrahedron counts as inside it.
         best[depth < -0.05] = -1
         return best, weights
 
     def _weights(self, number: Indices, points: Points) -> Barycentric:
-        """Barycentric coordinates, by Newton's method in curved tetrahedra."""
+        """Barycentric coordinates of points; Newton's method handles curved tetrahedra."""
         weights = np.full((len(points), 4), 0.25)
         bent = np.arange(len(points))
         for _ in range(6):
@@ -169,7 +169,7 @@ def meshed(
     Raises
     ------
     InvalidInput
-        A body cannot be meshed.
+        If a body cannot be meshed.
     """
     shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
     filled = [obstacle.boundary == "filled" for obstacle in scene.obstacles]
@@ -209,7 +209,7 @@ def meshed(
 def _tetrahedra(
     surface: SurfaceMesh, box: Box, filled: Sequence[bool], wavelength: float, size: float
 ) -> NetgenMesh:
-    """Fill a box with straight tetrahedra of edges up to ``size`` [λ], as Netgen's mesh.
+    """Fill a box with straight tetrahedra with edges up to ``size`` [λ], as a Netgen mesh.
 
     The boundaries of the bodies are named ``surface0``, ``surface1`` ... and the materials ``air``,
     ``layer`` and ``body0``, ``body1`` ... Tetrahedra are missing if Netgen fails.
@@ -230,7 +230,7 @@ def _tetrahedra(
         inside = BODY + body if filled[body] else 0
         mesh.Add(meshing.FaceDescriptor(surfnr=index, domin=AIR, domout=inside, bc=index))
         mesh.SetBCName(index - 1, f"surface{body}")
-        # Towards the air the triangles are clockwise.
+        # Seen from the air, the triangles are clockwise.
         triangles = surface.triangles[surface.body == body][:, ::-1]
         data = np.ascontiguousarray(first + triangles, dtype=np.int32)
         mesh.AddElements(dim=2, index=index, data=data, base=0)
@@ -239,7 +239,7 @@ def _tetrahedra(
     for body, inside in enumerate(filled):
         if inside:
             mesh.SetMaterial(BODY + body, f"body{body}")
-    # With faster growth, tetrahedra in filled bodies would reach twice the edge.
+    # With faster growth, edges in filled bodies would reach twice the requested length.
     mesh.GenerateVolumeMesh(maxh=size, grading=0.3 if any(filled) else GRADING)
     return mesh
 
@@ -257,7 +257,7 @@ def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrah
     triangles = on_surface[surface.triangles]
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = np.sort(ends, axis=1)
-    # The key of an edge combines its two vertex indices in one number.
+    # The key of an edge combines its two vertex indices in a single number.
     keys, first = np.unique(ends[:, 0] * len(vertices) + ends[:, 1], return_index=True)
     straight = 0.5 * (vertices[ends[first, 0]] + vertices[ends[first, 1]])
     bend = surface.middles.reshape(-1, 3)[first] / wavelength - straight
@@ -271,7 +271,7 @@ def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrah
 def _fills_box(
     mesh: NetgenMesh, box: Box, surface: SurfaceMesh, filled: Sequence[bool], wavelength: float
 ) -> bool:
-    """Whether tetrahedra fill the box, except bodies that no sound enters."""
+    """Whether tetrahedra fill the whole box, except bodies that sound does not enter."""
     vertices, corners = _straight(mesh)
     if not len(corners):
         return False

@@ -31,23 +31,23 @@ class FiniteElement(Solver):
     """Finite elements for sound-hard, impedance and filled bodies, with absorption.
 
     Curved tetrahedra of high order fill a tight box around the bodies. A perfectly matched layer
-    (PML) around the box absorbs outgoing sound. The pressure outside follows from the pressure on
-    the bodies by the Kirchhoff-Helmholtz integral. The paper's pinch has 170,000
+    (PML) around the box absorbs outgoing sound. The pressure outside the box follows from the
+    pressure on the bodies by the Kirchhoff-Helmholtz integral. The paper's pinch has 170,000
     unknowns; a solve takes 7 s with the package ``mkl`` (``pip install 'airtact[mkl]'``,
     recommended) and 27 s without it, on two cores.
 
     Attributes
     ----------
-    order : polynomial order of tetrahedra of the nominal edge, 1 to 10. Larger and smaller ones get
-        higher and lower orders, which halves the cost for the same accuracy. Below order 4 or 1.5
-        elements per wavelength, all have the same order.
-    elements_per_wavelength : wavelength divided by the nominal edge of the tetrahedra.
-    progress : callback that gets the name of each step as it begins.
+    order : polynomial order of tetrahedra with the nominal edge length, 1 to 10. Larger and smaller
+        ones use higher and lower orders, which halves the cost for the same accuracy. Below order 4
+        or 1.5 elements per wavelength, all tetrahedra use the same order.
+    elements_per_wavelength : wavelength divided by the nominal edge length of the tetrahedra.
+    progress : callback that receives the name of each step as it begins.
 
     Raises
     ------
     InvalidInput
-        A setting outside its range.
+        If a setting is outside its range.
 
     Examples
     --------
@@ -88,14 +88,14 @@ class FiniteElement(Solver):
         Raises
         ------
         InvalidInput
-            There are no bodies, a source is inside a body, a body cannot be meshed, or memory is
-            insufficient.
+            If there are no bodies, a source is inside a body, a body cannot be meshed, or the
+            memory is insufficient.
         """
         check_sources(scene, sources)
         return self.factorised(scene).radiate(scene, sources)
 
     def factorised(self, scene: Scene) -> "FactorisedScene":
-        """Mesh and assemble a scene once; the solver returned takes any sources in this scene.
+        """Mesh and assemble a scene once; return a solver for any sources in this scene.
 
         Raises
         ------
@@ -152,11 +152,11 @@ class FiniteElement(Solver):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FactorisedScene(Solver):
-    """A solver for any sources in one scene, which is meshed, assembled and factorised.
+    """A solver for any sources in one scene, whose mesh and factorised matrix are computed once.
 
     Attributes
     ----------
-    settings : settings of the solver that made it.
+    settings : the ``FiniteElement`` solver that built it.
     system : the assembled system.
     report : report before any excitation is solved.
     clock : time of each step.
@@ -174,7 +174,7 @@ class FactorisedScene(Solver):
         Raises
         ------
         InvalidInput
-            The scene is another one, or as for ``FiniteElement.radiate``.
+            If the scene is another one, or as for ``FiniteElement.radiate``.
         """
         if scene is not self.scene:
             raise InvalidInput(

@@ -50,12 +50,12 @@ class System:
 
     Attributes
     ----------
-    panels : the bodies' surfaces as meshed [λ].
-    mesh, space, form : NGSolve's mesh, unknowns, and assembled matrix without the unknowns inside
-        tetrahedra, which are eliminated.
+    panels : the meshed surfaces of the bodies [λ].
+    mesh, space, form : NGSolve's mesh, its unknowns, and the assembled matrix, from which the
+        unknowns inside tetrahedra are eliminated.
     surface, interior : quadrature points of right-hand sides, on the surfaces and inside the filled
         bodies.
-    coarse_surface : fewer quadrature points on the surfaces, enough for receivers a wavelength off.
+    coarse_surface : fewer quadrature points on the surfaces, enough for points a wavelength away.
     weights : (3, bodies) w_d, w_s and w_v of the weak form.
     method : solver that factorises the matrix, "pardiso" or "sparsecholesky".
     """
@@ -80,13 +80,13 @@ class System:
 
     @property
     def wavenumber(self) -> complex:
-        """Wavenumber times the wavelength: 2π, plus i times the absorption in a wavelength."""
+        """Wavenumber times the wavelength: 2π, plus i times the absorption per wavelength."""
         return complex(self.scene.wavenumber * self.scene.wavelength)
 
     @cached_property
     def factor(self) -> Factor:
-        """The factorised matrix, made when it is first needed."""
-        free = np.array(self.space.FreeDofs(True), dtype=np.bool_)  # those that tetrahedra share
+        """The factorised matrix, computed when it is first needed."""
+        free = np.array(self.space.FreeDofs(True), dtype=np.bool_)  # shared by tetrahedra
         return factorised(self.form, free, self.order, self.method)
 
     def right_hand_side(self, positions: SourcePoints, strengths: Strengths) -> Coefficients:
@@ -128,7 +128,7 @@ class System:
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
         """Tetrahedron of each point [λ], and barycentric coordinates in it.
 
-        Raise "misplaced" for points in no tetrahedron.
+        Raise ``InvalidInput`` if a point lies in no tetrahedron.
         """
         number, weights = self.tetrahedra.holding(points)
         lost = np.flatnonzero(number < 0)
@@ -142,13 +142,13 @@ class System:
         return number, weights
 
     def nearest_on_surface(self, points: Points) -> Vectors:
-        """Nearest points (P, 3) [λ] of the meshed surfaces."""
+        """Nearest points (P, 3) [λ] on the meshed surfaces."""
         panel, reference, _ = self.panels.closest(points)
         return points_at(self.panels.quadratic_triangles[panel], reference)[0]
 
     def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
         """Barycentric coordinates in tetrahedra as NGSolve's points."""
-        # All points are in one array of NGSolve's records; mapping them one by one is slow.
+        # NGSolve stores all points in one array of records; mapping them one by one is slow.
         points: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
         points[:] = self._mesh_point
         points["nr"] = number
@@ -175,8 +175,8 @@ def assembled(
 ) -> System:
     """Assemble the equation on a mesh from Netgen, in wavelengths.
 
-    ``graded`` is the edge length with this order [λ]; other edges get other orders. None gives the
-    same order everywhere.
+    ``graded`` is the edge length that uses this order [λ]; longer and shorter edges use higher and
+    lower orders. None uses the same order everywhere.
     """
     ngsolve = ngsolve_library()
     panels = surface.quadratic_triangles / scene.wavelength
@@ -187,8 +187,8 @@ def assembled(
         if graded is not None:
             grade_orders(space, mesh, scene, box, order, graded, panels.reshape(-1, 3))
         equation = weak_form(scene, box, mesh, space)
-        # Static condensation: unknowns inside a tetrahedron are eliminated there, which leaves a
-        # far smaller matrix to factorise.
+        # Static condensation eliminates the unknowns inside tetrahedra, which leaves a far smaller
+        # matrix to factorise.
         form = ngsolve.BilinearForm(equation, symmetric=True, symmetric_storage=True, condense=True)
         form.Assemble()
         return System(
@@ -220,24 +220,25 @@ def _bend(mesh: CurvedMesh, tetrahedra: Tetrahedra) -> None:
             weights = np.zeros(4)
             weights[EDGES[edge]] = 0.5
             values = np.asarray(shape.CalcShape(*weights[:3])).ravel()
-            # The edges follow the four vertices. Only one of their shape functions is not 0 here.
+            # The edges follow the four vertices. Only one of their shape functions is nonzero here.
             bubble = 4 + int(np.argmax(np.abs(values[4:])))
             bend[:, unknowns[bubble]] = tetrahedra.bends[number, edge] / values[bubble]
     mesh.SetDeformation(deformation)
 
 
-# Largest difference between an order and the nominal one
+# Largest difference between the order of an element and the nominal order
 MAX_ABOVE = 4
 
 
-# Netgen's tetrahedra are up to three times larger and smaller than the nominal size. With one order
-# everywhere the largest determine the error and the smallest the cost; graded orders balance both.
+# Netgen's tetrahedra are up to three times larger or smaller than the nominal size. With the same
+# order everywhere, the largest determine the error and the smallest the cost; graded orders balance
+# both.
 def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:
-    """Longest edges [λ] for orders 1, 2 ... with the same error as one order on a given edge.
+    """Longest edges [λ] for orders 1, 2 ... that have the same error as an order on a given edge.
 
     A polynomial of order p approximates e^{ikx} over an edge h with the error 2 (kh/4)^(p+1) /
-    (p+1)! (Chebyshev interpolation). ``order`` is used on the edge ``size`` [λ]; ``ease`` is the
-    factor by which the error may be larger.
+    (p+1)! (Chebyshev interpolation). The reference is ``order`` on an edge of length ``size`` [λ];
+    the error may be larger than that by the factor ``ease``.
     """
     error = ease * (0.5 * np.pi * size) ** (order + 1) / factorial(order + 1)
     powers = range(2, order + MAX_ABOVE + 2)
@@ -255,13 +256,13 @@ def grade_orders(
 ) -> None:
     """Set the orders of edges, faces and tetrahedra according to their lengths.
 
-    An edge of ``size`` [λ] gets ``order``; ``surface`` are points spread over the surfaces [λ].
+    Edges of length ``size`` [λ] use ``order``; ``surface`` holds points on the surfaces [λ].
     """
     ngsolve = ngsolve_library()
     points = np.array([vertex.point for vertex in mesh.vertices])
     ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
     lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-    # Sound may be slower in a filling, so edges beside it span more of its wavelengths.
+    # Sound may be slower in a filling, so edges next to it span more of its wavelengths.
     factors = np.ones(mesh.nedge)
     for body, obstacle in enumerate(scene.obstacles):
         if obstacle.medium is not None:
@@ -283,8 +284,8 @@ def grade_orders(
     for kind, edges in edges_of.items():
         longest = lengths[edges].max(axis=1)
         middle = middles[edges].mean(axis=1)
-        # Errors in the layer and far from the surfaces hardly affect the result, so three times the
-        # error is allowed there.
+        # Errors in the layer and far from the surfaces hardly affect the result, so three times
+        # the error is allowed there.
         in_layer = ((middle < low) | (middle > high)).any(axis=1)
         eased = in_layer | (near.query(middle)[0] > 0.5)
         orders = np.where(

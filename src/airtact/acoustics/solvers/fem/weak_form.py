@@ -1,4 +1,4 @@
-"""The Helmholtz equation in its weak form, and the right-hand sides of its boundaries.
+"""The Helmholtz equation in weak form, and the right-hand sides for its boundaries.
 
 The paper's equation (8), divided by the density of the air and 4π, in wavelengths: find p with
 
@@ -41,7 +41,7 @@ LAYER_THICKNESS = 0.55
 
 
 def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> Expression:
-    """Left-hand side, as a symbolic form of NGSolve."""
+    """Left-hand side of the equation, as a symbolic form of NGSolve."""
     ngsolve = ngsolve_library()
     trial, test = space.TnT()
     squared = _plain(complex(scene.wavenumber * scene.wavelength) ** 2)
@@ -113,7 +113,7 @@ def _plain(number: complex) -> complex | float:
     return number if number.imag else number.real
 
 
-# Highest order of quadrature in tetrahedra; NGSolve 6.2.2608 mixes up the points of higher orders
+# Highest quadrature order in tetrahedra; NGSolve 6.2.2608 mixes up the points of higher orders.
 MAX_RULE_ORDER = 5
 
 
@@ -180,7 +180,7 @@ def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> Q
     normals = np.zeros_like(points)
     if on_surface:
         normals = -np.asarray(ngsolve.specialcf.normal(3)(mapped)).reshape(-1, 3)
-    # Integrating 1 against each point gives the area or volume that it represents.
+    # Integrating 1 against each point gives the area or volume of that point.
     ones = np.zeros(space.ndof)
     ones[: mesh.nv] = 1.0  # the shape functions of the vertices add up to 1 everywhere
     body = np.asarray(owner_of(mapped)).ravel().round().astype(np.int64)

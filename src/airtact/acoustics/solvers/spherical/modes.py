@@ -5,10 +5,10 @@ the scattered pressure of a monopole e^{ikR}/R at radius r0 >= a is Σ t_n [h_n(
 [h_n(kr0)/h_n(z)] P_n(cos γ) outside and Σ u_n [j_n(k1 r)/j_n(k1 a)] [h_n(kr0)/h_n(z)] P_n(cos γ)
 inside a fluid sphere (Bowman, Senior & Uslenghi, Electromagnetic and Acoustic Scattering by Simple
 Shapes, 1987, sections 10.3 and 10.4; Anderson, J. Acoust. Soc. Am. 22, 426, 1950, for the fluid). A
-boundary enters as f' + β_n f = 0 at r = a.
+boundary imposes f' + β_n f = 0 at r = a.
 
-If source and point are near the surface, the terms fall only as (a²/(r r0))^n. Two steps keep the
-sum short. The static images, which carry the singular part, are summed in closed form. The rest of
+If source and point are near the surface, the terms fall only as (a²/(r r0))^n. Two steps shorten
+the sum. The static images, which contain the singular part, are summed in closed form. The rest of
 the tail is summed by parts (Yennie, Ravenhall & Wilson, Phys. Rev. 95, 500, 1954).
 """
 
@@ -42,15 +42,15 @@ _Term = tuple[ComplexPairs, Pairs]
 
 @dataclass(frozen=True)
 class SphereModes:
-    """The boundary of a sphere, mode by mode.
+    """The boundary of a sphere, for each mode.
 
     Attributes
     ----------
-    radius : a [m].
-    wavenumber : k outside [1/m].
-    admittance : ρc/Z of the surface, 0 for sound-hard; unused when there is a fluid inside.
-    inner_wavenumber : k1 of the fluid inside [1/m], or None.
-    density_ratio : density outside divided by density inside; unused without a fluid.
+    radius : radius a [m].
+    wavenumber : wavenumber k outside [1/m].
+    admittance : ρc/Z of the surface, 0 for sound-hard; unused if there is a fluid inside.
+    inner_wavenumber : wavenumber k1 of the fluid inside [1/m], or None.
+    density_ratio : density outside divided by density inside; unused without a fluid inside.
     """
 
     radius: float
@@ -130,8 +130,8 @@ class SphereModes:
         Raises
         ------
         NotConverged
-            If 20000 terms do not reach ``ACCURACY``: a point within micrometres of a source on the
-            surface.
+            If 20000 terms do not reach ``ACCURACY``, as for a point within micrometres of a source
+            on the surface.
         """
         if inside and self.inner_wavenumber is not None:
             point_waves = regular_ratios(
@@ -147,7 +147,7 @@ class SphereModes:
             legendre_polynomials(versine),
             strict=False,
         )
-        # Static images carry the singular part of sources near the surface.
+        # Static images contain the singular part of sources near the surface.
         tail = _Tail.between(self, inside, radii, source_radii, versine)
         pressure = _summed(waves, tail, self.first_safe_order(), 1e-10 * scale)
         if pressure is None:
@@ -179,7 +179,7 @@ class _Tail:
         source_radii: Float64[np.ndarray, "sources"],
         versine: Pairs,
     ) -> "_Tail":
-        """Take x = a²/(r r0) outside and r/r0 inside: waves of high order n approach scale·x^n."""
+        """Use x = a²/(r r0) outside and r/r0 inside: waves of high order n approach scale·x^n."""
         scale = np.broadcast_to((modes.radius / source_radii)[None, :], versine.shape)
         if inside:
             ratio = radii[:, None] / source_radii
@@ -195,7 +195,7 @@ class _Tail:
         return self.scale * (self.images[0] * point - self.images[1] * line)
 
     def beyond(self, partial: ComplexPairs, recent: list[_Term], order: int) -> ComplexPairs:
-        """Complete sum from the partial sum up to order + 2, by two summations by parts.
+        """Estimate the complete sum from the partial sum up to order + 2, summing by parts twice.
 
         Multiplying a Legendre series of terms d_n by q = 1 - 2x cos γ + x² gives the series of (1 +
         x²) d_n - 2x [α_(n-1) d_(n-1) + β_(n+1) d_(n+1)], smaller by 1/n² for smooth d_n/x^n, with
@@ -224,8 +224,8 @@ class _Tail:
         reduced_after = (1.0 + self.ratio**2) * after - 2.0 * self.ratio * (
             up(order) * here + down(order + 2) * last
         )
-        # Close to the image the second step would divide the terms' rounding errors by a distance
-        # to the fourth power.
+        # Close to the image the second step would divide the rounding errors of the terms by the
+        # fourth power of a small distance.
         second = np.where(square > 0.01**2, left_over(reduced, reduced_after) / square, 0.0)
         return partial + left_over(here, after) + second
 
@@ -258,7 +258,7 @@ def _summed(
             return estimate
         if order >= _MAX_TERMS:
             return None
-        # The next estimate is a quarter later, so that agreement by chance is unlikely.
+        # The next estimate is a quarter later, so that the two hardly agree by chance.
         check = min(int(1.25 * order) + 4, _MAX_TERMS)
         last_estimate = estimate
     return None

@@ -1,11 +1,11 @@
 """The scattered field as a multipole expansion, evaluated without sums over the surfaces.
 
 Outside the smallest ball around the bodies the scattered pressure is Σ a_nm h_n(kr) Y_nm, and
-orders far beyond k times the radius of the ball are negligible. The coefficients are computed on
-one sphere, and the expansion is tabulated once on interpolation spheres around the bodies. The
-field is interpolated between their points: along the angles as a Fourier series by a kernel of few
-points (A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479), along 1/r
-by Chebyshev polynomials.
+orders far above k times the radius of the ball are negligible. The coefficients are computed on a
+sphere, and the expansion is tabulated once on interpolation spheres around the bodies. The field is
+interpolated between their points: along the angles as a Fourier series by a kernel of few points
+(A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479), along 1/r by
+Chebyshev polynomials.
 
 In front of a rigid plane, the field u of the bodies without their images is expanded. The scattered
 pressure at x is u(x) + u(x*), where x* is the image of x, plus the pressure of the sources' images.
@@ -37,10 +37,10 @@ from airtact.acoustics.solvers.spherical.radial_functions import outgoing_shapes
 from airtact.errors import InvalidInput, in_short, of_kind
 from airtact.timing import Clock, Progress
 
-# Gap between the bodies and the smallest sphere [λ]; some solutions are invalid closer to a body
+# Gap between the bodies and the smallest sphere [λ]; some solutions are invalid closer to a body.
 MARGIN = 1.0
 
-# Number of grid points along each angle for an interpolated value
+# Number of grid points along each angle for one interpolated value
 SPREAD = 5
 
 
@@ -50,12 +50,12 @@ class InterpolationSpheres:
 
     Attributes
     ----------
-    centre : (3,) of the spheres [m].
-    radius : of the smallest one [m].
+    centre : (3,) centre of the spheres [m].
+    radius : radius of the smallest sphere [m].
     order : highest order of the expansion.
-    values : (A, B, R, S) by polar angle (twice ``order`` points and some beyond the poles), by
-        azimuth (some are repeated), by radius (``radius``/r are the Chebyshev points of [0, 1]) and
-        by excitation.
+    values : (A, B, R, S) by polar angle (twice ``order`` points and some beyond the poles), azimuth
+        (some are repeated), radius (``radius``/r are the Chebyshev points of [0, 1]) and
+        excitation.
     """
 
     centre: Float64[np.ndarray, "3"]
@@ -75,7 +75,7 @@ class InterpolationSpheres:
         first_azimuth, azimuth_weights = _window(azimuth, step)
         first_polar, polar_weights = _window(polar, step)
         strides = np.array([azimuths * radii * excitations, radii * excitations])
-        # Without its carrier wave the field varies slowly along r.
+        # Divided by its carrier wave, the field varies slowly along r.
         slow = _kernels.interpolate(
             self.values.reshape(-1, excitations),
             first_polar * strides[0] + first_azimuth * strides[1],
@@ -92,13 +92,13 @@ class InterpolationSpheres:
 class MultipoleField(RadiatedField):
     """A solved field whose scattered part is a multipole expansion.
 
-    ``multipole_expansion`` makes it. Inside the smallest sphere it is the original field.
+    Inside the smallest sphere the original field is used.
 
     Attributes
     ----------
     solved : the original field, used inside the smallest interpolation sphere.
     report : report of the solve, with the error of the expansion.
-    errors : (S,) relative error of each excitation, of the solution and the expansion together.
+    errors : (S,) relative error of each excitation, for solution and expansion together.
     """
 
     solved: RadiatedField
@@ -130,7 +130,7 @@ class MultipoleField(RadiatedField):
         return out
 
     def _scattered_at(self, points: Vectors) -> Pressures:
-        if self.scene.planes:  # the expansion leaves out the images of the sources
+        if self.scene.planes:  # the expansion omits the images of the sources
             return self.solved.scattered_at(points)
         away = self._expanded(points)
         out = self.nowhere(points)
@@ -153,7 +153,7 @@ class MultipoleField(RadiatedField):
         )
 
     def _expanded(self, points: Vectors) -> Mask:
-        """Whether points (P, 3) are in front of planes and, like their images, off the spheres."""
+        """Whether points (P, 3) and their images are outside the spheres and in front of planes."""
         planes = self.scene.planes
         offsets = images_in(planes, points) - self.spheres.centre
         outside = np.einsum("pd,pd->p", offsets, offsets) >= self.spheres.radius**2
@@ -162,22 +162,22 @@ class MultipoleField(RadiatedField):
 
 
 def multipole_expansion(field: RadiatedField, *, progress: Progress | None = None) -> RadiatedField:
-    """Expand the scattered part of a field in outgoing waves, for a hand that moves rigidly.
+    """Expand the scattered part of a field in outgoing waves, for bodies that move rigidly.
 
     The time of an evaluation then does not depend on the number of unknowns: a transfer matrix of
     996 elements after a rigid motion takes about 2 ms. Points within a wavelength of the ball
-    around the bodies are evaluated as before. In front of a fixed plane, one solve is valid for all
-    motions that map the plane onto itself (``Plane.kept_by``).
+    around the bodies are evaluated as before. In front of a fixed plane, a solve remains valid for
+    all motions that map the plane onto itself (``Plane.kept_by``).
 
     Parameters
     ----------
     field : field of any solver, in a scene with bodies.
-    progress : callback that gets the name of each step as it begins.
+    progress : callback that receives the name of each step as it begins.
 
     Returns
     -------
-    The same field. The ``settings`` of its report contain ``expansion_error``, the relative error
-    of the expansion at 100 random points; above 0.001 the report has a warning.
+    The same field, expanded. The ``settings`` of its report contain ``expansion_error``, the
+    relative error of the expansion at 100 random points; above 0.001 the report contains a warning.
 
     Raises
     ------
@@ -214,20 +214,20 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     with clock.step("expansion", "expanding the field in outgoing waves"):
         centre, radius = ball_of(scene)
         reach = radius * scene.wavenumber.real
-        # enough orders for an error of 3e-4 with a source on the surface
+        # Enough orders for an error of 3e-4 with a source on the surface
         order = int(np.ceil(reach + 3.6 * np.cbrt(reach))) + 2
         count = int(np.ceil(0.3 * reach)) + 5
         smallest = radius + MARGIN * scene.wavelength
         strengths = _coefficients(alone, centre, smallest, order)
-        # From the sphere to infinity, the field without its carrier wave is smooth in 1/r.
+        # From the sphere to infinity, the field divided by its carrier wave is smooth in 1/r.
         shrinkings = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
         arguments = smallest / shrinkings * scene.wavenumber
         shapes = outgoing_shapes(arguments, smallest * scene.wavenumber)
         radial = np.stack([next(shapes) for _ in range(order + 1)])
         spheres = InterpolationSpheres(centre, smallest, order, _table(strengths, radial))
     with clock.step("expansion", "comparing it with the field"):
-        # The points are random, because a grid could coincide with the table's, and lie between the
-        # smallest sphere and twenty times its radius.
+        # Random points do not coincide with the grid of the table. They lie between the smallest
+        # sphere and twenty times its radius.
         random = np.random.default_rng(0)
         ways = random.normal(size=(100, 3))
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
@@ -262,7 +262,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
 def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
     """Centre and radius of a ball around the bodies, hardly larger than the smallest such ball [m].
 
-    The centre moves towards the farthest point in decreasing steps (M. Bădoiu, K. L. Clarkson, SODA
+    The centre moves toward the farthest point in decreasing steps (M. Bădoiu, K. L. Clarkson, SODA
     (2003) 801).
     """
     corners = np.concatenate(
@@ -309,14 +309,14 @@ def _table(
     strengths: Complex128[np.ndarray, "orders degrees excitations"],
     radial: Complex128[np.ndarray, "orders radii"],
 ) -> Complex64[np.ndarray, "polar azimuths radii excitations"]:
-    """Sum the waves on the spheres, at twice as many angles as they need, ready for the kernel."""
+    """Sum the waves on the spheres at twice as many angles as needed, prepared for the kernel."""
     orders, degrees = strengths.shape[:2]
     around = degrees + 1  # polar angles of a full turn over both poles
     polar = 2 * np.pi * np.arange(orders + 1) / around
     harmonics = np.real(sph_harm_y_all(orders - 1, orders - 1, polar, np.zeros(len(polar))))
     half = np.einsum("nmj,nr,nms->mjrs", harmonics, radial, strengths, optimize=True)
     parity = (-1.0) ** np.abs(np.fft.fftfreq(degrees, 1 / degrees).round())
-    # Continued over the poles, a function on the sphere is periodic in both angles.
+    # A function on the sphere that is continued over the poles is periodic in both angles.
     back = parity[:, None, None, None] * half[:, -2:0:-1]  # f(-θ, φ) = f(θ, φ + π)
     series = np.asarray(fft(np.concatenate([half, back], axis=1), axis=1, norm="forward"))
     fine = 2 * around
@@ -336,7 +336,7 @@ def _table(
     scale = 1 / np.outer(_transform(polar_orders, fine), _transform(azimuth_orders, fine))
     wide[np.ix_(polar_orders, azimuth_orders)] = np.moveaxis(series, 0, 1) * scale[:, :, None, None]
     table = np.asarray(ifft2(wide, axes=(0, 1), norm="forward", overwrite_x=True))
-    # Rows and columns are repeated beyond the ends, so that a window never wraps around.
+    # Repeat rows and columns beyond the ends, so that a window never wraps around.
     rows, columns = (
         np.arange(-(SPREAD // 2), count + (SPREAD + 1) // 2) % fine for count in (around, fine)
     )
@@ -344,7 +344,7 @@ def _table(
 
 
 def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, "points spread"]]:
-    """Index of the first grid point for each angle, and the weights from this point on."""
+    """Index of the first grid point for each angle, and the weights of the points from there on."""
     position = angles / step
     first = np.ceil(position - SPREAD / 2).astype(np.int64)
     off = (position - first)[:, None] - np.arange(SPREAD)
@@ -354,7 +354,7 @@ def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, 
 def _kernel(off: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
     """Weight exp(β √(1 - x²)) of a grid point at a distance in steps.
 
-    The sharpness β suits tables with twice as many points as the expansion needs.
+    The sharpness β suits tables with twice as many points as the expansion requires.
     """
     root = np.sqrt(np.maximum(1 - (2 * off / SPREAD) ** 2, 0))
     return np.exp(2.3 * SPREAD * (root - 1))

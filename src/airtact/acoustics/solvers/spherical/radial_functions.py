@@ -1,8 +1,8 @@
 """Radial functions and Legendre polynomials of every order, as ratios that never overflow.
 
-Spherical Hankel functions h_n of the first kind grow like n! and Bessel functions j_n shrink at
-the same rate, so both leave the range of floating point. Only ratios are
-formed here: h_n(z)/h_n(z0) by upward recurrence, which is stable because h is the growing solution,
+Spherical Hankel functions h_n of the first kind grow like n!, and Bessel functions j_n shrink at
+the same rate, so both leave the range of floating-point numbers. Therefore only ratios are
+computed: h_n(z)/h_n(z0) by upward recurrence, which is stable because h is the growing solution,
 and j_n/j_(n-1) by downward recurrence (Miller; DLMF 3.6(iii) and 10.51.1).
 """
 
@@ -51,11 +51,11 @@ def regular_quotients(
 ) -> Complex128[np.ndarray, "orders arguments"]:
     """Quotients j_n(z)/j_(n-1)(z) for n = first ... last by downward recurrence.
 
-    z may be zero. Where j_(n-1) vanishes the quotient is about 1e30 instead of infinite.
+    z may be zero. Where j_(n-1) vanishes, the quotient is about 1e30 instead of infinite.
     """
     largest = float(np.max(np.abs(arguments), initial=0.0))
-    # Above the turning point |z| each step down shrinks the error of the start by (j_n/j_(n-1))² or
-    # more.
+    # Above the turning point |z|, each downward step reduces the initial error by the factor
+    # (j_n/j_(n-1))² or more.
     start = int(max(last, largest) + 8.0 * np.cbrt(largest) + 24.0)
     quotients = np.empty((last - first + 1, len(arguments)), dtype=np.complex128)
     quotient = arguments / (2 * start + 1)
@@ -91,7 +91,7 @@ def regular_ratios(
 def _lowest_regular(
     arguments: Complex128[np.ndarray, "arguments"], quotients: Complex128[np.ndarray, "arguments"]
 ) -> Complex128[np.ndarray, "arguments"]:
-    """Compute j_0(z). Near its zeros use j_1 / (j_1/j_0), so that products keep their precision."""
+    """Compute j_0(z); near its zeros use j_1 / (j_1/j_0), so that products keep their precision."""
     safe = np.where(arguments == 0.0, 1.0, arguments)
     zeroth = np.where(arguments == 0.0, 1.0, np.sin(safe) / safe)
     first = np.where(arguments == 0.0, 0.0, (np.sin(safe) / safe - np.cos(safe)) / safe)
@@ -121,14 +121,14 @@ def regular_derivatives(argument: complex) -> Iterator[complex]:
 def legendre_polynomials(
     versine: Float64[np.ndarray, "*shape"],
 ) -> Iterator[Float64[np.ndarray, "*shape"]]:
-    """Yield P_n(cos γ) from 1 - cos γ, which keeps its digits at small angles."""
+    """Yield P_n(cos γ) from 1 - cos γ, which preserves precision at small angles."""
     polynomial = np.ones_like(versine)
     step = np.zeros_like(versine)
     order = 0
     while True:
         yield polynomial
         step = (order * step - (2 * order + 1) * versine * polynomial) / (order + 1)
-        # The sum of the steps between neighbouring orders does not lose digits near γ = 0.
+        # Summing the steps between neighbouring orders preserves precision near γ = 0.
         polynomial = polynomial + step
         order += 1
 

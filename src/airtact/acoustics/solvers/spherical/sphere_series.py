@@ -1,4 +1,4 @@
-"""One sphere in closed form: sound-hard, with an impedance, or filled with a fluid."""
+"""Sound around one sphere in closed form: sound-hard, with an impedance, or filled with a fluid."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ from airtact.errors import InvalidInput
 from airtact.geometry.primitives import Capsule
 from airtact.timing import Clock
 
-# Pairs of a point and a source that are summed together: as many as fit the cache
+# Pairs of a point and a source that are summed at a time: as many as fit into the cache.
 PAIRS_PER_BLOCK = 1 << 14
 
 _CITATIONS = (
@@ -42,8 +42,8 @@ _CITATIONS = (
 class SphereField(RadiatedField):
     """The field of monopoles around one sphere, and inside it if it is filled.
 
-    Its error is 1e-8 of the open-air pressures. ``NotConverged`` is raised at a point within
-    micrometres of a source that touches the surface. ``centre`` is the centre of the sphere [m].
+    Its error is 1e-8 of the open-air pressures. A point within micrometres of a source that touches
+    the surface raises ``NotConverged``. ``centre`` is the centre of the sphere [m].
     """
 
     modes: SphereModes
@@ -93,23 +93,23 @@ class SphereField(RadiatedField):
         return pressure
 
     def _inside(self, points: Points) -> Mask:
-        # Points on the surface stay outside despite rounding.
+        # Points on the surface count as outside despite rounding.
         return np.linalg.norm(points - self.centre, axis=1) < self.modes.radius - CONTACT
 
     def _scattered(self, points: Points, inside: bool, alone: bool = False) -> Pressures:
         """Sum the series at points on one side of the surface.
 
-        The error is ``ACCURACY`` of the open-air pressure. With ``alone`` this pressure is taken at
-        least at the distance of the image, so that it is finite at the source itself.
+        The error is ``ACCURACY`` times the open-air pressure. With ``alone`` the distance for this
+        pressure is at least that of the image, so that it is finite at the source itself.
         """
         pressure = np.zeros((len(points), self.excitations), dtype=np.complex128)
         radii, directions = self._polar(points)
         source_radii, source_directions = self._polar(self.sources.positions)
-        # Rounding may put sources on the surface a little below it.
+        # Rounding may place sources on the surface slightly below it.
         source_radii = np.maximum(source_radii, self.modes.radius)
         if not inside:
             radii = np.maximum(radii, self.modes.radius)
-        # Points of a block need about the same number of terms; a block fits the cache.
+        # The points of a block need about the same number of terms, and a block fits the cache.
         order = np.argsort(KDTree(self.sources.positions).query(points)[0])
         rows = max(1, PAIRS_PER_BLOCK // len(self.sources.positions))
         for first in range(0, len(points), rows):
@@ -120,7 +120,7 @@ class SphereField(RadiatedField):
                 heights = radii[index, None] + source_radii - 2.0 * self.modes.radius
                 distance = np.maximum(distance, heights)
             scale = np.exp(-self.scene.wavenumber.imag * distance) / distance
-            # Half the square of the chord keeps the digits of 1 - cos γ at small angles.
+            # Half the square of the chord preserves the digits of 1 - cos γ at small angles.
             versine = 0.5 * cdist(directions[index], source_directions, "sqeuclidean")
             unit = self.modes.scattered(inside, radii[index], source_radii, versine, scale)
             pressure[index] = unit @ self.sources.strengths
@@ -137,18 +137,19 @@ class SphereField(RadiatedField):
 
 @dataclass(frozen=True)
 class SphereSeries(Solver):
-    """One sphere by separation of variables: the exact reference for other solvers.
+    """Separation of variables for one sphere: the exact reference for other solvers.
 
-    The sphere is sound-hard, has an impedance, or is filled. Sources are outside it or on it.
+    The sphere is sound-hard, has an impedance, or is filled. Sources lie outside or on the sphere.
     """
 
     def radiate(self, scene: Scene, sources: Monopoles) -> SphereField:
-        """Field of monopoles around the one sphere of the scene.
+        """Return the field of monopoles around the single sphere of the scene.
 
         Raises
         ------
         InvalidInput
-            The scene is not one sphere, a source is inside it, or an argument has the wrong type.
+            If the scene is not a single sphere, a source is inside the sphere, or an argument has
+            the wrong type.
         """
         check_sources(scene, sources)
         clock = Clock()
