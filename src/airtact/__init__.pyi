@@ -84,6 +84,7 @@ from .setup.building import read_scene as read_scene
 from .setup.comparing import MethodComparison as MethodComparison
 from .setup.comparing import compare as compare
 from .setup.examples import example as example
+from .setup.placing import place as place
 from .setup.rendering import Rendering as Rendering
 from .setup.rendering import focus as focus
 from .setup.rendering import render as render

@@ -26,6 +26,7 @@ NAMES = (
     "init",
     "live",
     "mesh",
+    "place",
     "render",
     "selfcheck",
     "sense",

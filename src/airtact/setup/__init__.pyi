@@ -1,6 +1,9 @@
 from .building import read_scene as read_scene
 from .comparing import Contender as Contender
 from .comparing import MethodComparison as MethodComparison
+from .placing import Layout as Layout
+from .placing import Placement as Placement
+from .placing import place as place
 from .rendering import Rendering as Rendering
 from .rendering import render as render
 from .sequences import MovingDrive as MovingDrive

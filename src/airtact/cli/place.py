@@ -1,0 +1,176 @@
+"""``airtact place``: search for the places of boards whose weakest focus is strongest."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from airtact.cli.console import plain_table, progress, show
+from airtact.cli.options import INPUT, Names, as_json, quiet, results, scene
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from airtact.setup.placing import Placement
+
+# Two opposite corners of a box
+BOX = (float,) * 6
+
+
+@click.command(
+    short_help="Search for the best places of boards around a hand.",
+    epilog="Example: airtact place pinch --boards 2 --out out/places",
+)
+@scene
+@results
+@click.option("--boards", type=click.IntRange(min=1), default=1, help="Number of boards; 1.")
+@click.option(
+    "--board",
+    type=Names("airtact.transducers.boards:BOARDS"),
+    default="autd3",
+    help="Kind of the boards; autd3 by default.",
+)
+@click.option(
+    "--distance",
+    type=(float, float),
+    default=(0.15, 0.25),
+    help="Smallest distance from the hand and largest from the foci, in metres; 0.15 0.25.",
+)
+@click.option(
+    "--region",
+    type=BOX,
+    metavar="X Y Z X Y Z",
+    help="Opposite corners of the box in which the boards must stand, in metres.",
+)
+@click.option(
+    "--keep-out",
+    "kept_out",
+    type=BOX,
+    multiple=True,
+    metavar="X Y Z X Y Z",
+    help="Corners of a box without boards, such as a screen; may be given several times.",
+)
+@click.option("--recording", type=INPUT, help="Recording with poses of the scene's hand.")
+@click.option(
+    "--hands",
+    "count",
+    type=click.IntRange(min=1),
+    default=5,
+    help="Number of poses from the recording, evenly spaced in time; 5.",
+)
+@click.option("--tries", type=click.IntRange(min=1), default=2000, help="Number of layouts; 2000.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the search; 0.")
+@as_json
+@quiet
+def place(
+    scene: Path,
+    folder: Path,
+    boards: int,
+    board: str,
+    distance: tuple[float, float],
+    region: tuple[float, ...] | None,
+    kept_out: tuple[tuple[float, ...], ...],
+    recording: Path | None,
+    count: int,
+    tries: int,
+    seed: int,
+) -> None:
+    """Search for the layouts of boards whose weakest focus is strongest; write layout_*.toml.
+
+    The table compares the best layouts with the present array of SCENE. The second table shows what
+    moving a board of the best layout by 1 cm or 5 degrees costs.
+    """
+    with progress() as report_step:
+        report_step(f"reading {scene.name}")
+        import numpy as np
+
+        import airtact as at
+        from airtact.setup.placing import hands_of
+
+        setup = at.read_scene(scene)
+
+        def inside(points: np.ndarray, box: tuple[float, ...]) -> np.ndarray:
+            low, high = np.sort(np.reshape(box, (2, 3)), axis=0)
+            return ((points >= low) & (points <= high)).all(axis=1)
+
+        def allowed(points: np.ndarray) -> np.ndarray:
+            kept = np.ones(len(points), dtype=bool) if region is None else inside(points, region)
+            for box in kept_out:
+                kept &= ~inside(points, box)
+            return kept
+
+        result = at.place(
+            setup,
+            boards,
+            board,
+            distance,
+            allowed,
+            None if recording is None else hands_of(setup, recording, count),
+            tries,
+            seed,
+            progress=report_step,
+        )
+        files = result.save(folder)
+    warnings = []
+    best = result.layouts[0].weakest
+    if abs(result.verified / best - 1.0) > 0.1:
+        warnings.append(
+            f"a finer solve gives the best layout {result.verified:,.0f} Pa, not {best:,.0f} Pa: "
+            "set a smaller accuracy in [solver]."
+        )
+    show(
+        _layouts_table(result, files),
+        _moves_table(result),
+        warnings=warnings,
+        lines=[f"A finer solve gives the best layout {result.verified:,.0f} Pa."],
+        record={**_record(result, len(files)), "files": {file.name: str(file) for file in files}},
+    )
+
+
+def _record(result: "Placement", count: int) -> dict[str, Any]:
+    return {
+        "layouts": [
+            {
+                "weakest": layout.weakest,
+                "poses": [
+                    {
+                        "rotation": pose.rotation.tolist(),
+                        "translation": pose.translation.tolist(),
+                    }
+                    for pose in layout.poses
+                ],
+            }
+            for layout in result.layouts[:count]
+        ],
+        "tried": len(result.layouts),
+        "median": result.median,
+        "present": result.present,
+        "verified": result.verified,
+        "moves": result.moves.tolist(),
+    }
+
+
+def _layouts_table(result: "Placement", files: tuple[Path, ...]) -> "Table":
+    table = plain_table("layout", "transducers", "weakest focus", "of the present one")
+    table.title = "Weakest focus at full scale, over all poses of the hand"
+    present = len(result.setup.array)
+    rows = [
+        (file.stem, len(layout.array), layout.weakest)
+        for file, layout in zip(files, result.layouts, strict=False)
+    ]
+    rows.append((f"median of {len(result.layouts):,}", rows[0][1], result.median))
+    rows.append(("present", present, result.present))
+    for name, transducers, weakest in rows:
+        share = weakest / result.present
+        # The present array may not fit around all poses of the hand.
+        words = ("-", "-") if weakest != weakest else (f"{weakest:,.0f} Pa", f"{share:.2f}")
+        table.add_row(name, str(transducers), words[0], words[1] if share == share else "-")
+    return table
+
+
+def _moves_table(result: "Placement") -> "Table":
+    table = plain_table("board", "1 cm in x", "y", "z", "5° about x", "y", "z")
+    table.title = "Change of layout 1 if one board is moved along or about its own axes"
+    for index, changes in enumerate(result.moves):
+        table.add_row(str(index), *(f"{100 * change:+.1f} %" for change in changes))
+    return table
