@@ -87,6 +87,7 @@ bench: $(VENV)/installed-for-tests
 	$(BIN)/python -m benchmarks.synthesis
 	$(BIN)/python -m benchmarks.frames
 	$(BIN)/python -m benchmarks.emission
+	$(BIN)/python -m benchmarks.fuzz
 	$(BIN)/python -m benchmarks.hand_meshing
 	$(BIN)/python -m benchmarks.hand_tracking
 

@@ -60,7 +60,7 @@ def test_a_table_is_read_in_the_order_of_its_index(tmp_path, drive) -> None:
         np.testing.assert_allclose(at.load_drive(path).amplitudes, drive.amplitudes, atol=1e-8)
     for rows in (lines[:-2] + lines[-1:], [*lines, lines[0]]):
         path.write_text("\n".join([header, *rows]))
-        with raises_code("wrong_shape"):
+        with raises_code("out_of_range"):
             at.load_drive(path)
     path.write_text("amplitude,phase\n1,0\n")
     with raises_code("data_missing"):

@@ -153,12 +153,7 @@ def test_an_array_file_may_number_its_rows_in_any_order(read, tmp_path):
         (
             "out_of_range",
             "element,x,y,z,nx,ny,nz\n1,0.1,0,0,-1,0,0\n1,0,0.1,0,0,-1,0\n",
-            "array: line 2 of ring.csv has the element 1, but transducers are numbered 0 to 1, each once.",
-        ),
-        (
-            "wrong_kind",
-            "frame,x,y,z,nx,ny,nz\n0,0.1,0,0,-1,0,0\n",
-            "array: ring.csv lists frames; give a table with one row for each transducer.",
+            "array: line 2 of ring.csv has 1 for element, which must number the lines from 0 to 1, each once.",
         ),
         (
             "data_missing",

@@ -327,14 +327,7 @@ def _read_table(path: Path) -> dict[str, Any]:
     """Read the lines of a table in the order of their column ``index``."""
     table = read_text_table(path)
     table.require("index", "amplitude", "phase")
-    index = table.numbers("index")
-    order = np.argsort(index)
-    if not np.array_equal(index[order], np.arange(len(index))):
-        raise InvalidInput(
-            f"{path.name} must have one line for each element: the column index does not contain "
-            f"each of 0 to {len(index) - 1} once.",
-            code="wrong_shape",
-        )
+    order = table.order("index")
     raw: dict[str, Any] = {name: table.numbers(name)[order] for name in ("amplitude", "phase")}
     for name, columns in (("positions", ("x", "y", "z")), ("normals", ("nx", "ny", "nz"))):
         if set(columns) <= set(table.names):

@@ -206,7 +206,8 @@ def _item(file: Any, entry: str) -> Any:
                 f"{entry} is a link, or its data lie in another file; store it in the file itself.",
                 code="file_unreadable",
             )
-    return item if isinstance(item, h5py.Dataset) else None
+    # An empty dataset has no shape.
+    return item if isinstance(item, h5py.Dataset) and item.shape is not None else None
 
 
 def _checked_shape(

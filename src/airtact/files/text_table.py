@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Complex128, Float64, Int64
 
 from airtact.errors import LARGEST_NUMBER, InvalidInput, counted, in_short
 from airtact.files.bounded import text_of
@@ -61,6 +61,23 @@ class TextTable:
     def complex_numbers(self, name: str) -> Complex128[np.ndarray, "rows"]:
         """Read a column as complex numbers such as ``0.5-1.2i``; raise as ``numbers``."""
         return np.array(self._parsed(name, _complex, "a number"), dtype=np.complex128)
+
+    def order(self, name: str) -> Int64[np.ndarray, "rows"]:
+        """Return the order of the rows by a column that numbers them from 0, each once.
+
+        Raise "out_of_range", or as ``numbers``.
+        """
+        numbers = self.numbers(name)
+        order = np.argsort(numbers, kind="stable")
+        wrong = np.flatnonzero(numbers[order] != np.arange(len(order)))
+        if len(wrong):
+            row = order[wrong[0]]
+            raise InvalidInput(
+                f"line {self.lines[row]} of {self.file} has {numbers[row]:g} for {name}, which "
+                f"must number the lines from 0 to {len(order) - 1}, each once.",
+                code="out_of_range",
+            )
+        return order
 
     def _parsed(self, name: str, parse: Callable[[str], Any], kind: str) -> list[Any]:
         self.require(name)

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from jaxtyping import Int64, Num
+from jaxtyping import Num
 
 import airtact as at
 from airtact.acoustics.medium import Medium, air
@@ -18,7 +18,7 @@ from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.target import Target
 from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.files.bounded import text_of
-from airtact.files.text_table import TextTable, read_text_table
+from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.setup.bodies import NamedPoints, bodies_of, built, pose_of, unsided
@@ -218,7 +218,8 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
             if not file.rows:
                 raise InvalidInput(f"{table.layout} has no transducers.", code="empty")
             columns = np.stack([file.numbers(name) for name in names], axis=1)
-            columns = columns[_order(file)]
+            for number in {"index", "element"}.intersection(file.names):
+                columns = columns[file.order(number)]
             array = PhasedArray(columns[:, :3], columns[:, 3:], element)
         case _:
             names = ("surrounding_box", "flat_boards", "boards")
@@ -233,29 +234,6 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
         with about("calibration"):
             array = calibrated_by(folder / table.calibration, array)
     return array if table.pose is None else array.moved(pose_of(table.pose)), board
-
-
-def _order(table: TextTable) -> Int64[np.ndarray, "rows"]:
-    """Return the order of the rows by a column ``index`` or ``element``, if the table has one."""
-    if "frame" in table.names:
-        raise InvalidInput(
-            f"{table.file} lists frames; give a table with one row for each transducer.",
-            code="wrong_kind",
-        )
-    order = np.arange(len(table.rows))
-    for name in ("index", "element"):
-        if name in table.names:
-            numbers = table.numbers(name)
-            order = np.argsort(numbers, kind="stable")
-            wrong = np.flatnonzero(numbers[order] != np.arange(len(order)))
-            if len(wrong):
-                line = table.lines[order[wrong[0]]]
-                raise InvalidInput(
-                    f"line {line} of {table.file} has the {name} {numbers[order[wrong[0]]]:g}, but "
-                    f"transducers are numbered 0 to {len(order) - 1}, each once.",
-                    code="out_of_range",
-                )
-    return order
 
 
 def _target(
