@@ -139,9 +139,13 @@ def test_an_array_from_a_file(read, tmp_path):
 
 
 def test_an_array_file_may_number_its_rows_in_any_order(read, tmp_path):
-    for name in ("index", "element"):
+    for names, high, low in (
+        ("index", "1", "0"),
+        ("element", "1", "0"),
+        ("index,element", "1,1", "0,0"),
+    ):
         (tmp_path / "ring.csv").write_text(
-            f"{name},x,y,z,nx,ny,nz\n1,0,0.1,0,0,-1,0\n0,0.1,0,0,-1,0,0\n"
+            f"{names},x,y,z,nx,ny,nz\n{high},0,0.1,0,0,-1,0\n{low},0.1,0,0,-1,0,0\n"
         )
         array = read(MEDIUM, '[array]\nlayout = "ring.csv"\n', BALL, FOCUS).array
         np.testing.assert_array_equal(array.positions, [[0.1, 0, 0], [0, 0.1, 0]])
@@ -150,6 +154,11 @@ def test_an_array_file_may_number_its_rows_in_any_order(read, tmp_path):
 @pytest.mark.parametrize(
     ("code", "text", "sentence"),
     [
+        (
+            "does_not_match",
+            "index,element,x,y,z,nx,ny,nz\n1,0,0.1,0,0,-1,0,0\n0,1,0,0.1,0,0,-1,0\n",
+            "array: the columns index and element of ring.csv differ; keep one of them.",
+        ),
         (
             "out_of_range",
             "element,x,y,z,nx,ny,nz\n1,0.1,0,0,-1,0,0\n1,0,0.1,0,0,-1,0\n",

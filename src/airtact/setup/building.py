@@ -218,8 +218,13 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
             if not file.rows:
                 raise InvalidInput(f"{table.layout} has no transducers.", code="empty")
             columns = np.stack([file.numbers(name) for name in names], axis=1)
-            for number in {"index", "element"}.intersection(file.names):
-                columns = columns[file.order(number)]
+            orders = [file.order(name) for name in ("index", "element") if name in file.names]
+            if len(orders) == 2 and not np.array_equal(*orders):
+                raise InvalidInput(
+                    f"the columns index and element of {table.layout} differ; keep one of them.",
+                    code="does_not_match",
+                )
+            columns = columns[orders[0]] if orders else columns
             array = PhasedArray(columns[:, :3], columns[:, 3:], element)
         case _:
             names = ("surrounding_box", "flat_boards", "boards")
