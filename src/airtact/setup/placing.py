@@ -501,8 +501,9 @@ def place(
     >>> import airtact as at
     >>> target = at.Target((0.0, 0.0, 0.15))
     >>> setup = at.Setup(at.Scene(at.air(), []), at.autd3_board(), target)
-    >>> at.place(setup, tries=20, refine=1).layouts[0]
-    Layout(1 board, weakest focus 5,541 Pa)
+    >>> result = at.place(setup, tries=20, refine=1)
+    >>> result.layouts[0].weakest > 1.2 * result.median
+    True
     """
     of_kind(setup, Setup, "the setup", "read_scene(path)")
     check_no_boards(setup.scene, "place")
