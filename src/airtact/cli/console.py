@@ -107,8 +107,8 @@ def status_line() -> Iterator[Callable[[object], None]]:
 
         def line(status: object) -> None:
             nonlocal last
-            state = str(status).partition(",")[0]
             # The numbers change twice a second, too often for a log.
+            state = re.sub(r"[\d.]+", "", re.sub(r"(, \d+ drives/s.*)", "", str(status)))
             if state != last:
                 say(str(status))
             last = state

@@ -166,6 +166,7 @@ class SessionWriter:
         fault = self._process.communicate()[1]
         if self._process.returncode:
             reason = fault.decode(errors="replace").strip().rpartition("\n")[2]
+            reason = reason or f"its writer ended with code {self._process.returncode}"
             raise OSError(None, f"the file is incomplete: {reason}", str(self.path))
 
     def _take(self, group: str, row: dict[str, Any]) -> None:

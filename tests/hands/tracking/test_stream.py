@@ -118,9 +118,18 @@ def test_a_tracker_that_restarts_is_followed_at_once_after_a_silence(clock):
     assert stream.latest("left").lost
     stream.feed(still(500))  # repeated, not a restart
     assert stream.latest("left").lost
-    stream.feed(still(0))
-    assert stream.latest("left").sequence == 0
-    assert counted(stream) == {"lost": 1, "repeated": 1, "restarted": 1}
+    for index in range(2):
+        stream.feed(still(index))
+    assert stream.latest("left").sequence == 1
+    assert counted(stream) == {"lost": 1, "repeated": 1, "out_of_order": 1, "restarted": 1}
+
+
+def test_a_clock_that_stands_still_is_not_a_restart(clock):
+    stream = HandStream(clock=clock)
+    for index in range(60):
+        clock.now += 1 / 30
+        stream.feed(still(index, 5.0))
+    assert stream.health.used == 1
 
 
 def test_a_tracker_that_restarts_without_a_pause_is_followed_after_some_frames():
@@ -155,9 +164,11 @@ def test_a_second_tracker_of_a_hand_waits_until_the_first_ends(clock):
         assert stream.feed(still(index + 5000), "second").fault == "second_tracker"
         assert stream.feed(mirrored(index), "second") is None
     stream.disconnect("first", interrupted=False)
-    assert stream.feed(still(5005), "second") is None
+    stream.feed(still(5005), "second")  # its clock is another: two frames show that it goes
+    assert stream.feed(still(5006), "second") is None
     clock.now += 0.4  # the second one falls silent
-    assert stream.feed(still(0, 7e5), "third") is None
+    assert stream.feed(still(0, 7e5), "third") is not None
+    assert stream.feed(still(1, 7e5 + 0.03), "third") is None
     assert stream.clock("left").time(clock.now) == pytest.approx(stream.latest("left").time)
 
 

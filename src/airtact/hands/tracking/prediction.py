@@ -101,7 +101,8 @@ def measured(
     """Update the estimate with a measurement."""
     if motion.seen_once:
         step = time - motion.time
-        velocities = (positions - motion.positions) / step
+        # No hand is faster than 3 m/s, but jitter can make the step very short.
+        velocities = np.clip((positions - motion.positions) / step, -3.0, 3.0)
         mixed = noise**2 / step
         of_velocity = 2.0 * noise**2 / step**2 + agility * step / 3.0
         covariance = np.array([[noise**2, mixed], [mixed, of_velocity]])

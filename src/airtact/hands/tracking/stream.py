@@ -287,12 +287,12 @@ class HandStream:
             if frame.sequence <= number or frame.time <= taken:
                 hand.stale.clear()
         hand.stale.append((frame.sequence, frame.time, now))
-        if gone or len(hand.stale) >= MAX_STALE_FRAMES:
+        if len(hand.stale) >= (2 if gone else MAX_STALE_FRAMES):
             self._counts["restarted"] += 1
             hand.recent.clear()
             if not plausible:
                 _, begun, arrived = hand.stale[0]
-                if now > arrived:
+                if now - arrived > 0.15:  # long enough to measure its pace
                     # A clock in milliseconds advances by 1000 per second.
                     pace = float(np.log10((frame.time - begun) / (now - arrived)))
                     power = min(max(round(pace / 3.0), 0), 3)
