@@ -1,4 +1,4 @@
-"""Scene files, setups and renderings: from a TOML text to a verified drive."""
+"""Scene files, setups and renderings: from a TOML file to a verified drive."""
 
 import lazy_loader
 

@@ -20,7 +20,7 @@ from airtact.setup.tables import MediumTable, ObstacleTable, PoseTable, SceneFil
 
 Made = TypeVar("Made")
 
-# Named points of bodies, the outward normals there, and the distance to the next body [m]
+# Named points of bodies, the outward normals there, and the distances to the next body [m]
 NamedPoints = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
 
 
@@ -29,7 +29,7 @@ Bodies = tuple[dict[str, Surface], NamedPoints, "list[at.Hand]"]
 
 
 def built(function: Callable[..., Made], table: Table, *leave_out: str) -> Made:
-    """Call a function with the keys of a table as keyword arguments, lists as arrays."""
+    """Call a function with the keys of a table as keyword arguments and its lists as arrays."""
     return function(
         **{
             key: np.array(value) if isinstance(value, list | tuple) else value
@@ -42,9 +42,10 @@ def built(function: Callable[..., Made], table: Table, *leave_out: str) -> Made:
 def bodies_of(
     file: SceneFile, folder: Path, medium: Callable[[MediumTable], Medium]
 ) -> "tuple[list[str], list[Obstacle], NamedPoints, dict[str, at.Hand]]":
-    """Build the bodies of a scene file: names, obstacles, named points, and hands by their bodies.
+    """Build the bodies of a scene file: names, obstacles, named points, and hands by body.
 
-    Paths of surfaces and hands are relative to the folder. ``medium`` builds the fluid in a body.
+    Paths of surfaces and hands are relative to the folder. ``medium`` builds the fluid inside a
+    body.
     """
     obstacles: list[Obstacle] = []
     names: list[str] = []
@@ -83,7 +84,7 @@ def bodies_of(
                     f"{name} is a named point of two bodies; give {advice}.", code="given_twice"
                 )
             points |= places
-            if of_table:  # such a table has one body
+            if of_table:  # such a table defines a single body
                 hands[names[-1]] = of_table[0]
     if file.merge_bodies:
         with about("merge_bodies"):
@@ -92,7 +93,7 @@ def bodies_of(
 
 
 def unsided(name: str) -> str:
-    """Return the name of a place without its hand: "palm" for "left.palm"."""
+    """Return the name of a place without its hand, such as "palm" for "left.palm"."""
     return name.removeprefix("left.").removeprefix("right.")
 
 
@@ -104,7 +105,7 @@ def pose_of(table: PoseTable) -> Pose:
             return Pose(np.array(table.rotation), translation)
         if table.axis is None or table.degrees is None:
             return Pose(np.eye(3), translation)
-        # Whole turns are removed in degrees, where this is exact.
+        # Whole turns are removed in degrees, where the subtraction is exact.
         angle = math.radians(math.fmod(table.degrees, 360.0))
         return Pose.turn(np.array(table.axis), angle, translation)
 
@@ -122,7 +123,7 @@ def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
         return {"capsule": built(at.capsule, table.capsule)}, {}, []
     if table.sphere is not None:
         return {"sphere": built(at.sphere, table.sphere)}, {}, []
-    # Importing hands takes time, so only scenes with hands do.
+    # Importing hands takes time, so only scenes with hands import them.
     from airtact.hands.files import ROOM
 
     if table.hand is not None:
@@ -150,7 +151,7 @@ def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
 
 def _scanned_hand(table: ObstacleTable, folder: Path, used: Collection[str]) -> "at.Hand | None":
     # Read the joints of a scanned hand; None if it has none or no focus needs them.
-    if table.joints is not None:  # they take precedence over a rig in the file
+    if table.joints is not None:  # the key takes precedence over a rig in the file
         return at.load_hand(folder / table.joints)
     if not used:
         return None
@@ -168,8 +169,7 @@ def _merged(
 ) -> tuple[list[str], list[Obstacle]]:
     """Merge sound-hard bodies that overlap, touch or are less than ``NEAREST`` [m] apart.
 
-    The names of merged bodies are joined by " + ". Groups are in
-    the order of their first bodies.
+    The names of merged bodies are joined by " + ". Groups are in the order of their first bodies.
     """
     from scipy.cluster.hierarchy import DisjointSet
 

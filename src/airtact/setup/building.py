@@ -56,17 +56,17 @@ def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None) -> 
     Parameters
     ----------
     path : the TOML file, or the name of an example such as "pinch". Surfaces, hands, drawings and
-        array files that it names are found beside it.
-    changes : values that replace the file's, by the paths of their keys, such as
-        ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``; None removes a key. ``hand`` is the only
+        array files that it names are searched in the same folder.
+    changes : values that replace those in the file, by the paths of their keys, such as
+        ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``; None removes a key. ``hand`` names the only
         obstacle of that kind.
 
     Raises
     ------
     InvalidInput
-        The file cannot be read, has a wrong key or value, or describes an impossible scene; the
-        message begins with the file's name and the table at fault. "unknown_key": a path
-        in ``changes`` names no key.
+        If the file cannot be read, has a wrong key or value, or describes an impossible scene; the
+        message begins with the file's name and the table at fault. Also if a path in ``changes``
+        names no key.
     """
     path = file_or_example(path)
     if path.suffix.lower() == ".json":
@@ -97,7 +97,7 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
         array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
         plates = at.reflecting_boards(array) if file.array.reflects else ()
     objects, contacts = touched(file, path.parent, bodies, obstacles, hands)
-    # Reflecting boards are bodies of the scene too; warnings and reports need their names.
+    # Reflecting boards are bodies of the scene too, so warnings and reports need their names.
     bodies += ["boards"] if len(plates) == 1 else [f"board {index}" for index in range(len(plates))]
     scene = Scene(medium, [*obstacles, *plates], frequency=file.frequency, planes=planes)
     surfaces = {
@@ -159,7 +159,7 @@ def _modulation(
         return built(AmplitudeModulation, table, "kind")
     from airtact.drives.motion import Motion
 
-    # The defaults of missing keys depend on kind and path, so Motion sets them.
+    # The defaults of missing keys depend on kind and path, so ``Motion`` sets them.
     size = table.length if table.path == "line" else table.radius
     motion = Motion(table.kind, table.path, size, table.frequency, table.frames, table.along)
     if motion.path == "points" and foci < 2:
@@ -195,10 +195,10 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
 def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedArray, str | None]:
     listed = table.layout.endswith(".csv")
     board = None if listed else table.board or "autd3"
-    # Most arrays of unknown make have Murata's transducers.
+    # Most arrays of unknown make use transducers by Murata.
     radius = table.piston_radius or (MURATA_RADIUS if board is None else board_named(board).radius)
     sensitivity = table.sensitivity or DEFAULT_SENSITIVITY
-    # The far pattern of a larger piston needs more points.
+    # The far-field pattern of a larger piston needs more points.
     points = 12 if wavenumber * radius <= MAX_PISTON_SIZE[12] else 19
     if table.source == "monopole":
         element = monopole(sensitivity)
@@ -249,7 +249,7 @@ def _target(
     contacts: "at.touch.Contacts | None",
     wavelength: float,
 ) -> tuple[Target, tuple[str, ...]]:
-    """Build the target of the foci, or of the contacts, and return a name for each focus."""
+    """Build the target from the foci or the contacts, and return a name for each focus."""
 
     def check_total(count: int) -> None:
         if count > file.most_points:
@@ -259,8 +259,8 @@ def _target(
                 code="too_many",
             )
 
-    # A table has one point or more. Shapes may have thousands, so the total is checked again after
-    # each table, before memory runs out.
+    # A table defines one or more points. Shapes may have thousands, so the total is checked again
+    # after each table, before memory runs out.
     check_total(len(file.foci) + len(file.suppression))
     total = 0
     points = []
@@ -304,7 +304,7 @@ def _target(
 
 
 def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "foci"]]:
-    # Return the pressures or shares of all foci; an empty mapping if no table has any.
+    # Return the pressures or shares of all foci; an empty mapping if no table gives any.
     values: dict[str, Any] = {}
     if not file.foci:
         return values
@@ -325,7 +325,7 @@ def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "fo
         )
     if not values:
         return {}
-    # Phases of a Target are those of complex pressures or shares.
+    # The phases of a Target are those of complex pressures or shares.
     degrees = values.get("phase_degrees")
     phased = 1.0 if degrees is None else np.exp(1j * np.radians(degrees))
     if "pressure" in values:
@@ -366,7 +366,7 @@ def _foci(
             f'at = "{table.at}" is not a named point of a body; {hint}', code="unknown_name"
         )
     point, normal, room = named[table.at]
-    # An offset in millimetres puts the focus beyond the next body.
+    # An offset in millimetres would put the focus beyond the next body.
     if offset >= room:
         raise InvalidInput(
             f"offset = {offset:g} m exceeds the gap of {1e3 * room:g} mm in front of {table.at}: "

@@ -1,4 +1,4 @@
-"""Comparison of drives, or of all methods for a setup, by one solve."""
+"""Comparison of drives, or of all methods for a setup, in one solve."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -48,8 +48,8 @@ class Contender:
     Attributes
     ----------
     name : name of the method.
-    drive : drive made by the method.
-    emitted : the drive rounded to the levels of the setup. The pressures are those of this drive.
+    drive : drive computed by the method.
+    emitted : the drive rounded to the levels of the setup; the pressures are those of this drive.
     pressures : (F,) peak pressure at the foci [Pa].
     suppression_points : (Q,) peak pressure at the suppression points [Pa].
     seconds : computing time of the method [s].
@@ -72,7 +72,7 @@ class Contender:
 
     @property
     def suppression_level(self) -> float:
-        """Mean of p² at the suppression points relative to the foci [dB]; NaN without points."""
+        """Mean p² at the suppression points relative to the foci [dB]; NaN if there are none."""
         if not len(self.suppression_points):
             return float("nan")
         ratio = np.mean(self.suppression_points**2) / np.mean(self.pressures**2)
@@ -87,8 +87,8 @@ class MethodComparison:
     ----------
     setup : the scene, array and target.
     default : name of the default method.
-    contenders : the methods that made a drive; the control is the last.
-    warnings : of the setup, of methods that made no drive or stopped early, and of the
+    contenders : the methods that returned a drive; the control is the last.
+    warnings : warnings of the setup, of methods that returned no drive or stopped early, and of the
         verification.
     transfer : transfer matrix of the drives.
     beacons : report of the solve behind the transfer matrix.
@@ -123,7 +123,7 @@ class MethodComparison:
 
     @property
     def equally_good(self) -> list[Contender]:
-        """The methods whose weakest focus at full scale is the best within ``tolerance``."""
+        """The methods whose weakest focus at full scale is within ``tolerance`` of the best."""
         largest = max(map(self.of_the_bound, self.contenders))
         return [
             contender
@@ -148,17 +148,17 @@ class MethodComparison:
         return sorted(self.contenders, key=rank)
 
     def worst(self, contender: Contender) -> float:
-        """Return the smallest pressure divided by weight of the foci with a weight above 0 [Pa]."""
+        """Return the smallest ratio of pressure to weight over foci with a weight above 0 [Pa]."""
         weights = self.setup.target.weights
         requested = weights > 0.0
         return float((contender.pressures[requested] / weights[requested]).min())
 
     def of_the_bound(self, contender: Contender) -> float:
-        """Return the pressure at the worst focus at full scale, divided by the bound."""
+        """Return the ratio of the pressure at the worst focus at full scale to the bound."""
         return self.worst(contender) / contender.emitted.peak / self.bound
 
     def label(self, contender: Contender) -> str:
-        """Return the name of a method, with a mark for the default."""
+        """Return the name of a method, marked if it is the default."""
         return f"{contender.name} (default)" if contender.name == self.default else contender.name
 
     def save(self, folder: str | Path) -> Path:
@@ -217,24 +217,24 @@ def compare(
     store: str | Path | None = None,
     progress: Progress | None = None,
 ) -> MethodComparison | Comparison:
-    """Compare all methods for a setup, or some drives of an array as ``evaluation.compare`` does.
+    """Compare all methods for a setup, or the drives of an array like ``evaluation.compare``.
 
     All methods use one transfer matrix. One more accurate solve verifies their drives. The method
     of the setup is ignored.
 
     Parameters
     ----------
-    scene : a setup; or a scene, together with the next four.
+    scene : a setup; or a scene, together with the next four arguments.
     array, drives, target, solver : as for ``evaluation.compare``.
     store : folder in which solved fields of a setup are stored and reused.
-    progress : is called with a description of each step as it begins.
+    progress : called with a description of each step as it begins.
 
     Raises
     ------
     InvalidInput
-        No method makes a drive for the setup; or as ``evaluation.compare``.
+        If no method returns a drive for the setup; or as for ``evaluation.compare``.
     NotConverged
-        A solver stopped early.
+        If a solver stopped early.
     """
     if isinstance(scene, Setup):
         return _compare_methods(scene, None if store is None else Path(store), Clock(progress))
@@ -244,7 +244,7 @@ def compare(
 def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodComparison:
     beacons = solve_beacons(setup, clock, store)
     transfer, report = transfer_to_array(setup, beacons, clock)
-    # "best" selects one of the other methods. Methods for samples need uncertainty.
+    # "best" selects one of the other methods. Methods for samples need an uncertainty.
     methods = [
         name
         for name in METHODS
@@ -260,7 +260,7 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
                 with times.step(words):
                     drives[words], stalled = synthesise(METHODS[method], transfer, setup.target)
                 warnings += stalled
-            # A method may fail, such as for foci that are too close, without stopping the others.
+            # A method may fail, for instance on foci that are too close, without stopping the rest.
             except InvalidInput as fault:
                 warnings.append(f"{words} made no drive: {fault}")
         if not drives:
@@ -272,7 +272,7 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
         if control is not None:
             drives[name] = control
         bound = upper_bound(transfer, setup.target).worst
-    # Boards emit rounded drives, so the rounded ones are verified and compared.
+    # Boards emit rounded drives, so the rounded drives are verified and compared.
     emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
     with clock.step(
         "verify",

@@ -1,4 +1,4 @@
-"""Export of fields, bodies and panels: VTKHDF 2.2 for ParaView, and flat triangles.
+"""Export of fields, bodies and panels, as VTKHDF 2.2 for ParaView or as flat triangles.
 
 See https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format.
 """
@@ -20,14 +20,14 @@ from airtact.geometry.mesh.topology import components, edge_twins
 from airtact.geometry.surface import Surface
 
 CURVED = ".vtkhdf"
-# File name endings of flat triangles, in metres
+# File name endings for flat triangles, in metres
 FLAT = (".stl", ".ply", ".glb")
 
 
 def write_field(
     path: Path, box: Box, pressure: Complex[np.ndarray, "points"], bodies: Sequence[Surface]
 ) -> None:
-    """Write the pressure [Pa] at a box's points as image data, and the bodies as polygons.
+    """Write the pressure [Pa] at the points of a box as image data, and the bodies as polygons.
 
     The point data are pressure_real and pressure_imag, NaN inside bodies. The cell data ``body`` is
     the index of the body.
@@ -40,13 +40,13 @@ def write_field(
             _write_polygons(_block(root, "bodies", 1, "PolyData"), bodies)
             names.append("bodies")
         assembly = root.create_group("Assembly", track_order=True)
-        # ParaView shows the tree of the assembly, whose leaves must be links to the blocks.
+        # ParaView shows the assembly as a tree, whose leaves must be links to the blocks.
         for name in names:
             assembly.create_group(name, track_order=True)[name] = h5py.SoftLink(f"/VTKHDF/{name}")
 
 
 def check_output(path: Path, *sources: Path) -> None:
-    """Raise if panels cannot be written to a file, or would overwrite their source."""
+    """Raise an error if panels cannot be written to a file or would overwrite their source."""
     if path.suffix.lower() not in (CURVED, *FLAT):
         raise InvalidInput(
             f"{path.name} ends in {path.suffix!r}, but panels are written to "
@@ -66,16 +66,16 @@ def write_triangles(
     quadratic_triangles: QuadraticTriangles,
     cells: Mapping[str, Real[np.ndarray, "panels"]] | None = None,
 ) -> int:
-    """Write quadratic triangles [m] in the format of the ending; .vtkhdf also holds ``cells``.
+    """Write quadratic triangles [m] in the format that the file name's ending selects.
 
-    Return the number of open edges of the flat triangles, which exist between panels of two sizes;
-    0 for curved panels, which need not meet.
+    A .vtkhdf file also contains ``cells``. Return the number of open edges of the flat triangles,
+    which occur between panels of two sizes; it is 0 for curved panels, which need not meet.
     """
     check_output(path)
     if path.suffix.lower() == CURVED:
         _write_vtkhdf(path, quadratic_triangles, cells or {})
         return 0
-    import trimesh  # imported here because this takes as long as importing airtact
+    import trimesh  # imported here because the import takes as long as that of airtact
 
     vertices, triangles = flat_triangles(quadratic_triangles)
     content = trimesh.Trimesh(vertices, triangles, process=False).export(
@@ -87,16 +87,16 @@ def write_triangles(
 
 
 def flat_triangles(quadratic_triangles: QuadraticTriangles) -> tuple[Vertices, Triangles]:
-    """Cut each panel into four flat triangles, and join the nodes of neighbours.
+    """Divide each panel into four flat triangles, and merge the nodes of neighbours.
 
-    Panels are projected onto the surface one by one, so nodes of neighbours are micrometres apart.
-    At the border of panels of two sizes the smaller ones have nodes that the larger ones lack.
+    Panels are projected onto the surface separately, so nodes of neighbours differ by micrometres.
+    Where panels of two sizes meet, the smaller ones have nodes that the larger ones lack.
     """
     nodes = quadratic_triangles.reshape(-1, 3)
     shortest = np.repeat(edge_lengths(quadratic_triangles).min(axis=1), 6)
     pairs = KDTree(nodes).query_pairs(0.1 * shortest.max(), output_type="ndarray")
     apart = np.linalg.norm(nodes[pairs[:, 0]] - nodes[pairs[:, 1]], axis=1)
-    # The nodes of one panel are half an edge apart, so they never join.
+    # The nodes of a panel are half an edge apart, so they never merge.
     pairs = pairs[apart <= 0.1 * shortest[pairs].min(axis=1)]
     vertex = components(pairs[:, 0], pairs[:, 1], len(nodes))
     vertices = np.stack([np.bincount(vertex, weights=axis) for axis in nodes.T], axis=1)
@@ -131,7 +131,7 @@ def _write_vtkhdf(
         root.create_dataset("Points", data=quadratic_triangles.reshape(-1, 3))
         root.create_dataset("Connectivity", data=np.arange(6 * count))
         root.create_dataset("Offsets", data=6 * np.arange(count + 1))
-        # 22 is a triangle of six nodes: the corners, then the middles of edges 01, 12, 20.
+        # Type 22 is a triangle of six nodes: the corners, then the middles of edges 01, 12, 20.
         root.create_dataset("Types", data=np.full(count, 22, dtype=np.uint8))
         data = root.create_group("CellData")
         for name, values in (numbers | dict(cells)).items():
@@ -153,7 +153,7 @@ def _block(root: h5py.Group, name: str, index: int, kind: str) -> h5py.Group:
 
 
 def _write_image(group: h5py.Group, box: Box, pressure: Complex[np.ndarray, "points"]) -> None:
-    # The arrays run z, y, x, and an extent includes both ends.
+    # The axes of the arrays are z, y, x, and an extent includes both ends.
     across, along, deep = box.counts
     group.attrs["WholeExtent"] = np.array([0, across - 1, 0, along - 1, 0, deep - 1])
     group.attrs["Origin"] = box.origin

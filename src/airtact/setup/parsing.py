@@ -1,4 +1,4 @@
-"""Parse a scene file into its tables, with changes of some keys."""
+"""Parse a scene file into its tables, optionally with other values of some keys."""
 
 import difflib
 import math
@@ -19,7 +19,7 @@ from airtact.errors import (
 )
 from airtact.setup.tables import ObstacleTable, SceneFile, Table
 
-# Value that a key may be set to; None removes the key
+# Value to which a key may be set; None removes the key
 Value = str | float | int | bool | None
 
 
@@ -28,15 +28,15 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
 
     Parameters
     ----------
-    text : TOML.
-    changes : values that replace the file's, see ``with_changes``.
+    text : text of the file, in TOML.
+    changes : values that replace those in the file, see ``with_changes``.
 
     Raises
     ------
     InvalidInput
-        "file_unreadable"; "file_too_large" (also for deep nesting); "unknown_key"; "key_missing";
-        "key_misplaced" (a key that needs or excludes another); "options_clash" (not exactly one of
-        some keys); "unknown_name"; "wrong_kind"; "out_of_range"; "not_finite".
+        If the text is not TOML, too large or too deeply nested; a key is unknown, missing, needs or
+        excludes another, or is not the only one of a group; or a value has the wrong kind, is not
+        finite or out of range, or is not a known name.
 
     Examples
     --------
@@ -79,7 +79,7 @@ def _check_text(text: str) -> None:
     if size > LARGEST_SCENE_FILE:
         sentence = f"the text has {size:,} bytes, more than {LARGEST_SCENE_FILE:,}."
         raise InvalidInput(sentence, code="file_too_large")
-    # The decoder takes minutes for keys of thousands of parts.
+    # The decoder takes minutes for keys with thousands of parts.
     parts = 0
     for word in text.split("."):
         parts = 0 if re.search(r"[\n=,\[\]{}]", word) else parts + 1
@@ -88,7 +88,7 @@ def _check_text(text: str) -> None:
 
 
 def _check_numbers(data: object, path: str) -> None:
-    # Products of numbers beyond these limits would overflow or underflow later.
+    # Products of numbers beyond these limits could overflow or underflow later.
     if isinstance(data, dict):
         for key, value in data.items():
             _check_numbers(value, _joined(path, key))
@@ -109,13 +109,13 @@ def _check_numbers(data: object, path: str) -> None:
 
 
 def nearest(word: str, names: Iterable[str], prefix: str = "") -> str:
-    """Suggest the nearest of some names, or list all names.
+    """Suggest the nearest of several names, or list them all.
 
     >>> nearest("finite_elemant", ["boundary_element", "finite_element"])
     'did you mean finite_element?'
     """
     names = sorted(names)
-    # The time of difflib grows with the square of the word's length.
+    # The run time of difflib grows with the square of the word's length.
     close = difflib.get_close_matches(word[:50], names, n=1)
     if close:
         return f"did you mean {prefix}{close[0]}?"
@@ -124,7 +124,7 @@ def nearest(word: str, names: Iterable[str], prefix: str = "") -> str:
 
 def _explained(error: msgspec.ValidationError, data: Any) -> InvalidInput:
     fault, _, path = str(error).rpartition(" - at `$")
-    fault = fault or path  # at the top there is no path
+    fault = fault or path  # at the top level there is no path
     path = "" if fault is path else path.strip("`.")
     if isinstance(error.__cause__, InvalidInput):
         cause = error.__cause__
@@ -182,7 +182,7 @@ def _table_of(kinds: Iterable[Any]) -> type[Table]:
 
 
 def _plain_types(match: re.Match[str]) -> str:
-    # Users of TOML may not know the names of Python's and JSON's types.
+    # Users of TOML may not know the names of types in Python and JSON.
     words = {
         "array": "a list",
         "bool": "true or false",
@@ -205,14 +205,14 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
     ----------
     data : tables, lists and values of a scene file; not modified.
     changes : values by paths such as ``foci[0].offset``; None removes a key. ``hand.gap`` is short
-        for the key of the only obstacle that is a hand; other kinds of bodies likewise. Missing
-        keys are added.
+        for the key of the only obstacle that is a hand, and likewise for other kinds of bodies.
+        Missing keys are added.
 
     Raises
     ------
     InvalidInput
-        "unknown_key": a path names no key; the message lists the existing keys. "given_twice": two
-        paths name one key.
+        If a path names no key (the message lists the existing keys), or two paths name the same
+        key.
 
     Examples
     --------
@@ -228,7 +228,7 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
         seen.add(steps)
         inner: Any = changed
         for step, following in pairwise(steps):
-            # Missing tables are added, and so is a missing translation.
+            # Missing tables, and a missing translation, are added.
             if isinstance(inner, dict) and isinstance(following, str):
                 inner.setdefault(step, {})
             elif isinstance(inner, dict) and step == "translation":
@@ -264,7 +264,7 @@ def _steps(path: str, data: Mapping[str, Any]) -> tuple[str | int, ...]:
             "obstacles[0] is the first body.",
             code="unknown_key",
         )
-    # Keys of the body are in a table of its kind, or beside it.
+    # Keys of the body are in a table of its kind or next to it.
     if isinstance(bodies[indices[0]][kind], dict) and keys[:1] not in (["pose"], ["boundary"]):
         keys = [kind, *keys]
     return ("obstacles", indices[0], *keys)

@@ -1,4 +1,4 @@
-"""Render a setup: solve, make the drive, verify it and save it."""
+"""Render a setup: solve for the field, compute the drive, verify and save it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -63,10 +63,10 @@ class Rendering:
     transfer : transfer matrix of the drive.
     beacons : report of the solve behind the transfer matrix.
     drive : amplitude and phase of each transducer.
-    pressures : (F,) peak pressure at each focus under the drive, by the verification [Pa].
+    pressures : (F,) peak pressure at each focus under the drive, from the verification [Pa].
     steepening : effect of real air on these pressures.
-    verification : comparison of the drive with its control, which the same method makes without the
-        bodies. In open air there is no control.
+    verification : comparison of the drive with its control, which the same method computes without
+        the bodies. In open air there is no control.
     drives : drives of the verification, each with its strongest element at full scale.
     sequence : drives of moving foci, or None.
     robustness : pressures of the drive on other samples of the uncertainty; None without
@@ -74,7 +74,7 @@ class Rendering:
     headline : sentence with the pressure at the weakest focus, with and without the hand.
     remarks : sentences on requests that were not met, and on the share of the upper bound.
     sensation : sentences on the foci and the tactile threshold.
-    warnings : of the setup, of the method and of both solves.
+    warnings : warnings of the setup, of the method and of both solves.
     seconds : wall time by step [s].
     """
 
@@ -103,7 +103,7 @@ class Rendering:
 
     @property
     def method(self) -> str:
-        """Name of the method, and for ``best`` of the method that it selects."""
+        """Name of the method; for ``best``, the name of the method it selects."""
         return method_words(self.setup)
 
     @property
@@ -146,7 +146,7 @@ class Rendering:
             self.sequence.save(sequence, self.setup)
             files.append(sequence)
         else:
-            sequence.unlink(missing_ok=True)  # of an older run
+            sequence.unlink(missing_ok=True)  # from an older run
         return tuple(files)
 
 
@@ -175,15 +175,15 @@ def focus(
     pressures: PerFocus | None = None,
     medium: Medium | None = None,
 ) -> Rendering:
-    """Focus an array on points, in open air or beside a hand or another rigid body.
+    """Focus an array on points, in open air or near a hand or another rigid body.
 
     Parameters
     ----------
     array : the transducers.
-    points : (F, 3) foci in the array's frame [m], or (3,) for one.
+    points : (F, 3) foci in the array's frame [m], or (3,) for a single focus.
     hand : a hand, the surface of another body, or a list of them, in the same frame.
-    pressures : (F,) requested peak pressures [Pa], or one for all; by default as strong as
-        possible.
+    pressures : (F,) requested peak pressures [Pa], or one number for all foci; by default as strong
+        as possible.
     medium : the fluid; by default air at 20 °C.
 
     Returns
@@ -193,7 +193,7 @@ def focus(
     Raises
     ------
     InvalidInput
-        As ``render``.
+        As for ``render``.
 
     Examples
     --------
@@ -218,14 +218,14 @@ def render(
     ----------
     setup : scene, array, target and settings.
     store : folder in which solved fields are stored and reused.
-    progress : is called with a description of each step as it begins.
+    progress : called with a description of each step as it begins.
 
     Raises
     ------
     InvalidInput
-        The method makes no drive for the setup, or the solver does not support it.
+        If the method returns no drive for the setup, or the solver does not support the setup.
     NotConverged
-        A solver stopped early.
+        If a solver stopped early.
 
     Examples
     --------
@@ -266,7 +266,7 @@ def render(
         )
     # The verification compares drives at full scale, but requested pressures may need less.
     at_full_scale = comparison.pressures["equal peak"][0]
-    # It is scaled so that the weakest focus gets its requested pressure, up to full scale.
+    # Scale the drive so that the weakest focus reaches its requested pressure, up to full scale.
     peak = drive.peak
     if peak < 1.0:
         share = 1.0
@@ -283,7 +283,7 @@ def render(
 
         with clock.step("doubt", "evaluating the drive on other samples of the uncertainty"):
             compared = {setup.method.replace("_", " "): drive}
-            # It is compared with the method for samples and with the simplest method.
+            # Compare it with the method for samples and with the simplest method.
             if setup.method not in FOR_SAMPLES:
                 compared["robust"] = at.robust(transfer, setup.target)
             if setup.method != "time_reversal":
@@ -308,7 +308,7 @@ def render(
             *remarks,
             share_of_bound(setup, transfer, drive),
         ),
-        # Where the estimate does not hold, the linear pressure is far above the threshold.
+        # Where the estimate is invalid, the linear pressure is far above the threshold.
         sensation=sensations(
             setup,
             np.fmin(pressures, pressures * steepening.kept),

@@ -1,4 +1,4 @@
-"""Emit a drive at a safe level: the plan of an emission, with the cap that limits the level."""
+"""Emit a drive at a safe level: the plan of an emission, with a cap that limits the level."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,7 +24,7 @@ from airtact.transducers.boards import Board, board_named, boards_needed, poses_
 from airtact.transducers.element import DEFAULT_SENSITIVITY
 from airtact.transducers.modulation import AmplitudeModulation
 
-# Frequency that all boards play [Hz]
+# Frequency that all boards emit [Hz]
 FREQUENCY = 40e3
 
 
@@ -36,9 +36,9 @@ class Plan:
     ----------
     stored : the drive or sequence.
     board : kind of board.
-    modulation : how the amplitude of a drive varies; None for a sequence or a constant drive.
-    cap : largest amplitude of an element, a share of full scale.
-    limited : whether the cap was chosen to keep the level at a head under the limit.
+    modulation : variation of a drive's amplitude; None for a sequence or a constant drive.
+    cap : largest amplitude of an element, as a share of full scale.
+    limited : whether the cap was chosen to keep the level at a head below the limit.
     """
 
     stored: DriveFile
@@ -62,12 +62,12 @@ class Plan:
 
     @property
     def constant(self) -> bool:
-        """Whether the force does not vary."""
+        """Whether the force is constant."""
         return self.rate is None and self.modulation is None
 
     @cached_property
     def head(self) -> HeadLevel:
-        """Level at a head, whose position is not known: anywhere 0.5 m off the array."""
+        """Level at a head, whose position is unknown: anywhere 0.5 m from the array."""
         stored = self.stored
         assert stored.positions is not None
         factors = (1.0,)
@@ -94,12 +94,12 @@ class Plan:
         share = share_under_cap(stored.drives, levels, self.cap)
         frames = [frame_at(row, levels, share).drive().amplitudes for row in stored.drives]
         foci = len(matrix) if stored.foci is None else len(stored.foci)
-        # Each focus counts in the frame of a sequence that is made for it.
+        # In a sequence, each focus counts only in the frame computed for it.
         pressures = np.abs(matrix[:foci] @ np.stack(frames, axis=1))
         return float(pressures.max(axis=1).min())
 
     def facts(self, link: str) -> list[tuple[str, str]]:
-        """Describe the emission through a link, each fact by its name."""
+        """Describe the emission through a link, as pairs of a name and a fact."""
         drives = self.stored.drives
         board = self.board
         words = f"{len(self.poses)} {board.title}, {drives.shape[1]} transducers, through {link}"
@@ -121,7 +121,7 @@ class Plan:
         return [*facts, ("at a head", words)]
 
     def notes(self) -> list[str]:
-        """Explain the level, and whether the drive can be felt."""
+        """Sentences on the level, and on whether the drive can be felt."""
         notes = []
         if self.limited:
             notes.append(
@@ -148,17 +148,17 @@ def plan(
     ----------
     path : file of a drive or a sequence.
     board : name of the kind of board.
-    cap : largest amplitude of an element, a share of full scale. By default the largest that keeps
-        the level at a head under the limit.
-    modulation : replaces the file's.
-    constant : whether the drive is played without the file's modulation.
+    cap : largest amplitude of an element, as a share of full scale. By default the largest that
+        keeps the level at a head below the limit.
+    modulation : modulation that replaces the one in the file.
+    constant : whether to play the drive without the file's modulation.
 
     Raises
     ------
     InvalidInput
-        The file holds no drive for such boards, a modulation is given for a sequence, the cap is
+        If the file has no drive for such boards, a modulation is given for a sequence, the cap is
         not above 0 and at most 1 or silences all elements, or boards that only switch their
-        elements on and off cannot stay under the limit.
+        elements on and off cannot stay below the limit.
     """
     kind = board_named(board)
     stored = read_drive_file(path)
@@ -196,9 +196,9 @@ def plan(
 
 
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
-    """Return the largest cap that keeps a head under the limit, and the level at full scale [dB].
+    """Return the largest cap that keeps a head below the limit, and the level at full scale [dB].
 
-    Raise "out_of_range" for boards that cannot be turned down so far.
+    Raise ``InvalidInput`` if the level of the boards cannot be reduced that far.
     """
     head = Plan(stored, board_named(board), stored.modulation).head
     return head.safe_cap(), head.full
@@ -216,7 +216,7 @@ def sound_speed_of(stored: DriveFile) -> float:
 
 
 def write(made: Plan, file: Path, seconds: float | None) -> tuple[int, float | None]:
-    """Write the frames of a plan to a file, for some seconds; return as ``write_frames``."""
+    """Write the frames of a plan to a file, for some seconds; return what ``write_frames`` does."""
     drives = made.stored.drives
     sound = Drive(drives[0]) if made.rate is None else Sequence(drives, made.rate)
     return write_frames(
@@ -244,12 +244,12 @@ def emit(
     Raises
     ------
     InvalidInput
-        The link cannot be opened, or the boards cannot play the sequence. Nothing was emitted.
+        If the link cannot be opened, or the boards cannot play the sequence. Nothing was emitted.
     LinkFailed
-        The link failed; the message says what was sent last.
+        If the link failed; the message states what was sent last.
     """
     stored = made.stored
-    # Checked before the link is opened, so that nothing is emitted if the boards cannot play it.
+    # Check this before the link is opened, so that nothing is emitted if the boards cannot play it.
     played = None
     if made.rate is not None:
         link.check_sequence(len(stored.drives), made.rate)

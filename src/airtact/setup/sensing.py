@@ -35,20 +35,20 @@ from airtact.setup.solving import stored, synthesise
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transducers.layout import PhasedArray, join
 
-# Largest difference of the gap of a pinch from the scene file's [m]
+# Largest difference between the gap of a pinch and that in the scene file [m]
 GAP_RANGE = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A hand that is off the pose of the scene file in a random direction.
+    """A hand displaced in a random direction from the pose in the scene file.
 
     Attributes
     ----------
     noise : signal-to-noise ratio of the echoes [dB].
-    position, degrees : offset [m] and turn [°] of the hand.
+    position, degrees : offset [m] and rotation [°] of the hand.
     seed : seed of the noise and the directions.
-    opened : difference of the gap of a pinch from the scene file's [m].
+    opened : increase of the gap of a pinch over that in the scene file [m].
     """
 
     noise: float
@@ -60,21 +60,21 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """Pose of the hand relative to the scene file, and the pressures with a corrected drive.
+    """Pose of the hand relative to the scene file, and the pressures under a corrected drive.
 
     Attributes
     ----------
-    setup, fitted : the scene file, and the same with the gap found.
-    located : the pose found, from the obstacles of the scene file to the actual ones, in the same
-        frame.
-    echoes : the echoes from which the pose was found.
-    shifts : translation of the bodies' middle [m] and turn [rad] of the pose found, from the scene
-        file's pose; of simulated echoes also from the true pose.
-    before, after : (F,) pressure at each focus of the actual hand under the drive for the scene
-        file's pose and under that for the pose found [Pa].
+    setup, fitted : the scene file, and the same with the estimated gap.
+    located : the estimated pose, from the obstacles of the scene file to the actual obstacles, in
+        the same frame.
+    echoes : the echoes from which the pose was estimated.
+    shifts : translation of the bodies' middle [m] and rotation [rad] of the estimated pose relative
+        to the pose in the scene file; for simulated echoes also relative to the true pose.
+    before, after : (F,) pressure at each focus of the actual hand [Pa], under the drive for the
+        scene file's pose and under the drive for the estimated pose.
     unexplained : (2, R) residual at each receiver for both poses, divided by the echoes' rms.
-    gap, true_gap : gaps of the scene file's pinch and of the simulated one [m], or None. The gap
-        found is ``located.opening``.
+    gap, true_gap : gaps of the scene file's pinch and of the simulated pinch [m], or None. The
+        estimated gap is ``located.opening``.
     seconds : wall time by step [s].
     """
 
@@ -124,23 +124,23 @@ def sense(
 ) -> Sensed:
     """Locate the hand of a scene file from echoes, and compare the drives for both poses.
 
-    The search starts at the pose of the scene file. The gap of a pinch is fitted too.
+    The search starts at the pose in the scene file. The gap of a pinch is fitted as well.
 
     Parameters
     ----------
-    setup : read from a scene file.
-    echoes : measured echoes, or what to simulate.
+    setup : setup of a scene file.
+    echoes : measured echoes, or the hand to simulate.
     store : folder in which solved fields are stored and reused.
 
     Raises
     ------
     NotConverged
-        "pose_not_found": no pose near that of the scene file explains the echoes.
+        If no pose near that in the scene file explains the echoes.
     """
     clock = Clock(progress)
     tables = parse_scene(setup.text).obstacles
     gaps = [table.pinch.gap for table in tables if table.pinch is not None]
-    gap = gaps[0] if len(gaps) == 1 else None  # the gaps of several pinches cannot be fitted
+    gap = gaps[0] if len(gaps) == 1 else None  # gaps of several pinches cannot be fitted
     with clock.step("scattering", "solving the bodies for spherical waves"):
         solver = stored(BoundaryElement(accuracy=0.02, estimate=False), store).reporting(progress)
         if gap is None:
@@ -151,12 +151,12 @@ def sense(
             def opened(value: float) -> Scene:
                 return _with_gap(setup, value).scene
 
-            # Fingers that touch scatter as one body, so the family ends before that.
+            # Fingers that touch scatter as one body, so the family ends at a larger gap.
             narrowest = max(gap - GAP_RANGE, min(5e-4, 0.5 * gap))
             model = scattering_family(solver, opened, narrowest, gap + GAP_RANGE, start=gap)
             scattering = model.at(model.start)
-    # The simulation has smaller panels than the model, so that the fit does not profit from errors
-    # that both share.
+    # The simulation uses smaller panels than the model, so that the fit does not benefit from
+    # common errors.
     true = None
     true_gap = None
     actual_setup = setup
@@ -199,7 +199,7 @@ def sense(
     fitted = setup if located.opening is None else _with_gap(setup, located.opening)
     with clock.step("drives", "making the drives for both poses"):
 
-        @cache  # without a gap all setups are the same scene
+        @cache  # without a gap all setups have the same scene
         def waves(setup: Setup) -> RadiatedField:
             return multipole_expansion(
                 stored(setup.solver, store).radiate(
@@ -210,7 +210,7 @@ def sense(
         def transfer(setup: Setup, pose: Pose) -> TransferMatrix:
             return transfer_matrix(waves(setup), setup.array.seen_from(pose))
 
-        # Without a simulated true pose, the pose found takes its place.
+        # Without a simulated true pose, the estimated pose is used instead.
         actual = transfer(fitted, located.pose) if true is None else transfer(actual_setup, true)
 
         def pressures(setup: Setup, pose: Pose) -> Float64[np.ndarray, "foci"]:
@@ -222,13 +222,13 @@ def sense(
     with clock.step("residual", "comparing echoes at each receiver"):
         final = scattering
         if isinstance(model, ScatteringFamily):
-            assert located.opening is not None  # a family has one
+            assert located.opening is not None  # a family has an opening
             final = model.at(located.opening)
         left = [
             unexplained(echoes, scattering, setup.array, Pose.identity()),
             unexplained(echoes, final, setup.array, located.pose),
         ]
-    # Shifts are those of the bodies' centre; at the origin a rotation would add a shift.
+    # Shifts refer to the centre of the bodies; at the origin a rotation would add a shift.
     centre = scattering.centre[None]
     pose = located.pose
     shifts = []
@@ -267,14 +267,15 @@ def calibrate_array(
     Returns
     -------
     The calibration; for simulated transmissions also the errors of the worst board [m] and of the
-    sound speed [m/s], else None.
+    sound speed [m/s], otherwise None.
 
     Raises
     ------
     InvalidInput
-        A file is at fault, both or neither of file and noise are given, or as ``calibrate``.
+        If a file is at fault, or both or neither of file and noise are given; or as for
+        ``calibrate``.
     NotConverged
-        "pose_not_found": no positions of the boards explain the transmissions.
+        If no positions of the boards explain the transmissions.
     """
     if (echoes_file is None) == (noise is None):
         raise InvalidInput(
@@ -311,7 +312,7 @@ def calibrate_array(
     if true is None:
         return calibrated, None
     true_array, true_medium = true
-    # The position of a board is that of its middle.
+    # The position of a board is the position of its middle.
     middles = [
         np.stack([board.positions.mean(axis=0) for board in boards_of(each)])
         for each in (calibrated.array, true_array)
@@ -326,7 +327,7 @@ def _simulated_array(array: PhasedArray, medium: Medium, seed: int) -> tuple[Pha
     boards = boards_of(array)
     motions = random.normal(size=(len(boards), 6)) * np.repeat([5e-4, 5e-3], 3)
     motions[0] = 0.0  # the first board defines the frame
-    # Log magnitude and phase [rad] of the gains.
+    # Log magnitude and phase [rad] of the gains
     logarithm = random.normal(size=(2, len(array))) * np.array([0.1, 0.2])[:, None]
     true = join([moved(board, motion) for board, motion in zip(boards, motions, strict=True)])
     return true.calibrated(np.exp(logarithm[0] + 1j * logarithm[1])), Medium(

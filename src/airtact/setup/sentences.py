@@ -21,7 +21,7 @@ from airtact.transducers.placement import (
     strongest_open_air,
 )
 
-# Largest distance of a focus from a body at which skin can feel it [m], a wavelength and more
+# Largest distance from a body at which skin can feel a focus [m]: somewhat over a wavelength.
 MAX_SKIN_DISTANCE = 10e-3
 
 
@@ -33,7 +33,7 @@ def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
 
 
 def touches(setup: Setup) -> tuple[str, ...]:
-    """State what touches which virtual object, how deep, and how strong that is felt."""
+    """State the contacts of bodies with virtual objects: place, depth and strength."""
     if setup.contacts is None:
         return ()
     contacts = setup.contacts
@@ -84,7 +84,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     if setup.contacts is not None and not setup.contacts.runs:
         note = setup.contacts.foci(wavelength=scene.wavelength).note
         cautions += [f"{note}."] if note else []
-    # A focus in mid-air may be intended, so this is no error.
+    # A focus in mid-air may be intentional, so this is no error.
     bare = int(np.count_nonzero(~with_skin(setup)))
     if bare:
         away = -scene.depth(points)
@@ -107,8 +107,8 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
             )
     bounds = open_air_bound(setup.array, points, scene.wavenumber.real)
     strongest = strongest_open_air(setup.array, scene.wavenumber.real)
-    # A hard surface doubles the pressure of a plane wave, and so does a plane. Reflecting boards
-    # have no such bound.
+    # A hard surface doubles the pressure of a plane wave, and a plane doubles it as well. There is
+    # no such bound for reflecting boards.
     gain = (2.0 if scene.obstacles else 1.0) * (2.0 if scene.planes else 1.0)
     gain = np.inf if scene.boards else gain
     pressures = setup.target.pressures
@@ -143,7 +143,7 @@ def sensations(
 ) -> tuple[str, ...]:
     """Compare the foci, or the weakest focus of a sequence, with the tactile threshold.
 
-    Foci away from every body are ignored. If all are, the sentence says so.
+    Foci away from every body are ignored. If all foci are, the sentence states this.
     """
     skin = with_skin(setup)
     if not skin.any():
@@ -164,7 +164,7 @@ def sensations(
 
 def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
     """Compare the drive with the certified upper bound, before and after rounding."""
-    # A certificate within 1 % is enough for a sentence in whole per cent.
+    # A bound certified within 1 % suffices for a sentence in whole per cent.
     frame = quantise(drive, setup.levels)
     levels = (
         f"{len(frame.levels.amplitudes)} levels of amplitude and {frame.levels.phases} of phase"
@@ -207,8 +207,8 @@ def disagreement(
     setup: Setup, transfer: TransferMatrix, drive: Drive, pressures: Float64[np.ndarray, "foci"]
 ) -> Iterator[str]:
     """Warn if both solutions differ by over 1.5 times the requested accuracy."""
-    # The drive is made from the transposed solution and verified by a forward one of finer panels.
-    # A difference within the accuracy excludes faults of panels and solver.
+    # The drive comes from the transposed solution, and a forward solution with finer panels
+    # verifies it. A difference within the accuracy excludes faults of panels and solver.
     predicted = np.abs(transfer.pressure(drive))[: len(pressures)]
     apart = np.abs(predicted / pressures - 1.0)
     worst = int(np.argmax(apart))

@@ -1,4 +1,4 @@
-"""Sequence of drives for moving foci."""
+"""A sequence of drives for moving foci."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +23,7 @@ class MovingDrive:
 
     Attributes
     ----------
-    sequence : the drives.
+    sequence : the sequence of drives.
     transfer, target : transfer matrix and target of all positions of the foci.
     weakest : (frames,) pressure at the weakest focus in each frame [Pa].
     warnings : warnings of a method that stopped early.
@@ -51,8 +51,8 @@ class MovingDrive:
 def moving_drive(
     setup: Setup, motion: Motion, transfer: TransferMatrix, clock: Clock, store: Path | None
 ) -> MovingDrive:
-    """Make the sequence of a setup with moving foci; ``transfer`` is that of the foci at rest."""
-    # All positions are foci of one transfer matrix, so the path needs only one solve.
+    """Compute the sequence of a setup with moving foci; ``transfer`` is for the foci at rest."""
+    # All positions are foci of the same transfer matrix, so the path needs only one solve.
     target = setup.target
     paths = paths_of(setup)
     turns = motion.turns(paths)

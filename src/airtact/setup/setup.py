@@ -35,28 +35,28 @@ class Setup:
     scene : the bodies in their medium.
     array : the transducers, in the obstacles' frame.
     target : the foci.
-    solver : computes the fields; by default boundary elements, or the closed form in open air.
+    solver : solver of the fields; by default boundary elements, or the closed form in open air.
     accuracy : requested relative error; by default that of the solver, or 0.01.
-    method : name of the method that makes the drive, a key of ``drives.METHODS``.
+    method : name of the method that computes the drive, a key of ``drives.METHODS``.
     levels : amplitudes and phases to which the drive is rounded.
-    modulation : makes the drive perceptible; None for a constant drive.
+    modulation : variation that makes the drive perceptible; None for a constant drive.
     uncertainty : uncertainty of hand, air and transducers, or None.
-    samples, seed : number of samples of the uncertainty for the drive, and their seed.
+    samples, seed : number of samples of the uncertainty used for the drive, and their seed.
     bodies, foci : a name for each body and each focus.
     board : kind of the boards of the array, or None.
     hands : hands that are bodies or define named points, in the obstacles' frame.
     riding : for each focus its named point and its distance from the surface [m], or None.
     objects : virtual objects.
-    contacts : contacts of the bodies with the objects if they are the foci, or None.
-    tracker : pose of the tracker of a live hand, from its frame to the obstacles'.
-    left_out : planes behind the boards. No sound reaches them, so the scene omits them.
+    contacts : contacts of the bodies with the objects if they define the foci, or None.
+    tracker : pose of the tracker of a live hand, from its frame to the obstacles' frame.
+    left_out : planes behind the boards; no sound reaches them, so the scene omits them.
     path, text : the scene file and its content, if the setup comes from one.
 
     Raises
     ------
     InvalidInput
-        A focus is inside a body, the array reaches into a body, the method is unknown, or a setting
-        conflicts with another.
+        If a focus is inside a body, the array reaches into a body, the method is unknown, or two
+        settings conflict.
 
     Examples
     --------
@@ -103,7 +103,7 @@ class Setup:
         accuracy = self.accuracy
         if accuracy is None:
             accuracy = getattr(self.solver, "accuracy", 0.01)
-        # The class is frozen, so fields are set through `object`.
+        # The class is frozen, so its fields are set through `object`.
         object.__setattr__(self, "accuracy", accuracy)
         if self.solver is None:
             object.__setattr__(self, "solver", default_solver(self.scene, accuracy))
@@ -130,11 +130,11 @@ class Setup:
         if len(self.target.suppression_points):
             with about("suppression"):
                 check_outside(self.scene, self.target.suppression_points, "suppression point")
-        # The foci are needed too: a focus behind all elements is out of reach.
+        # The check needs the foci: a focus behind all elements is out of reach.
         with about("array"):
             beacons = self.target.beacons(suppression=True)
             check_placement(self.scene, self.array, beacons.positions)
-            self.poses  # noqa: B018 (raises if the array is not made of such boards)
+            self.poses  # noqa: B018 (raises if the array does not consist of such boards)
         with about("drive"):
             if self.method not in METHODS:
                 raise InvalidInput(
@@ -166,7 +166,7 @@ class Setup:
 
     @property
     def title(self) -> str:
-        """Title from the name of the scene file."""
+        """Title, from the name of the scene file."""
         return "scene" if self.path is None else self.path.stem.replace("_", " ")
 
     @property
@@ -195,12 +195,12 @@ class Setup:
 
     @property
     def synthesise(self) -> Callable[[TransferMatrix, Target], Drive]:
-        """Function that makes the drive."""
+        """Function that computes the drive."""
         return METHODS[self.method]
 
 
 def default_solver(scene: Scene, accuracy: float) -> Solver:
-    """Return boundary elements of an accuracy, or the closed form for open air."""
+    """Return boundary elements of the given accuracy, or the closed form for open air."""
     if not scene.obstacles:
         return at.FreeField()
     return at.BoundaryElement(accuracy=accuracy)

@@ -30,12 +30,12 @@ MOST_UNKNOWNS = 19_000
 
 
 def stored(solver: Solver, store: Path | None) -> Solver:
-    """Return a solver that stores its solutions in a folder, if there is one."""
+    """Return a solver that stores its solutions in ``store``; the same solver if that is None."""
     return solver if store is None else at.Stored(solver, store)
 
 
 def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> RadiatedField:
-    """Solve for a beacon at each focus and suppression point; multipoles if uncertain."""
+    """Solve for a beacon at each focus and suppression point; use multipoles if uncertain."""
     target = setup.target
     foci = f"focus ({len(target.points)})"
     if len(target.suppression_points):
@@ -46,22 +46,22 @@ def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> Radi
         beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
         if setup.uncertainty is None or not setup.scene.obstacles:
             return beacons
-        # Each sample evaluates the fields at a moved array, which is far faster by multipoles.
+        # Each sample evaluates the fields at a moved array; multipoles are far faster for this.
         return at.multipole_expansion(beacons)
 
 
 def transfer_to_array(
     setup: Setup, beacons: RadiatedField, clock: Clock
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Evaluate the beacons at the transducers; with uncertainty also at samples of them.
+    """Evaluate the beacons at the transducers, and with uncertainty also at samples of them.
 
     Returns
     -------
-    The transfer matrix, or the ensemble of the samples, and the report of the solve.
+    The transfer matrix, or the ensemble of the samples; and the report of the solve.
     """
     transducers = counted(len(setup.array), "transducer", "transducers")
     with clock.step("transfer", f"evaluating the beacons at {transducers}"):
-        # A warning of an inexact matrix becomes a sentence of the result.
+        # A warning about an inexact matrix becomes a sentence of the result.
         with warnings.catch_warnings(record=True) as inexact:
             warnings.simplefilter("always")
             # The setup has checked the placement of the array.
@@ -97,17 +97,17 @@ def solve_foci(
 
 
 def solver_of_samples(setup: Setup) -> Solver | None:
-    """Return the solver for each sample; None if samples need no solves of their own."""
+    """Return the solver for each sample; None if samples need no separate solves."""
     if not (setup.scene.planes and isinstance(setup.solver, BoundaryElement)):
         return None
     return replace(setup.solver, estimate=False)
 
 
 def other_samples(setup: Setup, beacons: RadiatedField) -> "at.drives.TransferEnsemble":
-    """Sample the uncertainty of a setup with another seed than the drive was made for."""
+    """Sample the uncertainty of a setup with a seed that was not used to compute the drive."""
     assert setup.uncertainty is not None
     solver = solver_of_samples(setup)
-    # In front of a plane each sample needs a solve.
+    # In front of a plane each sample needs its own solve.
     count = 256 if solver is None else 64
     return at.ensemble(
         beacons, setup.array, setup.uncertainty, count, setup.seed + 1, solver=solver
@@ -117,7 +117,7 @@ def other_samples(setup: Setup, beacons: RadiatedField) -> "at.drives.TransferEn
 def synthesise(
     method: Callable[[TransferMatrix, Target], Drive], transfer: TransferMatrix, target: Target
 ) -> tuple[Drive, tuple[str, ...]]:
-    """Make a drive, and collect the warnings of a method that stopped early."""
+    """Compute a drive, and collect the warnings of a method that stopped early."""
     # Warnings of the method become sentences of the result; other warnings are passed on.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Stalled)
@@ -134,7 +134,7 @@ def synthesise(
 
 
 def method_words(setup: Setup) -> str:
-    """Return the name of the method, and for ``best`` of the method that it selects."""
+    """Return the name of the method; for ``best``, the name of the method it selects."""
     words = setup.method.replace("_", " ")
     if setup.method != "best":
         return words
@@ -142,7 +142,7 @@ def method_words(setup: Setup) -> str:
 
 
 def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of a drive and its control; in open air only of the drive."""
+    """Return the names of a drive and its control; in open air only that of the drive."""
     if not bodies:
         return ("drive",)
     word = body_word(bodies)
@@ -150,15 +150,15 @@ def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
 
 
 def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive]) -> Drive | None:
-    """Make the drive by the same method from a matrix without the bodies; None in open air.
+    """Compute the drive of the same method without the bodies; return None in open air.
 
-    Methods for samples get samples of the same uncertainty in open air.
+    Methods for samples use samples of the same uncertainty in open air.
     """
     if not setup.scene.obstacles:
         return None
     open_air = open_air_matrix(setup.scene, setup.array, setup.target)
     if setup.uncertainty is not None and setup.method in FOR_SAMPLES:
-        # Without skin a focus cannot move along it; all other deviations stay.
+        # Without skin a focus cannot move along it; all other deviations remain.
         beacons = FreeField().radiate(
             replace(setup.scene, obstacles=[]), setup.target.beacons(suppression=True)
         )
@@ -183,8 +183,8 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 def verification_solver(setup: Setup) -> Solver:
     """Choose a more accurate solver than that of the setup, to verify the drive.
 
-    Filled bodies get finite elements of the next order, other bodies boundary elements, open air
-    the closed form. The solver warns of errors above the accuracy of the setup.
+    Filled bodies use finite elements of the next order, other bodies boundary elements, and open
+    air the closed form. The solver warns of errors above the accuracy of the setup.
     """
     if not setup.scene.obstacles:
         return FreeField()
@@ -195,10 +195,10 @@ def verification_solver(setup: Setup) -> Solver:
 
 
 def _verification_accuracy(setup: Setup) -> float:
-    """Find an accuracy with 1.8 times the unknowns of the setup's or more, to ``MOST_UNKNOWNS``.
+    """Return an accuracy with at least 1.8 times the setup's unknowns, up to ``MOST_UNKNOWNS``.
 
-    Smaller panels near foci do not count: in the verification solve the transducers are the
-    sources, which are far from the bodies.
+    Smaller panels near foci do not count, because the sources of the verification solve are the
+    transducers, which are far from the bodies.
     """
     finest = 1e-4  # limit of boundary elements
     emitting = Monopoles(setup.array.positions, np.ones(len(setup.array)))
@@ -206,7 +206,7 @@ def _verification_accuracy(setup: Setup) -> float:
     def unknowns(accuracy: float) -> int:
         return BoundaryElement(accuracy=accuracy).unknowns(setup.scene, emitting)
 
-    # Each count makes the panels of all bodies, so few trials are better. The unknowns grow like
+    # Each count meshes all bodies, so few trials are better. The unknowns grow like
     # accuracy^(−2/3) or slower, so a third of the error is usually right.
     accuracy = max(setup.accuracy / 1.2**6, finest)
     count = unknowns(accuracy)
@@ -223,16 +223,16 @@ def _verification_accuracy(setup: Setup) -> float:
 def unknowns_of(
     solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]
 ) -> int:
-    """Count the unknowns of a solve for sources at points [m]; above 50,000 estimate them."""
+    """Return the unknowns of a solve for sources at points [m], as an estimate above 50,000."""
     area = sum(obstacle.surface.area for obstacle in scene.obstacles)
     estimate = round(solver.nodes_per_square_wavelength * area / scene.wavelength**2)
-    if estimate > 50_000:  # making the panels would take too long
+    if estimate > 50_000:  # meshing the panels would take too long
         return estimate
     return solver.unknowns(scene, Monopoles(points, np.ones(len(points))))
 
 
 def memory_of_a_solve(unknowns: float, accuracy: float) -> float:
-    """Estimate the peak memory of a solve for a few foci by boundary elements [bytes]."""
+    """Estimate the peak memory that a boundary-element solve for a few foci needs [bytes]."""
     # The matrix is mostly low-rank, so memory grows slower than the square of the unknowns. The
     # power law fits 10 solves of the examples, with 2,244 to 23,058 unknowns, within 20 %. A matrix
     # in single precision instead of bfloat16 takes 1.9 times the memory.

@@ -1,4 +1,4 @@
-"""Sweeps: evaluate a function, or the drive of a scene file, at many points by any executor."""
+"""Sweeps: evaluate a function, or the drive of a scene file, at many points on any executor."""
 
 import hashlib
 import json
@@ -50,13 +50,13 @@ from airtact.setup.tables import SceneFile
 from airtact.timing import Clock
 
 Row = dict[str, Value]
-# What a sweep computes at each point
+# The function that a sweep evaluates at each point
 Function = Callable[[Row], Mapping[str, Value]]
 
 # Largest number of points of a sweep
 MAX_POINTS = 1_000_000
 
-# End of the name of a file with the result of a point
+# Ending of the name of a file with the result of a point
 SUFFIX = ".point.json"
 
 
@@ -68,34 +68,34 @@ def sweep(
     *,
     progress: Callable[[int, int, int], None] | None = None,
 ) -> list[Row]:
-    """Evaluate a function at many points, and return a row for each, in their order.
+    """Evaluate a function at many points, and return a row for each point in the same order.
 
     Parameters
     ----------
-    function : a scene file or its setup, to make the drive with other values of the file's keys
+    function : a scene file or its setup, to compute the drive with other values of the file's keys
         (see ``read_scene``). Or a function from a point to a mapping of names to numbers, text,
         True, False or None. Processes import it, so it must be defined in a module, or be a
-        ``functools.partial`` of such a function. A script calls ``sweep`` under
+        ``functools.partial`` of such a function. Call ``sweep`` in a script under
         ``if __name__ == "__main__":``.
-    points : mappings of names to values; for a scene the paths of keys, such as
+    points : mappings of names to values; for a scene, the names are paths of keys, such as
         ``"foci[0].offset"``.
     executor : computes the points, such as ``ThreadPoolExecutor()`` or the ``get_executor()`` of
         Dask's client; or the number of processes, each with one thread. By default one process per
         processor, or as many as memory allows.
     store : folder with one file per result, named by the point, the function, its arguments and
         module, and airtact's version. Stored points are not computed again, so an interrupted sweep
-        can be continued. Use another folder after changes to other modules that the function uses.
-    progress : is called with the numbers of points done, of all points and of failed points.
+        can be resumed. Use another folder after changes to other modules that the function uses.
+    progress : called with the number of completed points, of all points and of failed points.
 
     Returns
     -------
-    For each point its values, then the results. ``"error"`` and ``"sentence"`` are empty, or the
-    code and the message of the exception.
+    For each point a row with its values, then the results. ``"error"`` and ``"sentence"`` are empty
+    or hold the code and the message of an exception.
 
     Raises
     ------
     InvalidInput
-        The points are of the wrong kind, the function cannot be passed to a process or be
+        If the points are of the wrong kind, the function cannot be passed to a process or be
         identified in the store, the folder is not writable, or a process ended unexpectedly.
         Exceptions of the function do not end the sweep.
 
@@ -116,7 +116,7 @@ def sweep(
             f"the function of a sweep is {function!r}, which is not callable.", code="wrong_kind"
         )
     rows = _checked_points(points)
-    # This also checks the paths of keys, so it comes before the folder is made.
+    # This also checks the paths of keys, so it comes before the folder is created.
     memory = function.memory(rows) if isinstance(function, ScenePoints) else 0.0
     folder = None
     names = [str(index) for index in range(len(rows))]
@@ -130,7 +130,7 @@ def sweep(
                 if content["name"] == name and {"error", "sentence"} <= content["row"].keys():
                     results[name] = content["row"]
             except (OSError, ValueError, LookupError, TypeError, AttributeError):
-                continue  # missing or damaged results are computed again
+                continue  # recompute missing or damaged results
 
     waiting = {name: row for name, row in zip(names, rows, strict=True) if name not in results}
     total = len(set(names))
@@ -138,7 +138,7 @@ def sweep(
     if progress is not None:
         progress(len(results), total, failed)
     for name, row in _computed(function, waiting, executor, memory):
-        # Transient errors are not stored; the next run retries these points.
+        # Transient errors are not stored; the next run retries their points.
         transient = ("file_failed", "file_missing", "file_unreadable", "too_little_memory")
         if folder is not None and row["error"] not in transient:
             with whole_file(folder / (name + SUFFIX)) as partial_file:
@@ -192,7 +192,7 @@ def _checked_row(values: Mapping[str, Any], label: str) -> Row:
 
 
 def _attempt(function: Function, point: Row) -> Row:
-    # An exception becomes a row with its code and message, so that the sweep continues.
+    # An exception becomes a row with its code and message, so that the sweep goes on.
     try:
         result = _checked_row(function(dict(point)), "the result")
         taken = sorted({*point, "error", "sentence"} & result.keys())
@@ -212,11 +212,11 @@ def _attempt(function: Function, point: Row) -> Row:
 def _computed(
     function: Function, waiting: Mapping[str, Row], executor: Executor | int | None, memory: float
 ) -> Iterator[tuple[str, Row]]:
-    # Yield names and results in the order of completion; cancel the rest when closed.
+    # Yield names and results in the order of completion; cancel the remaining points when closed.
     if not waiting:
         return
     if executor is None or isinstance(executor, int):
-        # A pool's own error does not name the object that cannot be pickled.
+        # The error of a pool does not name the object that cannot be pickled.
         try:
             pickle.dumps(function)
         except Exception as fault:
@@ -246,11 +246,11 @@ def _computed(
 
 
 def process_count(points: int, limit: int | None = None, memory: float = 0.0) -> int:
-    """Return the number of processes if each needs ``memory`` [bytes].
+    """Return the number of processes to use if each needs ``memory`` [bytes].
 
     It is ``limit``, by default the number of processors, but at most the number of points and the
-    number that fits into 80 % of the available memory. Raise "too_little_memory" if one process
-    does not fit.
+    number of processes that fit into 80 % of the available memory. Raise ``InvalidInput`` if not
+    even one process fits.
     """
     free = available_memory()
     if memory > free:
@@ -267,11 +267,11 @@ def process_count(points: int, limit: int | None = None, memory: float = 0.0) ->
 def processes(count: int) -> Iterator[Executor]:
     """Start a pool of processes with one thread each, which end with this program."""
     # Until a process has the module search path of this one, it would import from the current
-    # folder, where a random.py may replace Python's module.
+    # folder, where a random.py may shadow Python's module.
     variable = "PYTHONSAFEPATH"
     before = os.environ.get(variable, "")
     os.environ[variable] = "1"
-    # A forked child inherits locks that threads hold, and may hang.
+    # A forked child inherits locks held by threads, and may hang.
     spawn = get_context("spawn")
     try:
         with ProcessPoolExecutor(count, spawn, _begin_process, ({variable: before},)) as pool:
@@ -282,11 +282,11 @@ def processes(count: int) -> Iterator[Executor]:
 
 def _begin_process(environment: dict[str, str]) -> None:
     os.environ.update(environment)
-    # Ctrl-C ends the process at once, without a traceback.
+    # Ctrl-C ends the process immediately, without a traceback.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[name] = "1"  # of libraries that are loaded later
-    threadpool_limits(1)  # of those that are loaded already
+        os.environ[name] = "1"  # for libraries that are loaded later
+    threadpool_limits(1)  # for libraries that are already loaded
 
     def end_with_parent() -> None:
         parent = parent_process()
@@ -298,17 +298,17 @@ def _begin_process(environment: dict[str, str]) -> None:
 
 
 def names_of(function: Function, points: Iterable[Row]) -> list[str]:
-    """Name points by digests of their values and the function, 40 hexadecimal digits each.
+    """Name points by hashes of their values and the function, 40 hexadecimal digits each.
 
     A function is identified by its name and the content of its module, a ``functools.partial`` also
-    by its arguments, a dataclass object by the fields that take part in comparisons.
+    by its arguments, and a dataclass object by the fields that take part in comparisons.
     """
     parts: list[Any] = []
     core: Any = function
     if isinstance(function, partial):
         core = function.func
         parts = [list(function.args), dict(function.keywords)]
-    # An edited module may compute something else, so its content is part of the name.
+    # An edited module may return other results, so its content is part of the name.
     module = sys.modules.get(getattr(core, "__module__", None) or "")
     file = getattr(module, "__file__", None)
     parts.append(hashlib.blake2b(Path(file).read_bytes() if file else b"").hexdigest())
@@ -320,7 +320,7 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
                 "what it needs by functools.partial.",
                 code="does_not_match",
             )
-    # The digest of the function includes airtact's version and code, see the store.
+    # The hash of the function includes airtact's version and code, see the store.
     function_name = name_of(core, *parts)
 
     texts = (json.dumps([function_name, sorted(point.items())]) for point in points)
@@ -334,8 +334,8 @@ class ScenePoints:
     Attributes
     ----------
     scene : the file.
-    content : digests of the file and of the files that it names. They identify results, not the
-        path.
+    content : hashes of the file and of the files that it names. They identify results; the path
+        does not.
     """
 
     scene: Path = field(compare=False)
@@ -347,7 +347,7 @@ class ScenePoints:
         transfer, report = solve_foci(setup, Clock())
         drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
         weights = setup.target.weights
-        # Foci of weight 0 ask for no pressure, so none is the weakest.
+        # Foci of weight 0 request no pressure, so they are never the weakest.
         requested = np.flatnonzero(weights > 0.0)
         pressures = np.abs(transfer.pressure(drive))[: len(weights)]
         weakest = requested[np.argmin(pressures[requested] / weights[requested])]
@@ -355,12 +355,12 @@ class ScenePoints:
         gain = None
         control = control_drive(setup, setup.synthesise)
         if control is not None:
-            # As in a rendering: compared at full scale if the drive is, else at equal energy.
+            # As in a rendering: compare at full scale if the drive is, otherwise at equal energy.
             held_equal = "peak" if drive.is_full_scale else "energy"
             at_control = np.abs(transfer.pressure(control))[requested] / weights[requested]
             factor = control.factor_to_match(drive, held_equal)
             gain = float(pressures[weakest] / weights[weakest] / (factor * at_control.min()))
-        # Foci may share a name, and columns may not.
+        # Foci may share a name, but columns may not.
         words = [name.replace(" ", "_") for name in setup.foci]
         columns = [
             f"{word}_{index + 1}" if words.count(word) > 1 else word
@@ -379,11 +379,11 @@ class ScenePoints:
         }
 
     def memory(self, points: Sequence[Mapping[str, Value]]) -> float:
-        """Estimate the memory of a solve from the first, the middle and the last point [bytes].
+        """Estimate the memory that a solve needs, from the first, middle and last point [bytes].
 
-        Raise the error of a wrong path, or of the first point if no point can be built.
+        It raises the error of a wrong path, or that of the first point if no point can be built.
         """
-        needed = 1.2e8  # of a process that has imported airtact
+        needed = 1.2e8  # for a process that has imported airtact
         faults = []
         for index in sorted({0, len(points) // 2, len(points) - 1}):
             try:
@@ -413,17 +413,17 @@ def scene_points(scene: Setup | str | Path) -> ScenePoints:
             )
         scene = scene.path
     scene = file_or_example(scene)
-    # Results are stored by content, so a moved or renamed file has the same ones.
+    # Results are stored by content, so a moved or renamed file keeps its results.
     files = [scene, *_files_named(scene)]
     content = tuple(hashlib.blake2b(bytes_of(file), digest_size=20).hexdigest() for file in files)
     return ScenePoints(scene, content)
 
 
 def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
-    """Write the hand of each frame of a recording to a file, and return a point for each.
+    """Write the hand of each frame of a recording to a file, and return a point for each frame.
 
-    A point sets the hand of the scene to the file, and removes its gap and pose. The radii are
-    those of the scene's hand.
+    A point sets the hand of the scene to the file, and removes the hand's gap and pose. The radii
+    are those of the scene's hand.
     """
     from airtact.hands.joints import joints_of
     from airtact.hands.tracking.recordings import load_recording
@@ -455,7 +455,7 @@ def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
             "side": frame.side,
         }
         pose = json.dumps(content).encode()
-        # Results are stored by the name of this file, so the name follows from the content.
+        # Results are stored by the name of this file, so the name depends on the content.
         digest = hashlib.blake2b(pose, digest_size=4).hexdigest()
         file = folder / f"{frame.side}_{frame.sequence}_{digest}.json"
         with whole_file(file) as partial_file:
@@ -470,7 +470,7 @@ def _scene_file(scene: Path) -> SceneFile:
 
 
 def _files_named(scene: Path) -> Iterator[Path]:
-    # Any text of the scene file may be the name of a file.
+    # Any text in the scene file may be the name of a file.
     for word in dict.fromkeys(_words(msgspec.to_builtins(_scene_file(scene)))):
         file = scene.parent / word
         if "\0" not in word and len(word) <= 255 and file.is_file():

@@ -19,12 +19,12 @@ Levels = Annotated[int, Meta(ge=2, le=256)]
 
 
 class Rule:
-    """Relation of a key to other keys, or to values of them such as ``layout = "boards"``.
+    """Relation of a key to other keys, or to their values such as ``layout = "boards"``.
 
     Parameters
     ----------
-    words : "only with" and "not with" reject the key unless a condition holds, or if one does;
-        "needed by" also rejects the condition without the key.
+    words : "only with" rejects the key unless a condition holds, "not with" rejects it if one
+        holds; "needed by" is like "only with", and also requires the key if a condition holds.
     conditions : keys or values, of which one must hold.
     """
 
@@ -34,7 +34,7 @@ class Rule:
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A table of the file; unknown keys are errors.
+    """A table of the file; an unknown key is an error.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class MediumTable(Table, frozen=True):
 
 
 class PoseTable(Table, frozen=True):
-    """A rotation, by ``axis`` or ``rotation``, then a ``translation``.
+    """A rotation, given by ``axis`` or ``rotation``, followed by a ``translation``.
 
     Attributes
     ----------
@@ -119,8 +119,8 @@ class ArrayTable(Table, frozen=True):
     poses : pose of each board.
     calibration : .csv file beside the scene file with the gain of each element.
     source : "piston" radiates forwards only, "monopole" to all sides.
-    piston_radius : radius of a transducer [m]; that of the board, 4.5 mm for a .csv file, if left
-        out.
+    piston_radius : radius of a transducer [m]; that of the board, or 4.5 mm for .csv, if
+        left out.
     sensitivity : pressure at 1 m, times 1 m, at full scale [Pa·m]; 4.38 if left out.
     reflects : whether the boards are rigid bodies that reflect sound.
     pose : pose of the whole array in the obstacles' frame.
@@ -196,10 +196,10 @@ class ObstacleTable(Table, frozen=True):
     joints : pose file of a scanned hand, in the frame of the mesh, for its named places.
     scale : length of one unit of the mesh file [m]; 1 if left out.
     largest_hole : widest hole that is filled [m]; 0.002 if left out.
-    sharp_degrees : edges that turn by more stay sharp [°]; 75 if left out.
-    union : true replaces overlapping parts by the surface around them.
+    sharp_degrees : edges that turn by more than this stay sharp [°]; 75 if left out.
+    union : whether to replace overlapping parts by the surface around them.
     hand : pose file of a hand.
-    gap : thumb and index finger are opened to this distance [m].
+    gap : distance to which thumb and index finger open [m].
     boundary : "sound_hard" reflects completely, "impedance" absorbs, "filled" is another fluid.
     ratio : surface impedance Z/(ρc); [real, imaginary] if complex.
     medium : fluid inside the body.
@@ -254,13 +254,13 @@ class CylinderTable(Table, frozen=True):
 
 
 class ButtonTable(Table, frozen=True):
-    """A disc that is pressed down.
+    """A disc that can be pressed down.
 
     Attributes
     ----------
     centre : centre of the disc at rest [m].
     radius : radius of the disc [m].
-    travel : distance that it can be pressed [m].
+    travel : distance by which it can be pressed [m].
     normal : direction from which it is pressed.
     """
 
@@ -305,11 +305,11 @@ class ObjectTable(Table, frozen=True):
     surface : closed mesh file beside the scene file.
     scale : length of one unit of the mesh file [m]; 1 if left out.
     name : name of the object in results.
-    style : "points", a focus where each pad is deepest; "outline", a focus that runs along the edge
-        of the contact; "texture", as "points", stronger on the ridges of ``grating``.
+    style : "points" puts a focus where each pad is deepest; "outline" moves a focus along the edge
+        of the contact; "texture" is like "points", but stronger on the ridges of ``grating``.
     grating : ridges fixed to the object.
-    stiffness : increase of the strength, from 0.2 to 1, per depth [1/m]; 400, of a button 0.8 /
-        ``travel``, if left out.
+    stiffness : increase of the strength, from 0.2 to 1, per depth [1/m]; 400, or 0.8 / ``travel``
+        for a button, if left out.
     pose : pose of the object.
     """
 
@@ -335,7 +335,7 @@ class PlaneTable(Table, frozen=True):
     Attributes
     ----------
     point : any point of the plane [m].
-    normal : direction to the side with the sound.
+    normal : direction toward the side with the sound.
     """
 
     point: Triple
@@ -343,7 +343,7 @@ class PlaneTable(Table, frozen=True):
 
 
 class SegmentTable(Table, frozen=True):
-    """Points of a straight line.
+    """Points on a straight line.
 
     Attributes
     ----------
@@ -357,13 +357,13 @@ class SegmentTable(Table, frozen=True):
 
 
 class PolylineTable(Table, frozen=True):
-    """Points of lines from corner to corner.
+    """Points on straight lines between corners.
 
     Attributes
     ----------
     corners : corners in order [m].
     spacing : largest distance between neighbours [m].
-    closed : whether a line joins the last corner to the first.
+    closed : whether a line connects the last corner to the first.
     """
 
     corners: list[Triple]
@@ -372,7 +372,7 @@ class PolylineTable(Table, frozen=True):
 
 
 class CircleTable(Table, frozen=True):
-    """Points of a circle.
+    """Points on a circle.
 
     Attributes
     ----------
@@ -412,7 +412,7 @@ class TextTable(Table, frozen=True):
     height : height of a capital letter [m].
     spacing : largest distance between neighbours [m].
     centre : centre of the text [m].
-    normal : direction to the reader.
+    normal : direction toward the reader.
     up : upward direction of the text.
     """
 
@@ -425,7 +425,7 @@ class TextTable(Table, frozen=True):
 
 
 class SvgTable(Table, frozen=True):
-    """Points of the lines of an SVG drawing.
+    """Points on the lines of an SVG drawing.
 
     Attributes
     ----------
@@ -434,7 +434,7 @@ class SvgTable(Table, frozen=True):
     width : width of the drawing [m].
     spacing : largest distance between neighbours [m].
     centre : centre of the drawing [m].
-    normal : direction to the viewer.
+    normal : direction toward the viewer.
     up : upward direction of the drawing.
     """
 
@@ -449,13 +449,13 @@ class SvgTable(Table, frozen=True):
 
 
 class SurfacePointsTable(Table, frozen=True):
-    """Points on the surface of a body, all or those that face a direction.
+    """Points on the surface of a body, or on the part of it that faces a direction.
 
     Attributes
     ----------
     body : name of the body.
     spacing : mean distance between neighbours [m].
-    facing : direction that the chosen part of the surface faces; all of the surface if left out.
+    facing : direction that the chosen part of the surface faces; the whole surface if left out.
     within : largest angle between the surface's normal and ``facing`` [°].
     """
 
@@ -492,10 +492,10 @@ class FocusTable(Shape, frozen=True):
     Attributes
     ----------
     at : named point of a body, such as "thumb.pad"; with two hands "left.thumb.pad".
-    onto : name of the body to whose surface the points are projected.
+    onto : name of the body onto whose surface the points are projected.
     offset : distance from the body's surface [m]; 0.0005 if left out.
     pressure : peak pressure at every point [Pa]; as much as possible if left out.
-    share : pressure in proportion to the other foci.
+    share : pressure relative to the other foci.
     phase_degrees : phase of the pressure [°]; free if left out.
     name : name of the focus in results.
     """
@@ -527,7 +527,7 @@ class SolverTable(Table, frozen=True):
 
     Attributes
     ----------
-    name : name of the solver; chosen by the bodies if left out.
+    name : name of the solver; chosen for the bodies if left out.
     accuracy : largest relative error of the field.
     """
 
@@ -536,7 +536,7 @@ class SolverTable(Table, frozen=True):
 
 
 class LevelsTable(Table, frozen=True):
-    """How many levels a drive is rounded to.
+    """Number of levels to which a drive is rounded.
 
     Attributes
     ----------
@@ -554,15 +554,15 @@ class ModulationTable(Table, frozen=True):
     ----------
     kind : "am" varies the amplitude; "lm" moves each focus along a small path around its position;
         "stm" moves one focus through all points, or along a path.
-    frequency : frequency of the force, or rounds of the path per second [Hz]; 200 for "am", 50 for
-        "lm", 7 m/s along the path for "stm", if left out.
+    frequency : frequency of the force, or rounds of the path per second [Hz]; 200 for
+        "am", 50 for "lm", 7 m/s along the path for "stm", if left out.
     depth : depth of the modulation of the force, 0 to 1; 1 if left out.
-    path : shape of the path; "points" with "stm" only.
+    path : shape of the path; "points" only with "stm".
     radius : radius of the circle [m]; 0.003 for "lm", 0.01 for "stm", if left out.
     length : length of the line [m]; 0.006 for "lm", 0.02 for "stm", if left out.
     frames : positions on a path; 16 if left out.
-    along : surface of the path: the nearest skin, or the plane facing the array; "skin" within 20
-        mm of skin, else "array", if left out.
+    along : surface of the path: the nearest skin or the plane facing the array; "skin" within 20
+        mm of skin, otherwise "array", if left out.
     """
 
     kind: Literal["am", "lm", "stm"]
@@ -580,12 +580,12 @@ class ModulationTable(Table, frozen=True):
 
 
 class DriveTable(Table, frozen=True):
-    """How the drive is made.
+    """Computation of the drive.
 
     Attributes
     ----------
     method : name of the method.
-    levels : number of levels of amplitude and phase that the drive is rounded to.
+    levels : number of levels of amplitude and phase to which the drive is rounded.
     modulation : variation that makes the drive perceptible.
     """
 
@@ -595,7 +595,7 @@ class DriveTable(Table, frozen=True):
 
 
 class UncertaintyTable(Table, frozen=True):
-    """Standard deviations of hand, air and transducers, see ``airtact.Uncertainty``.
+    """Standard deviations of hand, air and transducers; see ``airtact.Uncertainty``.
 
     Attributes
     ----------
@@ -607,7 +607,7 @@ class UncertaintyTable(Table, frozen=True):
     temperature, humidity : the air [K, 1].
     gain, phase : each element [1, °].
     dead : share of elements that emit nothing.
-    samples : number of samples that the drive is made for.
+    samples : number of samples that the method uses.
     seed : seed of the random samples.
     """
 
@@ -633,17 +633,17 @@ class SceneFile(Table, frozen=True):
     Attributes
     ----------
     array : the transducers.
-    foci : points that a person feels; where bodies touch ``objects``, if left out.
+    foci : points that a person feels; contacts of bodies with ``objects`` if left out.
     objects : virtual objects; at most 64.
     medium : fluid around the bodies; air at 20 °C if left out.
     suppression : points where the sound is suppressed.
     obstacles : bodies.
     planes : a rigid plane; at most one.
     frequency : frequency of the sound [Hz].
-    merge_bodies : whether sound-hard bodies that overlap or are under 0.3 mm apart are merged.
+    merge_bodies : whether to merge sound-hard bodies that overlap or are under 0.3 mm apart.
     most_points : largest number of foci and suppression points together.
-    solver : how the field is computed.
-    drive : how the drive is made.
+    solver : computation of the field.
+    drive : computation of the drive.
     uncertainty : standard deviations, for the methods "robust" and "robust_phase_only".
     tracker : pose of the tracker in the obstacles' frame, for ``airtact live``.
     """
@@ -664,7 +664,7 @@ class SceneFile(Table, frozen=True):
     tracker: PoseTable | None = None
 
     def __post_init__(self) -> None:
-        """Raise "key_missing" if there is nothing to feel."""
+        """Raise ``InvalidInput`` if there is nothing to feel."""
         super().__post_init__()
         if not self.foci and not self.objects:
             raise InvalidInput(

@@ -1,4 +1,4 @@
-"""The virtual objects of a scene file, and where its bodies touch them."""
+"""The virtual objects of a scene file, and the contacts of its bodies with them."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ def touched(
     obstacles: Sequence[Obstacle],
     hands: "Mapping[str, at.Hand]",
 ) -> "tuple[tuple[at.VirtualObject, ...], at.touch.Contacts | None]":
-    """Build the objects of a scene file and find the contacts, unless the file has foci.
+    """Build the objects of a scene file and compute the contacts, unless the file has foci.
 
     Parameters
     ----------
@@ -28,11 +28,11 @@ def touched(
     Raises
     ------
     InvalidInput
-        "empty" if there are no foci and nothing touches; as ``at.contact``.
+        If there are no foci and nothing touches; or as for ``at.contact``.
     """
     if not file.objects:
         return (), None
-    # Importing the package takes time, so only scenes with objects do.
+    # Importing the package takes time, so only scenes with objects import it.
     from airtact.touch.objects import objects_of
 
     objects = []
@@ -45,7 +45,7 @@ def touched(
             return things, None
         skins: dict[str, at.Hand | Surface] = {}
         for name, obstacle in zip(bodies, obstacles, strict=True):
-            # A scanned hand is its mesh; its joints only name places.
+            # The body of a scanned hand is its mesh; its joints only define named places.
             modelled = name in hands and obstacle.surface.primitive is not None
             skins[name] = hands[name] if modelled else obstacle.surface
         contacts = at.contact(skins, things)

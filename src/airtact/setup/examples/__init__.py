@@ -1,4 +1,4 @@
-"""The scenes, hands and the scan that come with airtact."""
+"""The scenes, the hands and the scan that are shipped with airtact."""
 
 import difflib
 from pathlib import Path
@@ -9,17 +9,17 @@ ENDINGS = (".csv", ".glb", ".json", ".jsonl", ".ply", ".toml")
 
 
 def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
-    """Return the path of a file that comes with airtact.
+    """Return the path of a file that is shipped with airtact.
 
     Parameters
     ----------
-    name : a scene, such as "pinch", or any other file with its ending, such as "relaxed.json".
+    name : a scene, such as "pinch", or another file including its ending, such as "relaxed.json".
     endings : accepted file name endings.
 
     Raises
     ------
     InvalidInput
-        No example has this name; the message lists all names.
+        If no example has this name; the message lists all names.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
 def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Path:
     """Return a path, or the example of that name if no such file exists.
 
-    A path with a folder is never an example. Raise as ``example`` for a name without an ending.
+    A path with a folder is never an example. The errors are those of ``example``.
     """
     file = Path(path)
     if file.exists() or file.name != str(path):
