@@ -14,7 +14,7 @@ import click
 
 import airtact as at
 
-# Each command is a function in the module of the same name
+# Each command is a function in the module of the same name.
 NAMES = (
     "boards",
     "calibrate",
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         error.show()
         return error.exit_code
     except click.ClickException as error:
-        # click's messages begin with a capital; airtact's follow "airtact: ".
+        # click's messages begin with a capital letter; airtact's follow "airtact: ".
         sentence = error.format_message()
         sentence = sentence[:1].lower() + sentence[1:]
         if isinstance(error, click.UsageError) and error.ctx is not None:
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = "wrong_usage"
         status = error.exit_code
     except (KeyboardInterrupt, click.Abort) as stop:
-        # The interrupt of a command names its complete files; click wraps it in Abort.
+        # The interrupt of a command names the complete files; click wraps it in Abort.
         sentence = f"interrupted; {str(stop.__cause__ or stop) or 'finished files are complete'}"
         code = "interrupted"
         status = 130
@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sentence = f"{error.filename or 'a file'}: {error.strerror or error}"
         code = "file_missing" if isinstance(error, FileNotFoundError) else "file_failed"
         status = 2
-    # Naming these errors imports NumPy, so --help does not reach this line.
+    # Naming these errors imports NumPy, so --help must not reach this line.
     except (at.InvalidInput, at.NotConverged) as error:
         sentence = str(error)
         code = error.code

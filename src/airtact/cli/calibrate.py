@@ -53,8 +53,8 @@ def calibrate(
     """Calibrate the poses of a scene's boards, the gains of the elements and the sound speed.
 
     ECHOES is an .h5 file of the pressures that the elements of the empty array receive from each
-    other. The boards must face each other, the codes must distinguish the elements, and direct
-    sound must be included. Writes a table that a scene reads with
+    other. The boards must face each other, the codes must distinguish the elements, and the direct
+    sound must be included. The command writes a table, which a scene reads with
     calibration = "calibration.csv" under [array].
     """
     with progress() as report_step:
@@ -85,7 +85,7 @@ def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[
     position, turn, speed = calibrated.deviation
     facts = [("sound speed", f"{calibrated.sound_speed:.3f} m/s, standard deviation {speed:.1g}")]
     for board, motion in enumerate(calibrated.motions[1:], 1):
-        # Relative to the first board, which defines the frame.
+        # Relative to the first board, which defines the frame
         x, y, z = 1e3 * calibrated.shifts[board]
         # The distance of a small rotation from the identity is √2 times its angle.
         angle = np.degrees(np.linalg.norm(motion.rotation - np.eye(3)) / np.sqrt(2.0))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Make the drive of a scene by all methods and compare them.",
+    short_help="Compute the drive of a scene by all methods and compare them.",
     epilog="Example: airtact compare pinch --out out/methods",
 )
 @scene
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 @as_json
 @quiet
 def compare(scene: Path, folder: Path, store: Path | None, pictures: bool, opened: bool) -> None:
-    """Make the drive of SCENE by every method; write methods.csv, methods.html and drives/*.h5.
+    """Compute the drive of SCENE by every method; write methods.csv, methods.html, drives/*.h5.
 
-    All drives come from one transfer matrix and are verified by one more accurate solution.
+    All drives come from one transfer matrix and are verified by a more accurate solution.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
@@ -42,7 +42,7 @@ def compare(scene: Path, folder: Path, store: Path | None, pictures: bool, opene
         if pictures:
             files += at.write_report(result, folder, progress=report_step)
         else:
-            (folder / "methods.html").unlink(missing_ok=True)  # of an older run
+            (folder / "methods.html").unlink(missing_ok=True)  # from an older run
     show(
         _table(result),
         warnings=result.warnings,
@@ -82,7 +82,7 @@ def _table(result: "MethodComparison") -> "Table":
     if suppressed:
         columns.append("suppression points")
     table = plain_table(*columns)
-    # Methods differ in energy, so shares of the bound are compared at full scale.
+    # The drives differ in energy, so shares of the bound are compared at full scale.
     table.title = "Pressure at the foci, and share of the upper bound at full scale"
     equal = len(result.equally_good)
     if equal > 1:

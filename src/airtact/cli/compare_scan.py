@@ -44,7 +44,7 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
 
     SCAN is a .csv file with the columns x, y, z (metres, in the obstacles' frame), pressure (any
     unit) and, if measured, phase (radians). The prediction is for the drive of SCENE, rounded to
-    its levels. Writes overlay.csv and overlay.png.
+    its levels. The command writes overlay.csv and overlay.png.
     """
     with progress() as report_step:
         report_step(f"reading {scan.name} and {scene.name}")

@@ -25,7 +25,7 @@ JSON, QUIET = "airtact.json", "airtact.quiet"
 
 
 def printable(text: str) -> str:
-    r"""Remove what a terminal would obey: control characters, and marks that turn the text.
+    r"""Remove what a terminal would act on: control characters, and marks that reverse the text.
 
     Examples
     --------
@@ -36,14 +36,14 @@ def printable(text: str) -> str:
 
 
 class Terminal(Console):
-    """A console that prints names from files without control characters."""
+    """A console that prints text from files without control characters."""
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterator[Segment]:
-        """Render as the console does."""
+        """Render like the base class, but strip control characters."""
         for segment in super().render(renderable, options):
-            # Segments with ``control`` are rich's own, such as the movement of the cursor.
+            # Segments with ``control`` come from rich, such as movements of the cursor.
             yield segment if segment.control else segment._replace(text=printable(segment.text))
 
 
@@ -62,13 +62,13 @@ def wanted(key: str) -> bool:
 def progress() -> Iterator[Step]:
     """Yield a function that shows each step as it begins; nothing is shown if quiet.
 
-    A terminal gets a live display with the time of each step, a pipe one line per step.
+    A terminal shows a live display with the time of each step, a pipe one line per step.
     """
     console = Terminal(stderr=True)
     if wanted(QUIET):
         yield lambda step: None
         return
-    # A live display would fill a log with control characters.
+    # A live display would fill a log file with control characters.
     if not console.is_terminal:
         begun = time.perf_counter()
         yield lambda step: say(f"{time.perf_counter() - begun:7.1f} s  {step}")
@@ -96,7 +96,7 @@ def progress() -> Iterator[Step]:
 def status_line() -> Iterator[Callable[[object], None]]:
     """Yield a function that shows the current status; nothing is shown if quiet.
 
-    A terminal gets one line that is rewritten, a pipe a line per change of state.
+    A terminal shows one line that is rewritten, a pipe one line per change of state.
     """
     console = Terminal(stderr=True)
     if wanted(QUIET):
@@ -128,12 +128,12 @@ def show(
 ) -> None:
     """Print a headline, tables, warnings, and lines such as the names of written files.
 
-    With ``--quiet`` only the warnings are printed. With ``--json`` the standard output is the
-    record alone, with the warnings and the version; the rest goes to the standard error.
+    With ``--quiet`` only the warnings are printed. With ``--json`` the standard output consists of
+    the record, with the warnings and the version; the rest goes to the standard error.
     """
     from airtact.errors import one_sentence  # imports NumPy, which would delay --help
 
-    # The standard output holds the result alone, so that it can be piped.
+    # The standard output contains only the result, so that it can be piped.
     console = Terminal(stderr=wanted(JSON) or wanted(QUIET))
     for index, line in enumerate(() if wanted(QUIET) else first):
         console.print(
@@ -152,12 +152,12 @@ def show(
 
         about = {"airtact": at.__version__, "command": click.get_current_context().info_name}
         result = msgspec.json.encode({**about, **record, "warnings": warnings}).decode()
-        # In JSON these characters stand as escapes.
+        # In JSON these characters appear as escapes.
         click.echo(re.sub(r"[^\x20-\x7e]", lambda found: json.dumps(found[0])[1:-1], result))
 
 
 def open_page(page: Path) -> None:
-    """Show a page in the browser; without a browser print its path."""
+    """Show a page in the browser; print its path if there is no browser."""
     import webbrowser
 
     if not webbrowser.open(page.resolve().as_uri()):

@@ -21,9 +21,7 @@ from airtact.cli.options import FILE, Names, agreed, board_address, level_of, qu
     type=Names("airtact.transducers.boards:BOARDS"),
     help="Kind of board.",
 )
-@click.option(
-    "--cap", type=float, help="Largest amplitude of an element, a share of full scale: 0.5 is half."
-)
+@click.option("--cap", type=float, help="Largest amplitude, as a share of full scale: 0.5 is half.")
 @click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1.")
 @click.option(
     "--modulate",
@@ -58,9 +56,9 @@ def emit(
 ) -> None:
     """Emit DRIVE.h5 on boards for some seconds, then silence them.
 
-    Without --cap and --full-scale the level half a metre off the array is limited to 110 dB, a
+    Without --cap and --full-scale the level half a metre from the array is limited to 110 dB, a
     usual limit. The amplitude rises over 0.2 s. A separate process sends a frame of zeros at the
-    end, after an error, and when this process is killed; boards that can confirm it do.
+    end, after an error, and when this process is killed; boards confirm it if they can.
 
     --link file writes the frames to the file --out, at full scale and without asking: a drive once,
     one period of a modulated drive, one round of a sequence, or --seconds of either.

@@ -1,4 +1,4 @@
-"""``airtact hand``: make the skin of a hand from a pose, a recording or a point cloud."""
+"""``airtact hand``: compute the skin of a hand from a pose, a recording or a point cloud."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     from airtact.geometry.mesh_shape import MeshShape
     from airtact.hands.shape import HandShape
 
-# Default edge of the triangles [m]
+# Default edge length of the triangles [m]
 EDGE = 4e-3
 
 
 @click.command(
-    short_help="Make the skin of a hand from a pose, a recording or a point cloud.",
+    short_help="Compute the skin of a hand from a pose, a recording or a point cloud.",
     epilog="Example: airtact hand pinch.json --gap 0.012 --out hand.ply",
 )
 @click.argument("path", metavar="POSE_RECORDING_OR_CLOUD", type=INPUT)
 @click.option("--gap", type=float, help="Gap to which thumb and index finger open, in metres.")
-@click.option("--edge", type=float, help="Edge of the triangles in metres; 4e-3 by default.")
+@click.option("--edge", type=float, help="Edge length of the triangles in metres; 4e-3 by default.")
 @click.option("--out", "file", required=True, type=FILE, help="File for the skin.")
 @click.option("--frame", type=int, help="Number of a frame of a recording; the first by default.")
-@click.option("--leave-out", is_flag=True, help="Leave out and count faulty frames of a recording.")
+@click.option("--leave-out", is_flag=True, help="Drop and count faulty frames of a recording.")
 @click.option("--landmarks", type=INPUT, help="Rough joints, a pose as JSON, for a cloud.")
 @click.option(
     "--camera", type=(float, float, float), help="Position from which a cloud was seen, in metres."
@@ -48,14 +48,14 @@ def hand(
     landmarks: Path | None,
     camera: tuple[float, float, float] | None,
 ) -> None:
-    """Make the closed skin of a hand from its joints: 25 of WebXR, or 21 of MediaPipe or Leap.
+    """Compute the closed skin of a hand from its joints: 25 of WebXR, or 21 of MediaPipe or Leap.
 
     A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb,
-    or as curved ones to .vtkhdf for ParaView, with a picture .png beside it.
+    or as curved triangles to .vtkhdf for ParaView, with a picture .png beside it.
 
-    A recording is a .jsonl file, of which one frame is taken. A point cloud is a .ply or .xyz
-    file and needs rough --landmarks. A hand is fitted to it, and the picture shows the distances of
-    the points from its skin.
+    A recording is a .jsonl file, of which one frame is used. A point cloud is a .ply or .xyz file
+    and needs rough --landmarks. A hand is fitted to the cloud, and the picture shows the distances
+    of the points from its skin.
     """
     from airtact.errors import within
     from airtact.hands.files import CLOUD_ENDINGS
@@ -80,7 +80,7 @@ def hand(
                 f"{path.name} is a {kind}, but --{option} is for a {of_kind}: leave it out.",
                 code="options_clash",
             )
-    # Fitting takes minutes, so the output is checked first.
+    # Fitting takes minutes, so check the output first.
     check_output(file, path, *([] if landmarks is None else [landmarks]))
     if edge is not None:
         within(edge, 0.8e-3, 20e-3, "edge", "m", "is it in millimetres? Give metres.")
@@ -172,7 +172,7 @@ def _fit(
     lines = _write(triangles, file, draw_cloud(triangles, fitted, distances), report_step)
     points = np.array([point for point, _ in fitted.hand.places.values()])
     places = dict(zip(fitted.hand.places, shape.project(points), strict=True))
-    # Outliers, such as points of a sleeve, are not points of the skin.
+    # Outliers, such as points of a sleeve, do not belong to the skin.
     used = ~fitted.outliers
     usual = float(np.median(np.abs(distances[used])))
     joint_error = float(np.sqrt(np.mean(fitted.joint_errors**2)))
@@ -226,7 +226,7 @@ def _facts(
     for name, point in places.items():
         depth = float(shape.depth(point[None])[0])
         words = f"({', '.join(f'{1e3 * number:.1f}' for number in point)}) mm"
-        # Pads that touch lie inside the merged body, where no focus can be.
+        # Pads that touch lie inside the merged body, where no focus is possible.
         if depth > 1e-6:
             words += f", {1e3 * depth:.1f} mm inside the body"
         facts.append((name, words))

@@ -1,4 +1,4 @@
-"""``airtact init``: write a first scene to render and to change."""
+"""``airtact init``: write a first scene to render and to modify."""
 
 import os
 import shutil
@@ -90,7 +90,7 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
     from airtact.setup.building import DEFAULT_OFFSET
     from airtact.transducers.modulation import DEFAULT_FREQUENCY
 
-    # A small board focuses only near itself.
+    # A small board can focus only near itself.
     large = len(board) >= 100
     height = 0.15 if large else 0.06
     axis, degrees, translation = _over_board(hand, height)
@@ -113,7 +113,7 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
         foci="\n\n".join(f'[[foci]]\nat = "{place}"' for place in felt),
         amplitudes=board.amplitudes,
         phases=board.phases,
-        # The board must take at least two frames per period of the modulation.
+        # The board must accept at least two frames per period of the modulation.
         frequency=min(DEFAULT_FREQUENCY, float(np.floor(codec_of(board).fastest_frames() / 2.0))),
     )
 
@@ -127,7 +127,7 @@ def _over_board(hand: "Hand", height: float) -> "tuple[np.ndarray, float, np.nda
     down = np.array([0.0, 0.0, -1.0])
     across = np.cross(facing, down)
     length = np.linalg.norm(across)
-    # A hand that faces down already is turned by 0° about any axis.
+    # A hand that already faces down is rotated by 0° about any axis.
     axis = across / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
     # People read and change these numbers, so they are rounded.
     axis = axis.round(3)

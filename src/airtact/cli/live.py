@@ -40,7 +40,7 @@ from airtact.cli.options import (
     "--record",
     "recording",
     type=OUT_FILE,
-    help="Make no drives; record the frames of --from websocket to a .jsonl file.",
+    help="Compute no drives; record the frames of --from websocket to a .jsonl file.",
 )
 @click.option(
     "--verify",
@@ -57,12 +57,10 @@ from airtact.cli.options import (
 @click.option(
     "--ignore-hand",
     is_flag=True,
-    help="Make drives from distances only, without the hand.",
+    help="Compute drives from distances only, without the hand.",
 )
 @click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1.")
-@click.option(
-    "--cap", type=float, help="Largest amplitude of an element, a share of full scale: 0.5 is half."
-)
+@click.option("--cap", type=float, help="Largest amplitude, as a share of full scale: 0.5 is half.")
 @click.option(
     "--board",
     type=Names("airtact.transducers.boards:BOARDS"),
@@ -81,7 +79,7 @@ from airtact.cli.options import (
     type=int,
     default=8940,
     show_default=True,
-    help="Port of the page; 0 takes a free one.",
+    help="Port of the page; 0 chooses a free one.",
 )
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Address at which the page is served."
@@ -111,11 +109,11 @@ def live(
 
     SCENE is the example live_pinch by default. Its foci must be named points of a hand, such as
     at = "thumb.pad". The sound fades to silence when the hand is lost, leaves the workspace or is
-    not seen for 150 ms. Without --cap and --full-scale the level half a metre off the array is
+    not seen for 150 ms. Without --cap and --full-scale the level half a metre from the array is
     limited to 110 dB. Ctrl-C ends the run in silence.
 
-    --record writes the frames of trackers to a recording and reads no SCENE. --verify solves
-    the hand of a session at the times of its drives, and compares these with the best ones.
+    --record writes the frames of trackers to a recording and reads no SCENE. --verify solves for
+    the hand of a session at the times of its drives, and compares the drives with the best ones.
     """
     share = level_of(cap, full_scale)
     if session is not None:
@@ -147,14 +145,14 @@ def live(
         from airtact.files.atomic import writable_folder
         from airtact.live.session import FILE
 
-        # Checked before trackers and boards are opened.
+        # Check these before trackers and boards are opened.
         if share is not None:
             check_cap(share)
         setup = at.read_scene(scene)
         writable_folder(folder)
         output = at.live.output_to(setup, folder, board, link, **settings)
         notes = []
-        # The level changes with the hand; the hand at rest gives an estimate.
+        # The level changes with the hand; an estimate uses the hand at rest.
         if share is None and board is not None:
             from airtact.setup.safe_emission import safe_cap
 

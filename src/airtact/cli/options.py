@@ -25,7 +25,7 @@ class InputFile(click.ParamType):
     name = "file"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the file, or the example of that name after a note."""
+        """Return the file, or the example of that name with a note."""
         from airtact.setup.examples import file_or_example
 
         file = file_or_example(value)
@@ -76,7 +76,7 @@ as_json = click.option(
     is_flag=True,
     expose_value=False,
     callback=_keep,
-    help="Print the result as JSON, all else to the standard error.",
+    help="Print the result as JSON, everything else to the standard error.",
 )
 
 
@@ -96,7 +96,7 @@ results = click.option(
 
 
 def scene_here(context: click.Context, argument: click.Parameter, scene: Path) -> Path:
-    """Raise if no scene is named and the default is not in this folder."""
+    """Raise an error if no scene is named and the default is not in this folder."""
     if (
         context.get_parameter_source("scene") is click.core.ParameterSource.DEFAULT
         and not scene.exists()
@@ -128,12 +128,12 @@ store = click.option("--store", type=FILE, help="Folder for solved fields, which
 
 def surface_settings(command: Command) -> Command:
     """Add the options of ``load_surface`` to a command."""
-    # They default to None, because the defaults of load_surface apply.
+    # Their default is None, so that the defaults of load_surface apply.
     for name, keyword, words in (
         (
             "--sharp",
             "sharp_degrees",
-            "Edges that turn by more degrees stay sharp; 75 by default.",
+            "Edges that turn by more than this stay sharp, in degrees; 75 by default.",
         ),
         (
             "--largest-hole",
@@ -147,7 +147,7 @@ def surface_settings(command: Command) -> Command:
         "--union",
         is_flag=True,
         default=None,
-        help="Replace parts that overlap by the surface around them.",
+        help="Replace overlapping parts by the surface around them.",
     )(command)
 
 
@@ -173,7 +173,7 @@ def level_of(cap: float | None, full_scale: bool) -> float | None:
 
 
 def agreed(question: str) -> None:
-    """Ask for confirmation before anything is emitted; raise "link_failed" without it."""
+    """Ask for confirmation before anything is emitted; raise an error if it is not given."""
     # A script or a pipe must not emit by accident.
     if not sys.stdin.isatty():
         raise at.InvalidInput(

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from airtact.setup.rendering import Rendering
 
-# Files of a rendering; the sequence only for moving foci, the last two only with pictures
+# Files of a rendering: the sequence only for moving foci, the last two only with pictures
 FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
 
 
@@ -64,7 +64,7 @@ def render(
         except KeyboardInterrupt:
             words = ", ".join(file.name for file in files) or "no files of this run"
             raise KeyboardInterrupt(f"{words} in {folder}, each complete") from None
-        # Files of an older run are removed last, so that a full disk loses none.
+        # Files of an older run are removed last, so that a full disk cannot lose them.
         for name in {*FILES} - {file.name for file in files}:
             (folder / name).unlink(missing_ok=True)
     written = {file.name: str(file) for file in files}

@@ -13,7 +13,7 @@ from airtact.cli.options import as_json, quiet
 @as_json
 @quiet
 def selfcheck() -> None:
-    """Solve scattering by one sphere and by two, and compare the pressures with references.
+    """Solve for the scattering by one and by two spheres, and compare with reference pressures.
 
     This takes about 10 s. The exit code is 1 if an error exceeds 1 %.
     """

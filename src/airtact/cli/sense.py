@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     help="File of measured echoes (.h5) without direct sound.",
 )
 @click.option(
-    "--simulate", is_flag=True, help="Simulate echoes of a hand at another pose than the scene's."
+    "--simulate", is_flag=True, help="Simulate echoes of a hand displaced from the scene's pose."
 )
 @click.option(
     "--noise",
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     type=click.FloatRange(0.0, 45.0),
     default=3.0,
     show_default=True,
-    help="Turn of the simulated hand [degrees].",
+    help="Rotation of the simulated hand [degrees].",
 )
 @click.option(
     "--opened",
@@ -85,8 +85,8 @@ def sense(
 ) -> None:
     """Find the pose of the hand of SCENE, and the gap of a pinch, from echoes.
 
-    The boards that airtact drives cannot receive: --echoes reads measurements of other receivers.
-    Writes pose.json and report.html, and echoes.h5 if the echoes were simulated.
+    The boards that airtact drives cannot receive, so --echoes reads measurements of other
+    receivers. The command writes pose.json and report.html, and echoes.h5 if it simulates echoes.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
@@ -117,7 +117,7 @@ def sense(
             write_sense_page(page, sensed)
             files.append(page)
         else:
-            page.unlink(missing_ok=True)  # of an older run
+            page.unlink(missing_ok=True)  # from an older run
         if simulate:
             files.append(folder / "echoes.h5")
             sensed.echoes.save(files[-1])

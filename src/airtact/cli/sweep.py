@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Make the drives of a scene for many values of its keys.",
+    short_help="Compute the drives of a scene for many values of its keys.",
     epilog='Example: airtact sweep pinch --vary "pinch.gap=0.008:0.016:5" --out out/gaps',
 )
 @scene
@@ -52,12 +52,12 @@ def sweep(
     pictures: bool,
     opened: bool,
 ) -> None:
-    """Make the drive of SCENE at every point and write sweep.csv and sweep.html.
+    """Compute the drive of SCENE at every point and write sweep.csv and sweep.html.
 
     PATH is a key of the scene file, such as foci[0].offset, medium.celsius or
     obstacles[0].pose.translation[2]. hand.gap, pinch.gap and sphere.radius are short for the only
-    body of a kind. The folder stores the result of each point, so the same command continues an
-    interrupted sweep. A point that fails gives a row with the error.
+    body of a kind. The folder stores the result of each point, so the same command resumes an
+    interrupted sweep. The row of a point that fails contains the error.
     """
     table = folder / "sweep.csv"
     page = folder / "sweep.html"
@@ -73,7 +73,7 @@ def sweep(
             )
         points = grid_of(varied)
         if recording is not None:
-            # One grid per frame.
+            # One grid per frame
             hands = frames_of(scene, recording, folder / "hands")
             points = [hand | point for hand in hands for point in points]
         try:
@@ -89,7 +89,7 @@ def sweep(
         if pictures:
             write_sweep_page(page, swept)
         else:
-            page.unlink(missing_ok=True)  # of an older run with other points
+            page.unlink(missing_ok=True)  # from an older run with other points
     tables = []
     failed = swept.failed
     if len(failed) < len(rows):
@@ -145,7 +145,7 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
             count = int(number)
             first = float(low)
             last = float(high)
-            # A count of 1 would silently drop the upper end.
+            # A count of 1 would silently drop the upper limit.
             if not (isfinite(first + last) and 1 + (first != last) <= count <= MAX_POINTS):
                 raise ValueError
         except ValueError:
@@ -176,7 +176,7 @@ def write_csv(file: Path, rows: "Sequence[Row]") -> None:
     """Write rows as CSV, with 12 digits per number and empty cells for missing values."""
     from airtact.files.atomic import whole_file
 
-    # Rows of failed points lack results, so the columns are those of all rows. Errors come last.
+    # Rows of failed points lack results, so use the columns of all rows. Errors come last.
     names = dict.fromkeys(name for row in rows for name in row)
     faults = {"error": None, "sentence": None}
     columns = [name for name in names if name not in faults]
@@ -193,12 +193,12 @@ def write_csv(file: Path, rows: "Sequence[Row]") -> None:
 
 
 def _counted(report: Callable[[object], None]) -> Callable[[int, int, int], None]:
-    """Report the progress of a sweep with the number of failed points and the time left."""
+    """Report the progress of a sweep, with the number of failed points and the remaining time."""
     begun = time.perf_counter()
     earlier: list[int] = []
 
     def count(done: int, total: int, failed: int) -> None:
-        # The first count is that of stored points, which take no time.
+        # The first count is the number of stored points, which take no time.
         earlier.append(done)
         computed = done - earlier[0]
         left = (time.perf_counter() - begun) / computed * (total - done) if computed else 0.0

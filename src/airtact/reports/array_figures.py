@@ -33,7 +33,7 @@ from airtact.reports.solids import (
 # Colour of bodies
 GREY = 0.9, 0.873, 0.846, 1.0
 
-# Colour of transducers without a drive
+# Colour of transducers if there is no drive
 UNDRIVEN = 0.62, 0.70, 0.78, 1.0
 
 PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/2", np.pi: "π"}
@@ -41,10 +41,10 @@ PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """The elements of an array that lie in one plane and radiate along one ``normal``.
+    """The elements of an array that lie in a plane and radiate along the same ``normal``.
 
     ``seen`` holds their positions [m] as seen from the side to which the face radiates, along the
-    unit vectors in the rows of ``axes``, right and up.
+    unit vectors in the rows of ``axes``: right and up.
     """
 
     elements: Int[np.ndarray, "elements"]
@@ -56,21 +56,21 @@ class Face:
 def unfold(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> list[Face]:
-    """Split an array into its flat faces and unfold them; more than eight count as one face.
+    """Split an array into its flat faces and unfold them; more than eight count as a single face.
 
-    Faces around an upright axis come in the order in which a viewer inside sees them when turning
+    Faces around an upright axis are in the order in which a viewer inside sees them when turning
     right.
     """
-    # Elements of one face share their normal and the plane's distance from the origin to 0.1 mm.
+    # Elements of a face share their normal and the plane's distance from the origin to 0.1 mm.
     keys = np.round(np.column_stack([normals, (positions * normals).sum(axis=1) / 1e-4]), 3)
     keys[:, 3] = np.round(keys[:, 3])
-    # + 0.0 makes −0 and 0 the same key.
+    # Adding 0.0 makes −0 and 0 the same key.
     _, number = np.unique(keys + 0.0, axis=0, return_inverse=True)
     groups = [np.flatnonzero(number == face) for face in range(number.max() + 1)]
     # A curved array has as many faces as elements.
     if len(groups) > 8:
         groups = [np.arange(len(positions))]
-    # The axis of the frame most parallel to all faces; on a tie z before y before x.
+    # The axis of the frame that is most parallel to all faces; in a tie z before y before x.
     upright = min(
         (AXES[name] for name in "zyx"),
         key=lambda axis: round(float(np.abs(normals @ axis).max()), 6),
@@ -81,12 +81,12 @@ def unfold(
         normal = normal / max(float(np.linalg.norm(normal)), 1e-9)
         up = upright - upright @ normal * normal
         up = up / np.linalg.norm(up)
-        # The viewer is in front of the face and looks along -normal.
+        # The viewer is in front of the face and looks along −normal.
         axes = np.stack([np.cross(up, normal), up])
         faces.append(Face(group, positions[group] @ axes.T, axes, normal))
     east = np.roll(upright, 1)
     north = np.cross(upright, east)
-    # Sorted by the viewer's direction, clockwise as seen from above.
+    # Sort by the viewer's direction, clockwise as seen from above.
     return sorted(
         faces,
         key=lambda face: round(float(-np.arctan2(-face.normal @ north, -face.normal @ east)), 6),
@@ -98,9 +98,9 @@ def draw_phases(
     normals: Real[np.ndarray, "elements 3"],
     amplitudes: Complex[np.ndarray, "elements"],
 ) -> Figure:
-    """Draw the phase and amplitude of every transducer as discs at its position [m].
+    """Draw the phase and amplitude of every transducer as a disc at its position [m].
 
-    A uniform amplitude (``is_uniform``) is not drawn.
+    The amplitude is not drawn if it is uniform (``is_uniform``).
     """
     shown = ("phase",) if is_uniform(amplitudes) else ("phase", "amplitude")
     rows, columns, width, height = _panels(positions, normals, len(shown))
@@ -113,7 +113,7 @@ def draw_phases(
 
 
 def is_uniform(amplitudes: Complex[np.ndarray, "elements"]) -> bool:
-    """Whether all elements have the same amplitude to within half a per cent."""
+    """Whether all elements have the same amplitude within half a per cent."""
     magnitudes = np.abs(amplitudes)
     return bool(np.ptp(magnitudes) <= 5e-3 * magnitudes.max())
 
@@ -121,8 +121,8 @@ def is_uniform(amplitudes: Complex[np.ndarray, "elements"]) -> bool:
 def _panels(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"], count: int
 ) -> tuple[int, int, float, float]:
-    # Rows and columns of ``count`` pictures of all faces, and width and height of one
-    # [inches].
+    # Return the rows and columns of ``count`` pictures of all faces, and the width and height of
+    # a picture [inches].
     spans = np.array([np.ptp(face.seen, axis=0) + 0.03 for face in unfold(positions, normals)])
     width = spans[:, 0].sum()
     height = spans[:, 1].max()
@@ -150,7 +150,7 @@ def draw_receivers(
     values: Mapping[str, Float64[np.ndarray, "elements"]],
     label: str,
 ) -> Figure:
-    """Draw positive values of every transducer, one panel per name, on one logarithmic scale."""
+    """Draw positive values of every transducer, a panel per name, on a common logarithmic scale."""
     rows, columns, width, height = _panels(positions, normals, len(values))
     size = columns * (width + 0.9) + 0.9, rows * (height + 1.0)
     figure = Figure(figsize=size, layout="constrained")
@@ -179,7 +179,7 @@ def draw_faces(
     amplitudes: Complex[np.ndarray, "elements"],
     show: Literal["phase", "amplitude"],
 ) -> None:
-    """Draw phase or amplitude of every transducer into axes, face by face, with a colour bar."""
+    """Draw the phase or amplitude of all transducers into axes, face by face, with a colour bar."""
     if show == "phase":
         scale = _phase_colours()
         values = np.angle(amplitudes)
@@ -189,7 +189,7 @@ def draw_faces(
         scale = ScalarMappable(Normalize(0, values.max()), "viridis")
         label = "amplitude [of full scale]"
     faces = _lay_out(axes, positions, normals, scale.to_rgba(values))
-    # Beside the axes, the label would seem to belong to the next axes.
+    # Next to these axes, the label would seem to belong to the adjacent axes.
     place: dict[str, Any] = {"location": "bottom", "pad": 0.02, "aspect": 60 if faces > 1 else 30}
     bar = axes.figure.colorbar(scale, ax=axes, label=label, **place)
     if show == "phase":
@@ -244,7 +244,7 @@ def _tick_phases(bar: Colorbar) -> None:
 
 
 def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
-    """Distance between the two closest elements [m]; 10 mm for a single element."""
+    """Return the distance between the two closest elements [m]; 10 mm for a single element."""
     from scipy.spatial import KDTree
 
     if len(positions) < 2:
@@ -271,7 +271,7 @@ def draw_scene(
 ) -> Figure:
     """Draw transducers as discs coloured by phase, bodies in grey, foci as dots, planes as sheets.
 
-    Transducers that face away from the viewer are faint rings, so that they hide nothing.
+    Transducers that face away from the viewer are faint rings, which hide nothing.
     """
     figure = Figure(figsize=(10.4, 8.0), layout="constrained")
     axes = space_axes(figure, view_of(normals))
@@ -290,13 +290,13 @@ def draw_in_space(
 ) -> None:
     """Draw the picture of ``draw_scene`` into axes; discs without phases [rad] are grey.
 
-    Transducers, bodies and foci may each be missing.
+    Transducers, bodies and foci are each optional.
     """
     viewer = towards_viewer(axes.azim, axes.elev)
     discs = np.empty((0, 14, 3))
     if len(positions):
         discs = _add_discs(axes, positions, normals, phases, viewer)
-    # From back to front, because matplotlib does not sort collections.
+    # Draw from back to front, because matplotlib does not sort collections.
     for body in sorted(bodies, key=lambda body: float(body.vertices.mean(axis=0) @ viewer)):
         add_solid(axes, 1e3 * body.corners, np.tile(GREY, (len(body.triangles), 1)))
     axes.scatter(*(1e3 * foci.T), s=34, **FOCI)
@@ -318,7 +318,7 @@ def _add_discs(
     viewer: np.ndarray,
 ) -> Float64[np.ndarray, "elements corners 3"]:
     radius = 0.47 * min(spacing(positions[face.elements]) for face in unfold(positions, normals))
-    # Polygons of 14 corners instead of circles. The helper must not be parallel to the normal.
+    # Polygons of 14 corners replace circles. The helper must not be parallel to the normal.
     helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     across = np.cross(normals, helper)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -337,7 +337,7 @@ def _add_discs(
     }
     axes.add_collection3d(Poly3DCollection(discs[~away], **style))
     if away.any():
-        # Faint rings in the colour of the phase still show the wall.
+        # Faint rings in the colour of the phase keep the wall visible.
         faint = colours[away] * [1, 1, 1, 0.18]
         style = {"facecolors": "none", "edgecolors": faint, "linewidths": 0.5, "zorder": 2}
         axes.add_collection3d(Poly3DCollection(discs[away], **style))
@@ -345,7 +345,7 @@ def _add_discs(
 
 
 def view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
-    """Return the view into a surrounding array, or past the edge of another array."""
+    """Return the view into a surrounding array, or past the edge of any other array."""
     mean = normals.mean(axis=0)
     if np.linalg.norm(mean) < 0.3:
         return -58.0, 26.0

@@ -1,4 +1,4 @@
-"""Pictures of bodies, panels and point clouds, from two sides."""
+"""Pictures of bodies, panels and point clouds, each from two sides."""
 
 from collections.abc import Sequence
 
@@ -30,14 +30,14 @@ from airtact.reports.solids import (
     space_axes,
 )
 
-# Largest number of triangles with edges drawn; a finer mesh would be black
+# Largest number of triangles whose edges are drawn; a finer mesh would be black.
 MAX_TRIANGLES_WITH_EDGES = 8000
 
 SHARP = (0.75, 0.11, 0.11, 1.0)
 
 
 def _two_views(height: float, views: tuple[View, View]) -> tuple[Figure, list[Axes3D]]:
-    # Make a figure of a height [inches] with two orthographic views side by side.
+    # Make a figure of a given height [inches] with two orthographic views side by side.
     # The padding leaves room for 3-D labels.
     figure = Figure(figsize=(13.0, height), layout=ConstrainedLayoutEngine(w_pad=0.35, h_pad=0.12))
     panels = [space_axes(figure, view, (1, 2, 1 + side)) for side, view in enumerate(views)]
@@ -59,7 +59,7 @@ def draw_bodies(
 ) -> Figure:
     """Draw bodies with their triangles, foci as dots, and planes as sheets [m]."""
     corners = 1e3 * np.concatenate([body.corners for body in bodies])
-    # Pale colours leave room for shading.
+    # Pale colours leave a range for shading.
     tints = colormaps["Pastel2"](np.arange(len(bodies)) % 8)
     colours = np.repeat(tints, [len(body.triangles) for body in bodies], axis=0)
     dots = np.empty((0, 3)) if foci is None else 1e3 * foci
@@ -93,7 +93,7 @@ def sharp_edges(body: Surface) -> Bool[np.ndarray, "triangles 3"]:
 
 
 def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:
-    """Draw curved panels with their edges, coloured by their smallest angle."""
+    """Draw curved panels with their edges, coloured by the smallest angle of each panel."""
     # An equilateral panel has 60°.
     scale = ScalarMappable(Normalize(0.0, 60.0), "viridis")
     hexagons = _hexagons(quadratic_triangles)
@@ -110,7 +110,7 @@ def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:
 def _hexagons(
     quadratic_triangles: QuadraticTriangles,
 ) -> Float64[np.ndarray, "panels 6 3"]:
-    # Corners and edge midpoints of panels, in order around each panel [mm].
+    # Corners and edge midpoints of panels, in order around each panel [mm]
     return 1e3 * quadratic_triangles[:, [0, 3, 1, 4, 2, 5]]
 
 
@@ -121,7 +121,7 @@ def draw_cloud(
 ) -> Figure:
     """Draw points on the skin fitted to them: blue outside, red inside, outliers as crosses.
 
-    ``distances`` of the points from the skin are positive outside [m].
+    ``distances`` holds the distances of the points from the skin, positive outside [m].
     """
     points = 1e3 * fitted.points
     used = ~fitted.outliers

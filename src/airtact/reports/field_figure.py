@@ -1,4 +1,4 @@
-"""Pressure of drives in a plane on one colour scale, and their difference (Figs. 6 and 7)."""
+"""Pressure of drives in a plane on a common colour scale, and their difference (Figs. 6 and 7)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from matplotlib.patheffects import withStroke
 from airtact.acoustics.scene import Scene
 from airtact.evaluation.windows import Window
 
-# Grey of the bodies
+# Grey colour of the bodies
 BODY = "0.66"
 
 # Colours of pressure magnitudes: perceptually uniform, black for silence
@@ -24,7 +24,7 @@ COLOURS = "magma"
 # Colours of the level of one drive relative to another [dB]
 DIFFERENCES = ScalarMappable(Normalize(-6.0, 6.0), "RdBu_r")
 
-# Fraction of the largest pressure below which a level difference is grey
+# Fraction of the largest pressure below which a level difference is drawn grey
 FAINT = 0.1
 
 # Largest number of foci with names and large rings
@@ -33,7 +33,7 @@ MAX_NAMES = 8
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """Pressure of several drives, by name, at the points of one window [Pa], NaN inside bodies.
+    """Pressure of several drives, by name, at the points of a window [Pa], NaN inside bodies.
 
     ``depth`` is the ``solid_depth`` of the points.
     """
@@ -46,7 +46,7 @@ class Cut:
 def solid_depth(
     scene: Scene, points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points"]:
-    """Depth of points (P, 3) in bodies without a field inside, or behind planes [m].
+    """Depth of points (P, 3) in bodies that have no field inside, or behind planes [m].
 
     It is negative in the air.
     """
@@ -66,7 +66,7 @@ def draw_field(
 ) -> Figure:
     """Draw the pressure magnitude of one drive, on a scale that ends at ``peak`` [Pa].
 
-    It is drawn into ``axes``, or into a new figure. Foci [m] off the plane are dashed.
+    It is drawn into ``axes``, or by default into a new figure. Foci [m] off the plane are dashed.
     """
     scale = ScalarMappable(Normalize(0.0, peak), COLOURS)
     values = np.abs(cut.pressures[drive])
@@ -81,12 +81,12 @@ def draw_difference(
     names: Sequence[str] | None = None,
     axes: Axes | None = None,
 ) -> Figure:
-    """Draw the level of one drive relative to another [dB], grey where both are faint."""
+    """Draw the level of one drive relative to another [dB]; it is grey where both are faint."""
     first, second = (np.abs(cut.pressures[name]) for name in drives)
-    # 60 dB below the peak, to avoid the logarithm of zero.
+    # The floor, 60 dB below the peak, avoids the logarithm of zero.
     smallest = 1e-3 * peak
     change = 20.0 * np.log10(np.maximum(first, smallest) / np.maximum(second, smallest))
-    # Opaque, but transparent where both drives are faint.
+    # Opaque, except where both drives are faint
     strength = np.clip(np.maximum(first, second) / (FAINT * peak) - 0.5, 0.0, 1.0)
     strength = np.nan_to_num(strength)
     label = f"{drives[0]} over {drives[1]} [dB]"
@@ -105,7 +105,7 @@ def _draw_plane(
 ) -> Figure:
     window = cut.window
     left, right, bottom, top = window.extent
-    # Given axes may have other axes below them, so the bar goes beside them.
+    # Given axes may have other axes below them, so the colour bar goes next to them.
     location = "right"
     if axes is None:
         location = "bottom"
@@ -125,7 +125,7 @@ def _draw_plane(
         norm=scale.norm,  # pyright: ignore
         interpolation="bilinear",
     )
-    axes.set_facecolor("0.86")  # of blank values
+    axes.set_facecolor("0.86")  # shown where values are blank
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     draw_solid(axes, window, cut.depth)
     axes.set(xlabel=window.labels[0], ylabel=window.labels[1])
@@ -137,7 +137,7 @@ def _draw_plane(
 
 
 def draw_solid(axes: Axes, window: Window, depth: Float64[np.ndarray, "points"]) -> None:
-    """Fill the bodies in a window: the points with a positive depth."""
+    """Fill the bodies in a window, which are the points with a positive depth."""
     if depth.max() > 0.0:
         grid = (*grid_axes(window), depth.reshape(window.shape))
         axes.contourf(*grid, levels=[0.0, 2.0 * depth.max()], colors=[BODY])
@@ -147,7 +147,7 @@ def draw_solid(axes: Axes, window: Window, depth: Float64[np.ndarray, "points"])
 def grid_axes(
     window: Window,
 ) -> tuple[Float64[np.ndarray, "columns"], Float64[np.ndarray, "rows"]]:
-    """Coordinates of the columns and rows of a window's picture [mm]."""
+    """Return the coordinates of the columns and rows of a window's picture [mm]."""
     left, right, bottom, top = window.extent
     rows, columns = window.shape
     return np.linspace(left, right, columns), np.linspace(bottom, top, rows)
@@ -175,7 +175,7 @@ def _mark_foci(
     if not names or len(names) > MAX_NAMES:
         names = [""] * len(foci)
     positions = window.seen(foci)
-    # Foci within half a millimetre of the plane count as in it.
+    # Foci within half a millimetre of the plane count as lying in it.
     off = np.abs(window.height_of(foci)) > 0.5e-3
     outwards = positions - positions.mean(axis=0)
     size = 90 if len(foci) <= MAX_NAMES else 12
@@ -184,7 +184,7 @@ def _mark_foci(
         style = (0, (2, 1.5)) if is_off else "solid"
         line = {"edgecolors": "white", "linewidths": 1.3, "linestyles": [style]}
         ring = axes.scatter(*position, s=size, facecolors="none", **line)
-        # A black edge shows the white ring on bright colours.
+        # A black edge makes the white ring visible on bright colours.
         ring.set_path_effects([withStroke(linewidth=2.4, foreground="black")])
         if name:
             shift, side = ((-10, 0), "right") if outward[0] < 0 else ((10, 0), "left")

@@ -56,7 +56,7 @@ def write_methods_page(
         ],
         **_tables(contest, unit),
         **_pictures(contest, unit, cut, view.peak),
-        # The best drive is compared with the control, the last one.
+        # Compare the best drive with the control, which is the last.
         space=viewer_values(view, (contest.contenders.index(best), len(emitted) - 1)),
     )
     return (page,)
@@ -127,7 +127,7 @@ def _pictures(contest: MethodComparison, unit: str, cut: Cut, peak: float) -> di
         f"Bars of the pressure at the weakest focus for each method, {_digits(strengths.min())} "
         f"to {_digits(strengths.max())}, and a line at the bound of {_digits(contest.bound)}",
     )
-    # Equally good methods give nearly the same field, so one picture serves them.
+    # Equally good methods produce nearly the same field, so they share a picture.
     drawn = [contest.best, *contest.ranked[len(contest.equally_good) :]]
     equal = _equal_to_best(contest)
     fields = [

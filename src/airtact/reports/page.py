@@ -33,9 +33,9 @@ TEMPLATES.filters["sentence"] = as_sentence
 
 
 def write_page(path: Path, template: str, **values: object) -> None:
-    """Fill a template with values and write the file, which appears only when it is complete.
+    """Fill a template with values and write the file; the file appears only once it is complete.
 
-    Texts are escaped.
+    All text values are escaped.
     """
     with whole_file(path) as partial:
         partial.write_text(TEMPLATES.get_template(template).render(values), "utf-8")
@@ -45,7 +45,7 @@ def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) 
     """Embed a figure as WebP; a wide figure scrolls on narrow screens instead of shrinking."""
     buffer = io.BytesIO()
     pixels = pixels_of(figure)
-    # A quality of 90 % keeps letters clean.
+    # A quality of 90 % keeps letters sharp.
     Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(buffer, "webp", quality=90)
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
     height, width = (round(length / PIXELS) for length in pixels.shape[:2])
@@ -54,7 +54,7 @@ def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) 
 
 
 def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
-    """Draw a figure and crop its empty margins, which are wide around 3-D axes."""
+    """Draw a figure and crop its empty margins, which 3-D axes make wide."""
     figure.set_dpi(96 * PIXELS)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -69,6 +69,6 @@ def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Draw a figure into a PNG file, which appears only when it is complete."""
+    """Draw a figure into a PNG file; the file appears only once it is complete."""
     with whole_file(path) as partial:
         imsave(partial, pixels_of(figure), format="png")

@@ -1,7 +1,7 @@
 """Plots with matplotlib: field in a plane, drive, scene in 3-D, pressures at the foci.
 
 Each function draws into ``ax``, or into a new figure by default, and returns the axes. The page of
-a run has the same plots. Lengths are in millimetres. Matplotlib is imported on first use.
+a run shows the same plots. Lengths are in millimetres. Matplotlib is imported on first use.
 """
 
 from dataclasses import replace
@@ -44,17 +44,17 @@ def field(
     most: float | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the pressure in a plane through the foci. Foci off the plane are dashed.
+    """Plot the pressure in a plane through the foci; foci off the plane are dashed.
 
     Parameters
     ----------
     result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a solver's field. A
         rendering is drawn at the amplitudes of its drive.
-    target : the foci; needed for a solver's field unless it is the field of beacons.
+    target : the foci; needed for a solver's field, unless that is the field of beacons.
     drive : name of a drive of a comparison, or index of an excitation of a solver's field.
     over : name of a second drive of a comparison; plots the level of ``drive`` relative to it [dB].
-    plane : "xy", "xz" or "yz" through the middle of the foci; by default the plane that fits foci
-        and bodies best.
+    plane : "xy", "xz" or "yz" through the middle of the foci; by default the plane that best fits
+        the foci and bodies.
     size : width and height of the picture [m]; by default a few wavelengths around the foci.
     most : pressure at the end of the colour scale [Pa]; by default the largest in the plane.
     ax : axes to draw into; by default those of a new figure.
@@ -66,7 +66,7 @@ def field(
     Raises
     ------
     InvalidInput
-        If there are no foci, a name or index is unknown, or ``over`` has no comparison.
+        If there are no foci, a name or index is unknown, or ``over`` is given without a comparison.
     """
     scale = 1.0
     if isinstance(result, Rendering):
@@ -125,21 +125,21 @@ def phases(
     show: Literal["phase", "amplitude"] = "phase",
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot phase or amplitude of every transducer as a disc at its position, face by face.
+    """Plot the phase or amplitude of every transducer as a disc at its position, face by face.
 
-    A face is seen from the side to which it radiates.
+    Each face is seen from the side to which it radiates.
 
     Parameters
     ----------
     array : the transducers.
     drive : their drive.
-    show : "phase" [rad] or "amplitude" [of full scale].
+    show : "phase" [rad] or "amplitude", as a fraction of full scale.
     ax : axes to draw into; by default those of a new figure.
 
     Raises
     ------
     InvalidInput
-        If the drive is for another number of elements, or ``show`` is unknown.
+        If the drive has another number of elements than the array, or ``show`` is unknown.
     """
     _check_fits(array, drive)
     if show not in ("phase", "amplitude"):
@@ -159,7 +159,7 @@ def scene(
 ) -> Axes3D:
     """Plot bodies, transducers and foci in 3-D, with transducers coloured by the phase of a drive.
 
-    Transducers that face away from the viewer are faint rings.
+    Transducers that face away from the viewer are drawn as faint rings.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def scene(
     Raises
     ------
     InvalidInput
-        If there is nothing to plot, a drive does not fit the array, or the axes are not 3-D.
+        If there is nothing to plot, the drive does not fit the array, or the axes are not 3-D.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
     if drive is not None:
@@ -207,7 +207,7 @@ def pads(
     held_equal: str = "equal peak",
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the pressure at each focus as bars, one for each drive, and the requested pressures.
+    """Plot the pressure at each focus as one bar per drive, with lines at the requested pressures.
 
     Parameters
     ----------

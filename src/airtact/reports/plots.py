@@ -1,4 +1,4 @@
-"""Plots of numbers: methods with their bound, a scan and its prediction."""
+"""Plots of numbers: methods with their upper bound, a scan with its prediction."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,18 +14,18 @@ from airtact.reports.field_figure import COLOURS
 BAR = "#5a2a83"
 BOUND = "#c2410c"
 
-# The colour of a single bar, then colours for colour-blind readers (Okabe and Ito, 2008).
+# The colour of a single bar, followed by colours for colour-blind readers (Okabe and Ito, 2008)
 COLOURS_OF_DRIVES = (BAR, "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#0072b2", "#f0e442")
 
 
 def draw_bars(
     names: Sequence[str], heights: Float64[np.ndarray, "names"], bound: float, label: str
 ) -> Figure:
-    """Draw one bar for each name, the first on top, and a line at the bound.
+    """Draw a bar for each name, with the first on top, and a line at the bound.
 
-    ``label`` is the quantity with its unit.
+    ``label`` names the quantity and its unit.
     """
-    # barh draws from the bottom.
+    # barh draws from the bottom upwards.
     order = np.arange(len(names))[::-1]
     figure = Figure(figsize=(8.0, 0.34 * len(names) + 1.2), layout="constrained")
     axes = figure.subplots()
@@ -42,7 +42,7 @@ def draw_bars(
 def draw_shares(
     pressures: Mapping[str, Float64[np.ndarray, "samples"]], expected: Mapping[str, float]
 ) -> Figure:
-    """Draw the share of samples below a pressure [Pa] for each drive, and expected pressures."""
+    """Draw the share of samples below each pressure [Pa] per drive, and the expected pressures."""
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()
     for colour, (name, samples) in zip(COLOURS_OF_DRIVES, pressures.items(), strict=False):
@@ -62,7 +62,7 @@ def draw_foci(
     pressures: Mapping[str, Float64[np.ndarray, "foci"]],
     asked: Float64[np.ndarray, "foci"] | None,
 ) -> None:
-    """Draw bars of the pressure at each focus [Pa] for each drive, and lines at the requests."""
+    """Draw the pressure at each focus [Pa] as a bar per drive, and lines at the requests."""
     foci = np.arange(len(next(iter(pressures.values()))))
     width = 0.8 / len(pressures)
     for index, (name, heights) in enumerate(pressures.items()):
@@ -72,7 +72,7 @@ def draw_foci(
     if asked is not None:
         axes.hlines(asked, foci - 0.45, foci + 0.45, colors=BOUND, linewidth=2, label="request")
     axes.set(xlabel="focus", ylabel="peak pressure [Pa]", ylim=(0.0, None))
-    # Foci have integer numbers.
+    # Foci are numbered by integers.
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.spines[["top", "right"]].set_visible(False)
     if asked is not None or len(pressures) > 1:
@@ -84,7 +84,7 @@ def draw_overlay(overlay: Overlay) -> Figure:
     used = overlay.used
     measured = overlay.scan.pressures[used]
     model = overlay.scale * overlay.predicted[used]
-    # A scan without phases can only be compared by magnitude.
+    # Without phases a scan can only be compared by magnitude.
     if not overlay.scan.phased:
         measured = np.abs(measured)
         model = np.abs(model)
@@ -99,7 +99,7 @@ def draw_overlay(overlay: Overlay) -> Figure:
     if len(labels) == 1:
         figure = Figure(figsize=(8.0, 4.0), layout="constrained")
         axes = figure.subplots()
-        # The order of the scan may go back and forth.
+        # The positions of the scan may go back and forth.
         order = np.argsort(projected[:, 0])
         for (name, values), style in zip(shown.items(), ("o", "-", ":"), strict=True):
             axes.plot(projected[order, 0], values[order], style, label=name, markersize=4)
@@ -124,7 +124,7 @@ def draw_overlay(overlay: Overlay) -> Figure:
 def _seen(
     points: Float64[np.ndarray, "points 3"],
 ) -> tuple[Float64[np.ndarray, "points axes"], tuple[str, ...]]:
-    # A spread below 2 % of the largest spread counts as none.
+    # A spread below 2 % of the largest spread is neglected.
     spans = np.ptp(points, axis=0)
     wide = np.flatnonzero(spans > 0.02 * spans.max())
     if len(wide) <= 2:
@@ -147,7 +147,7 @@ def draw_varied(
         finite = np.isfinite(varied) & np.isfinite(values)
         distinct = np.unique(varied[finite])
         panel.plot(varied[finite], values[finite], ".", color=BAR, alpha=0.35, markersize=5)
-        # Without equal values the median would only join the points.
+        # Without equal values the median would only connect the points.
         if len(distinct) < finite.sum() or len(axes) == 1:
             medians = [np.median(values[finite & (varied == value)]) for value in distinct]
             panel.plot(distinct, medians, color=BOUND)

@@ -1,4 +1,4 @@
-"""The page of one run: drive, fields, pressures at the foci, and how they were computed."""
+"""The page of a run: drive, fields, pressures at the foci, and how they were computed."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -164,7 +164,7 @@ def _fields(run: Rendering, cut: Cut, view: SceneView) -> list[Markup]:
     points = run.setup.target.points
     got = view.reached
     outside = cut.window.points[cut.depth < 0.0]
-    # At most about 300 points, to bound the time of the estimate.
+    # At most about 300 points, which limits the time for the estimate.
     sample = outside[:: max(1, len(outside) // 300)]
     error = float(np.max(run.verification.field.error_at(sample), initial=0.0))
     estimate = f" Their estimated error is {100 * error:.1g} %." if error > 0.0 else ""

@@ -1,4 +1,4 @@
-"""The page of a hand located from echoes: its pose, the gain from correcting it, the residuals."""
+"""The page of a hand located from echoes: its pose, the gain of the correction, the residuals."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,10 +25,10 @@ AFTER = "#e8590c"
 
 
 def write_sense_page(path: Path, sensed: Sensed) -> None:
-    """Write a self-contained HTML page, which appears only when it is complete."""
+    """Write a self-contained HTML page; the file appears only once it is complete."""
     elements, transmissions = sensed.echoes.codes.shape
     left_out = sensed.located.left_out
-    # NaN for elements that did not receive.
+    # NaN for elements that did not receive
     values = np.full((2, len(sensed.setup.array)), np.nan)
     values[:, sensed.echoes.receiving] = sensed.unexplained
     values[:, left_out] = np.nan
@@ -117,7 +117,7 @@ def _moved(sensed: Sensed) -> Markup:
     ]
     scenes = (setup.scene, replace(fitted.scene, obstacles=moved_bodies))
     foci = np.stack([setup.target.points, pose.apply(fitted.target.points)])
-    # A window smaller than a field's, so that motions of a millimetre are visible.
+    # A window smaller than that of a field makes motions of a millimetre visible.
     window = plane_of_scene(setup.scene, setup.target.points)
     less = 3.0 * setup.scene.wavelength
     window = replace(window, width=window.width - less, height=window.height - less)

@@ -14,7 +14,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from airtact.acoustics.planes import Plane
 from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
 
-# Direction of the viewer: azimuth around z, elevation above the xy plane [degrees]
+# Direction toward the viewer: azimuth around z, elevation above the xy plane [degrees]
 View = tuple[float, float]
 
 # No walls behind the axes and a faint grid
@@ -38,7 +38,7 @@ FOCI: Any = {
 
 
 def towards_viewer(azimuth: float, elevation: float) -> Float64[np.ndarray, "3"]:
-    """Return the unit vector towards a viewer at an azimuth and elevation [degrees]."""
+    """Return the unit vector toward a viewer at an azimuth and elevation [degrees]."""
     around = np.radians(azimuth)
     above = np.radians(elevation)
     return np.array([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above)])
@@ -56,16 +56,16 @@ def space_axes(figure: Figure, view: View, position: tuple[int, int, int] = (1, 
         axes = figure.add_subplot(*position, projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
     axes.view_init(azim=view[0], elev=view[1])
-    # The patch would cover the labels of neighbouring axes.
+    # The patch would hide the labels of neighbouring axes.
     axes.patch.set_visible(False)
     return axes
 
 
 def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
-    """Fit the axes around points [mm], with equal scales."""
+    """Fit the axes to points [mm], with equal scales."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     lengths = np.ptp(points, axis=0)
-    # matplotlib needs a box with a thickness, also for flat points.
+    # matplotlib needs a box with a thickness, even for points in a plane.
     lengths = np.maximum(lengths, 2e-3 * lengths.max())
     lowest = middle - lengths / 2.0
     highest = middle + lengths / 2.0
@@ -76,7 +76,7 @@ def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
     axes.set_box_aspect(tuple(lengths), zoom=0.9)  # pyright: ignore
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     for index, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
-        # Up to 7 ticks along the longest side and fewer along the others keep labels apart.
+        # Up to 7 ticks along the longest side and fewer along the others keep the labels apart.
         count = round(7 * float(lengths[index] / lengths.max()))
         single = FixedLocator([round(float(middle[index]), 1) + 0.0])
         axis.set_major_locator(MaxNLocator(count) if count > 1 else single)
@@ -96,14 +96,14 @@ def add_solid(
 
     Parameters
     ----------
-    outlined : whether edges are dark.
-    marked : edges, from each corner to the next, that are drawn in the colour ``mark``.
+    outlined : whether the edges are dark.
+    marked : edges, from each corner to the next, to draw in the colour ``mark``.
     """
     viewer = towards_viewer(axes.azim, axes.elev)
     normals = unit(area_vectors(polygons[:, :: polygons.shape[1] // 3]))
-    # The surfaces are closed, so backs are hidden.
+    # The surfaces are closed, so back faces are hidden.
     shown = normals @ viewer > 0.0
-    # Light from above, to the left of the viewer, shows the shape of a smooth surface.
+    # Light from above, to the left of the viewer, reveals the shape of a smooth surface.
     lamp = unit(viewer - 0.35 * unit(np.cross([0.0, 0.0, 1.0], viewer)) + [0.0, 0.0, 0.5])
     faces = colours[shown]
     faces[:, :3] *= 0.65 + 0.35 * np.clip(normals[shown] @ lamp, 0.0, 1.0)[:, None]
@@ -112,7 +112,7 @@ def add_solid(
     parts = [*polygons[shown]]
     if marked is not None:
         # Lines are polygons of two corners, so that matplotlib sorts them with the faces. They are
-        # moved towards the viewer, because the faces would cover them.
+        # moved toward the viewer, because the faces would hide them.
         chosen = marked & shown[:, None]
         starts = polygons[chosen]
         ends = np.roll(polygons, -1, axis=1)[chosen]
@@ -121,7 +121,7 @@ def add_solid(
         lines = np.tile(mark, (len(starts), 1))
         faces = np.concatenate([faces, lines])
         edges = np.concatenate([edges, lines])
-    # matplotlib sorts the colours with the polygons but not the widths, so all have one width.
+    # matplotlib sorts the colours with the polygons but not the widths, so all widths are equal.
     width = float(np.clip(25.0 / np.sqrt(len(parts) + 1), 0.35, 1.2))
     axes.add_collection3d(
         Poly3DCollection(parts, facecolors=faces, edgecolors=edges, linewidths=width, zorder=3),

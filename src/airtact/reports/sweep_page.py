@@ -38,16 +38,16 @@ class Swept:
 
     @property
     def failed(self) -> list[Row]:
-        """Rows of points that failed."""
+        """Rows of the points that failed."""
         return [row for row in self.rows if row["error"]]
 
     def numbers(self, column: str) -> Float64[np.ndarray, "points"]:
-        """Return a column; NaN where a row has no number."""
+        """Return the numbers in a column; NaN where a row has none."""
         values = [row.get(column) for row in self.rows]
         return np.array([v if isinstance(v, int | float) else np.nan for v in values], dtype=float)
 
     def label(self, column: str) -> str:
-        """Return the name of a column as the page shows it; varied keys keep their path."""
+        """Return the name of a column for the page; a varied key keeps its path."""
         if column in self.varied:
             return column
         name = column.removesuffix("_Pa").replace("_", " ")
@@ -55,7 +55,7 @@ class Swept:
 
 
 def write_sweep_page(path: Path, swept: Swept) -> None:
-    """Write the page; the file appears only when it is complete."""
+    """Write the page; the file appears only once it is complete."""
     weakest = swept.numbers("weakest_Pa")
     gain = swept.numbers("gain")
     facts = [(f"{len(swept.rows):,}", "points"), (f"{len(swept.failed):,}", "of them failed")]
@@ -64,11 +64,11 @@ def write_sweep_page(path: Path, swept: Swept) -> None:
     if np.isfinite(gain).any():
         facts.append((f"{np.nanmedian(gain):.2f}", f"{GAIN}, median"))
     counts = Counter(str(row["error"]) for row in swept.failed)
-    # Reversed, so that the first sentence of each code is kept.
+    # In reverse order, so that the first sentence of each code is kept.
     first = {str(row["error"]): str(row["sentence"]) for row in reversed(swept.failed)}
     hidden = {"sentence", "warnings", *(() if swept.failed else ("error",))}
     columns = dict.fromkeys(name for row in swept.rows for name in row if name not in hidden)
-    # sweep.csv has all points.
+    # sweep.csv contains all points.
     listed = swept.rows[:200]
     more = len(swept.rows) - len(listed)
     write_page(

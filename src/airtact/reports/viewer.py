@@ -1,6 +1,6 @@
 """The 3-D scene of a page: embedded data that ``viewer.js`` draws with three.js.
 
-three.js comes with the installed trimesh, so nothing is downloaded.
+three.js is part of the installed trimesh, so nothing is downloaded.
 """
 
 import base64
@@ -47,7 +47,7 @@ class SceneView:
     reached : (F, D) peak pressure at the foci under each drive [Pa].
     surfaces : bodies with their pressures; None in open air.
     slices : pressure of each drive in parallel planes.
-    held_equal : the quantity that is equal for all drives, in words.
+    held_equal : the quantity that is the same for all drives, in words.
     """
 
     setup: Setup
@@ -78,7 +78,7 @@ class SceneView:
 
 
 def off_one_plane(setup: Setup) -> bool:
-    """Whether the foci are on bodies and more than two, so that one plane rarely contains them."""
+    """Whether there are more than two foci, on bodies, so that one plane rarely contains them."""
     return len(setup.foci) > 2 and bool(setup.scene.obstacles)
 
 
@@ -94,11 +94,11 @@ def scene_view(
 
     Parameters
     ----------
-    field : solved field; its first excitations are the drives.
+    field : solved field, whose first excitations are the drives.
     drives : drives by name, as they were solved.
-    scales : (D,) factor that each drive is multiplied by for the picture.
+    scales : (D,) factor by which each drive is multiplied for the picture.
     window : the plane of the foci.
-    held_equal : the quantity that the scales make equal, in words.
+    held_equal : the quantity that the scales make the same for all drives, in words.
     """
     columns = list(range(len(drives)))
     slices = slices_around(field, columns, setup.target.points, window)
@@ -124,7 +124,7 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
     return {
         "drives": list(view.drives),
         "chosen": list(chosen),
-        # "<" would end the script that holds the facts.
+        # A "<" could end the script that contains the facts.
         "facts": Markup(json.dumps(facts).replace("<", "\\u003c")),
         "numbers": _packed(numbers),
         "three": _packed(three_js().encode()),
@@ -133,7 +133,7 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
         "alternative": viewer_alternative(view),
         "caption": _caption(view),
         "axes": [2, 1, 0] if view.slices.any_axis else [2],
-        # A slice far from some foci would hide parts of the bodies.
+        # A slice far from some of the foci would hide parts of the bodies.
         "sliced": not off_one_plane(view.setup),
     }
 
@@ -142,7 +142,7 @@ def viewer_alternative(view: SceneView) -> str:
     """Describe the scene and the pressures at the foci as text."""
     got = view.reached[:, 0]
     words = f"{got.min():,.0f} to {got.max():,.0f} Pa"
-    # More than 8 foci would take a screen reader too long.
+    # A screen reader would need too long for more than 8 foci.
     if len(got) <= 8:
         words = ", ".join(
             f"{pressure:,.0f} Pa at {name}"
@@ -185,7 +185,7 @@ def three_js() -> str:
 
     archive = zipfile.ZipFile(io.BytesIO(trimesh.resources.get_bytes("templates/viewer.zip")))
     text = archive.read(archive.namelist()[0]).decode()
-    # The archive holds a page; three.js goes from its licence to the end of its module.
+    # The archive contains a page, in which three.js extends from its licence to the module's end.
     start = text.index("/**\n * @license", text.index("<script>"))
     return text[start : text.index("})", text.index('"__esModule"', start)) + len("})}));")]
 
@@ -198,7 +198,7 @@ def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
     places = {}
     data = bytearray()
     for name, values in _arrays(view).items():
-        # JavaScript's typed arrays begin at multiples of their item size.
+        # JavaScript's typed arrays must start at multiples of their item size.
         data += bytes(-len(data) % 4)
         places[name] = [values.dtype.name, len(data), values.size]
         data += values.tobytes()
@@ -239,7 +239,7 @@ def _rounded(numbers: Real[np.ndarray, "numbers"]) -> list[float]:
 
 def _arrays(view: SceneView) -> dict[str, np.ndarray]:
     slices = view.slices
-    # Bytes hold depths up to half a step of the planes to either side of a surface.
+    # Bytes store depths up to half a step of the planes on either side of a surface.
     depth = np.clip(slices.depth / (0.5 * slices.steps.max()), -1.0, 1.0)
     arrays = {
         "positions": (1e3 * view.setup.array.positions).astype(np.float32),
@@ -271,10 +271,10 @@ def _planes(view: SceneView) -> dict[str, Any]:
     slices = view.slices
     counts = slices.depth.shape[::-1]
     focus = (view.setup.target.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
-    # The slice goes through the focus farthest from the viewer, because it would hide other foci.
+    # The slice passes through the focus farthest from the viewer; otherwise it would hide foci.
     seen = _first_direction(view)
     heights = ((view.setup.target.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
-    # The axis may point towards the viewer or away.
+    # The axis may point toward the viewer or away.
     focus[2] = heights.min() if slices.axes[2] @ seen > 0.0 else heights.max()
     start = [int(np.clip(round(at), 0, count - 1)) for at, count in zip(focus, counts, strict=True)]
     return {
@@ -297,7 +297,7 @@ def _views(view: SceneView) -> dict[str, Any]:
     close = max([0.54 * float(np.linalg.norm(spans[:2])), *path_reaches])
     towards = towards_viewer(*_side(slices.axes[2], view.setup.array.normals))
     first = _first_direction(view)
-    # If a rigid plane would be seen from behind, the view is mirrored at it.
+    # If the view would show a rigid plane from behind, it is mirrored at the plane.
     front = first
     for plane in view.setup.scene.planes:
         front = front - 2.0 * min(0.0, float(front @ plane.normal)) * plane.normal
@@ -320,25 +320,25 @@ def _views(view: SceneView) -> dict[str, Any]:
 def _framed(
     points: Float64[np.ndarray, "points 3"], seen: Float64[np.ndarray, "3"]
 ) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
-    # Return the centre and radius [m] of the view that shows points from a direction.
+    # Return the centre and radius [m] of the view that shows points from a given direction.
     across = unit(np.cross([0.0, 0.0, 1.0], seen))
     axes = np.stack([across, np.cross(seen, across), seen])
     projected = points @ axes.T
     middle = (projected.min(axis=0) + projected.max(axis=0)) / 2.0
     right, up, near = (projected - middle).T
-    # The camera sees 15 degrees to either side of the centre; near points need a larger distance.
+    # The camera sees 15 degrees to either side of the centre; near points need a longer distance.
     half = np.radians(15.0)
     distance = np.max(near + np.maximum(np.abs(right), np.abs(up)) / np.tan(half))
     return middle @ axes, 1.06 * float(distance * np.sin(half)), seen
 
 
 def _surrounds(view: SceneView) -> bool:
-    # Whether the array surrounds the foci, so that its near side would hide them.
+    # Return whether the array surrounds the foci, so that its near side would hide them.
     return bool(np.linalg.norm(view.setup.array.normals.mean(axis=0)) < 0.3)
 
 
 def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
-    # Direction of the viewer, from which the skin at the foci, array and slice are visible.
+    # Return the viewer's direction from which array, slice and the skin at the foci are visible.
     scene = view.setup.scene
     radiated = view.setup.array.normals.mean(axis=0)
     if _surrounds(view):
@@ -349,7 +349,7 @@ def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
     if np.linalg.norm(facing) < 0.3:
         facing = -radiated
     facing = unit(facing)
-    # From one side, because the array is in front of the skin and would be behind the viewer.
+    # View from one side, because the array is in front of the skin and would be behind the viewer.
     normal = view.slices.axes[2] * np.sign(view.slices.axes[2] @ [0.3, -1.0, 0.2])
     candidates = (normal, np.cross([0.0, 0.0, 1.0], facing), np.array([0.0, -1.0, 0.0]))
     across = (axis - axis @ facing * facing for axis in candidates)
@@ -360,7 +360,7 @@ def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
 def _side(
     normal: Float64[np.ndarray, "3"], radiated: Real[np.ndarray, "elements 3"]
 ) -> tuple[float, float]:
-    # First azimuth and elevation of the view of the slice [degrees], from the array's side.
+    # Return the first azimuth and elevation of the slice's view [degrees], on the array's side.
     towards = -radiated.mean(axis=0)
     # Sound from above is shown from below, so that the array does not hide the field.
     below = towards[2] < -0.3
