@@ -93,7 +93,7 @@ def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
     assert re.search(r"cap of 0\.0\d+ .* to 110 dB. --full-scale emits up to 139 dB", printed)
     assert "Skin hardly feels a constant force" in printed
     assert "--modulate am:200" in printed
-    assert "This is no safety assessment" in printed
+    assert "This is not a safety assessment" in printed
     assert "9 frames were sent; the last was silence, and confirmed." in printed
 
 

@@ -1,7 +1,7 @@
-"""Random samples of an uncertainty: motions, air and transducer gains.
+"""Random samples drawn from an uncertainty: motions, air and transducer gains.
 
-Motions and air are drawn from quasi-random numbers, gains from pseudo-random ones. The seed sets
-both.
+Motions and air are drawn from quasi-random numbers, gains from pseudo-random ones. The seed
+determines both.
 """
 
 from collections.abc import Iterator, Sequence
@@ -46,16 +46,16 @@ def draws(
     groups: Sequence[Real[np.ndarray, "3"]],
     foci: int,
 ) -> Iterator[Draw]:
-    """Draw samples; the hand turns about ``middle``, groups about their pivots [m].
+    """Draw samples; the hand rotates about ``middle`` [m], each group about its pivot [m].
 
-    The numbers of the hand, the air and the foci do not depend on how foci are grouped.
+    The random numbers for the hand, the air and the foci do not depend on how foci are grouped.
     """
     from scipy.stats import qmc
 
     motions = 1 + max(foci, len(groups))
     # Six numbers for each motion: three for the shift, two for the axis and one for the angle.
     count = 6 * motions + 3 + 2 * foci
-    # Scrambled Sobol points (A. B. Owen, J. Complexity 14, 466 (1998)); they come in powers of two.
+    # Scrambled Sobol points (A. B. Owen, J. Complexity 14, 466 (1998)), a power of 2 of them.
     sequence = qmc.Sobol(count, scramble=True, rng=np.random.default_rng(seed))
     numbers = sequence.random_base2(int(np.ceil(np.log2(samples))))[:samples]
     # The normal quantile is infinite at 0 and 1.
@@ -81,7 +81,7 @@ def draws(
 def gains(
     uncertainty: Uncertainty, samples: int, seed: int, elements: int
 ) -> Complex128[np.ndarray, "samples elements"] | None:
-    """Draw an independent gain factor for each element; None if all are 1."""
+    """Draw an independent gain factor for each element; return None if all are 1."""
     if not (uncertainty.gain or uncertainty.phase or uncertainty.dead):
         return None
     # Quasi-random points lose their advantage in hundreds of dimensions.
@@ -95,7 +95,7 @@ def gains(
 def _motion(
     numbers: Real[np.ndarray, "6"], position: float, degrees: float, pivot: Real[np.ndarray, "3"]
 ) -> Pose:
-    """Return a random motion: a normal shift, and a normal angle about a random axis at a pivot."""
+    """Return a random shift and rotation about a pivot, both with normal distributions."""
     if not (position or degrees):
         return Pose.identity()
     shift = position * ndtri(numbers[:3])
@@ -111,7 +111,7 @@ def _motion(
 
 
 def _slower(kelvin: float, humidity: float) -> float:
-    """Ratio of the wavenumber in warmer, damper air to that at 20 °C and 50 % humidity."""
+    """Ratio of the wavenumber in warmer, more humid air to that at 20 °C and 50 % humidity."""
     if not (kelvin or humidity):
         return 1.0
     # ``air`` is valid from −20 to 50 °C, so rare draws beyond that are clipped.

@@ -61,8 +61,8 @@ class Drive:
         if magnitudes.max() > FULL_SCALE:
             count = counted(int(np.sum(magnitudes > FULL_SCALE)), "element is", "elements are")
             raise InvalidInput(
-                f"{count} driven over full scale, the largest at {magnitudes.max():.4g}. Divide "
-                "the drive by that.",
+                f"{count} driven above full scale; the largest amplitude is "
+                f"{magnitudes.max():.4g}. Divide the drive by it.",
                 code="over_full_scale",
             )
         # Read-only, since drives are shared and their magnitudes are checked only here.
@@ -107,16 +107,17 @@ class Drive:
     def factor_to_match(
         self, reference: "Drive", held_equal: Literal["energy", "peak"] = "energy"
     ) -> float:
-        """Return the factor that gives this drive the energy or the peak of another.
+        """Return the factor that scales this drive to the energy or the peak of another.
 
         Parameters
         ----------
         reference : the other drive.
-        held_equal : "energy", Σ|d|², or "peak", the largest amplitude of an element.
+        held_equal : quantity to match: "energy", Σ|d|², or "peak", the largest amplitude of an
+            element.
         """
         if held_equal == "peak":
             return reference.peak / self.peak
-        # Energy goes with the square of the factor.
+        # The energy is proportional to the square of the factor.
         return float(np.sqrt(reference.energy / self.energy))
 
     def phase_only(self) -> "Drive":
@@ -154,8 +155,8 @@ class Drive:
         Raises
         ------
         InvalidInput
-            If the array or the matrix has another number of elements, the ending is unknown, or the
-            file cannot be written.
+            If the array or the matrix has a different number of elements, the ending is unknown, or
+            the file cannot be written.
 
         Examples
         --------
@@ -184,7 +185,7 @@ class Drive:
 
 
 def check_drive(drive: Drive, name: str) -> None:
-    """Raise ``InvalidInput`` unless given a ``Drive``; the message calls it ``name``."""
+    """Raise ``InvalidInput`` unless ``drive`` is a ``Drive``; the message calls it ``name``."""
     # The likely mistake is a Frame, whose amplitudes are levels.
     of_kind(drive, Drive, name, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
 
@@ -195,7 +196,8 @@ def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:
     With 256 levels of each, the amplitude byte is round(255 |d|) and the phase byte round(256
     arg(d) / 2π) modulo 256. An element whose amplitude level is 0 is off and gets phase level 0, so
     ``quantise(frame.drive(), frame.levels)`` returns the same frame. With only two amplitudes,
-    every element above a thousandth of full scale is at full scale, as in ``drive.phase_only()``.
+    every element above a thousandth of full scale is set to full scale, as in
+    ``drive.phase_only()``.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ VERSION = 1
 """Version of the format."""
 
 SEQUENCE_FILE = "sequence.h5"
-"""Name of the file that a run with moving foci writes beside its drive."""
+"""Name of the file that a run with moving foci writes next to its drive."""
 
 COLUMNS = (
     *("index", "x", "y", "z", "nx", "ny", "nz"),
@@ -123,7 +123,7 @@ class DriveFile:
     def frame_rate(self, rate: float | None = None) -> float | None:
         """Return the rate if given, else the file's; None for a drive.
 
-        Raise "data_missing" for several frames without a rate.
+        It raises ``InvalidInput`` ("data_missing") if there are several frames but no rate.
         """
         rate = self.rate if rate is None else rate
         if rate is None and len(self.drives) > 1:
@@ -186,7 +186,7 @@ def _check_count(count: int, elements: int, name: str) -> None:
 def write_drive_file(path: Path, contents: DriveFile) -> None:
     """Write a drive or a sequence (.h5), or a table of the elements of a drive (.csv).
 
-    Raise "unknown_format", "data_missing" or "not_writable".
+    It raises ``InvalidInput`` ("unknown_format", "data_missing" or "not_writable").
     """
     ending = checked_ending(path, (".h5", ".csv"), "drive")
     if ending == ".csv":
@@ -201,12 +201,12 @@ def write_drive_file(path: Path, contents: DriveFile) -> None:
 
 
 def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
-    """Return the ending of a file in lower case; raise "unknown_format" unless it is allowed."""
+    """Return the ending of a file name in lower case; raise ``InvalidInput`` if not allowed."""
     ending = path.suffix.lower()
     if ending not in endings:
         raise InvalidInput(
-            f"{path.name} is not a {kind} file, which ends in {', '.join(endings)}. Bytes for a "
-            "board (.bin) are written by emission.write_frames.",
+            f"{path.name} is not the name of a {kind} file: it must end in {' or '.join(endings)}. "
+            "To write bytes for a board (.bin), use emission.write_frames.",
             code="unknown_format",
         )
     return ending
@@ -268,7 +268,7 @@ def _datasets(contents: DriveFile) -> dict[str, Any]:
     return {name: values for name, values in datasets.items() if values is not None}
 
 
-# Datasets that are read; elements, frames, levels, boards and foci are numbers of them.
+# Datasets that are read, with their types and shapes: "elements" stands for the number of elements.
 LAYOUT = {
     "format_version": "optional whole",
     "modulation": "optional text",
@@ -307,7 +307,8 @@ def read_drive_file(path: Path) -> DriveFile:
     ------
     InvalidInput
         "file_missing", "file_unreadable", "unsupported_version", "data_missing", "wrong_shape",
-        "not_a_number", "not_finite", "out_of_range", or as the parts of it.
+        "not_a_number", "not_finite", "out_of_range", or the error of an invalid part, such as the
+        levels.
     """
     if checked_ending(path, (".h5", ".csv"), "drive") == ".csv":
         raw = _read_table(path)
@@ -318,7 +319,7 @@ def read_drive_file(path: Path) -> DriveFile:
             return _parsed(raw)
         except KeyError as missing:
             raise InvalidInput(
-                f"the file lacks {missing}, which belongs to its other datasets.",
+                f"the file lacks the dataset {missing}, which its other datasets require.",
                 code="data_missing",
             ) from None
 
@@ -392,11 +393,12 @@ def _drives(
     """Return the drives, one row per frame."""
     if amplitude.shape != phase.shape:
         raise InvalidInput(
-            f"amplitude of shape {amplitude.shape} and phase of shape {phase.shape} differ.",
+            f"amplitude has shape {amplitude.shape}, but phase has shape {phase.shape}. Give one "
+            "phase for each amplitude.",
             code="wrong_shape",
         )
     if amplitude.size == 0:
-        raise InvalidInput("the sequence has no frame.", code="empty")
+        raise InvalidInput("the sequence has no frames.", code="empty")
     amplitude = np.atleast_2d(amplitude)
     check_finite(amplitude, "amplitude")
     check_finite(phase, "phase")
@@ -404,8 +406,8 @@ def _drives(
     if len(wrong):
         frame, element = wrong[0].tolist()
         raise InvalidInput(
-            f"amplitudes must be 0 to 1, but {len(wrong)} are not, the first "
-            f"{amplitude[frame, element]:g} of element {element} in frame {frame}.",
+            f"amplitudes must be from 0 to 1, but {len(wrong)} are not. The first is "
+            f"{amplitude[frame, element]:g}, of element {element} in frame {frame}.",
             code="out_of_range",
         )
     return amplitude * np.exp(1j * np.atleast_2d(phase))

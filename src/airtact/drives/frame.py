@@ -12,14 +12,14 @@ from airtact.transducers.levels import EIGHT_BITS, Levels
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The emission of every element, in levels.
+    """The amplitude level and phase level that every element of a board emits.
 
     Attributes
     ----------
     amplitude : (E,) uint8; with eight bits 255 is full scale, and pressure is linear in it.
     phase : (E,) uint8; levels of a turn in the phasor Re[d e^{−iωt}]: with eight bits +64 delays
         the wave by a quarter of a period.
-    levels : the amplitudes and phases that the numbers index.
+    levels : the amplitudes and phases that these levels stand for.
 
     Raises
     ------
@@ -84,7 +84,7 @@ class Frame:
 
 
 def frame_at(amplitudes: Complex[np.ndarray, "elements"], levels: Levels, share: float) -> Frame:
-    """Reduce the amplitudes of a drive to a share of themselves and round them to levels.
+    """Multiply the amplitudes of a drive by a share and round them to levels.
 
     Boards with amplitude levels reduce every element. Boards without them switch on that share of
     their elements, spread evenly over the order of the elements, because the pressure at a focus is
@@ -105,7 +105,7 @@ def share_under_cap(
     """Return the factor that brings the largest amplitude of drives under a cap.
 
     The cap is a share of full scale. For boards without amplitude levels it is the share of
-    elements that are on. Raise as ``check_cap``.
+    elements that are on. The errors are those of ``check_cap``.
     """
     cap = check_cap(cap)
     if levels.phase_only:
@@ -115,5 +115,5 @@ def share_under_cap(
 
 
 def check_cap(cap: float) -> float:
-    """Return a cap on amplitudes; raise "out_of_range" unless above 0 and at most 1."""
+    """Check that a cap on amplitudes is above 0 and at most 1, and return it."""
     return within(cap, 0.0, 1.0, "the cap", "of full scale", "30 per cent is 0.3.")

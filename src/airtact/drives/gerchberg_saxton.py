@@ -52,13 +52,14 @@ def weighted_gerchberg_saxton(
 
 
 def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) -> Drive:
-    """Alternate between the foci alone, on the (F, F) matrix H Hᴴ; fast with many elements.
+    """Make a phase-only drive by iterating on the foci alone; fast for many elements.
 
-    Each iteration is s -> w · phase(H Hᴴ s). At the end the sources are weighted by w²/|p|, and
-    every element is set to full scale (Plasencia, Hirayama, Montano-Murillo and Subramanian, ACM
-    Trans. Graph. 39 (2020) 138). Setting full scale costs the worst focus some pressure. A few
-    iterations of ``weighted_gerchberg_saxton``, which are not in the paper, recover it; they never
-    lower it. Parameters, result and errors are those of ``weighted_gerchberg_saxton``.
+    Each iteration is s -> w · phase(H Hᴴ s) with the (F, F) matrix H Hᴴ. At the end the sources are
+    weighted by w²/|p|, and every element is set to full scale (Plasencia, Hirayama, Montano-Murillo
+    and Subramanian, ACM Trans. Graph. 39 (2020) 138). This last step lowers the pressure at the
+    worst focus. A few iterations of ``weighted_gerchberg_saxton``, which are not in the paper,
+    recover it; they never lower it. Parameters, result and errors are those of
+    ``weighted_gerchberg_saxton``.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
@@ -90,7 +91,7 @@ def alternating_projections(
     matrix : pressure at all points per unit drive.
     sets : rows of the matrix that are the foci of each set.
     requests : requested pressures; only their ratios matter.
-    sources : sources to start from; their magnitudes are the first weights.
+    sources : initial sources; their magnitudes are the initial weights.
     iterations : number of weighted Gerchberg-Saxton iterations; the best one is returned.
     foci_iterations : number of GS-PAT iterations before these.
 
@@ -121,7 +122,7 @@ def best_sources(
     iterations: int,
     foci_iterations: int = 0,
 ) -> Sources:
-    """Alternate from several starts; return the sources of the strongest worst focus."""
+    """Alternate from several starts; return the sources whose worst focus is strongest."""
     rows = np.tile(np.arange(len(requests)), (len(starts), 1))
     sources, worst, _ = alternating_projections(
         matrix, rows, np.tile(requests, (len(starts), 1)), starts, iterations, foci_iterations
@@ -132,12 +133,12 @@ def best_sources(
 def starting_sources(
     matrix: FociRows, requests: Float64[np.ndarray, "foci"]
 ) -> Complex128[np.ndarray, "2 foci"]:
-    """Return two starts: the foci in phase, and one step from the elements in phase."""
+    """Return two sets of initial sources: in phase, and one step from the elements in phase."""
     in_phase = requests.astype(np.complex128)
-    # The pressure if all elements emit in phase.
+    # The pressure when all elements emit in phase.
     pressure = matrix.sum(axis=1)
-    # Without the floor, foci that get little pressure from elements in phase would get all the
-    # weight.
+    # Without the floor, foci that receive little pressure from elements in phase would receive all
+    # the weight.
     floor = 1e-3 * max(float(np.abs(pressure).max()), np.finfo(float).tiny)
     from_elements = requests**2 * phase(pressure) / np.maximum(np.abs(pressure), floor)
     # A focus at an exact zero of this pressure has no phase to start from.

@@ -48,13 +48,13 @@ def gradient(
     Raises
     ------
     InvalidInput
-        As ``weighted_gerchberg_saxton``, or if the suppression points are not those of the matrix
-        or the loss is out of range.
+        As for ``weighted_gerchberg_saxton``, or if the suppression points are not those of the
+        matrix or the loss is out of range.
 
     Warns
     -----
     Stalled
-        If the steps were too few; the best drive is returned.
+        If the descent did not converge within ``iterations`` steps; the best drive is returned.
     """
     matrix, requests = asked_rows(transfer, target)
     suppressed = suppression_rows(transfer, target)
@@ -107,7 +107,7 @@ def _descend(
     def by_coordinates(
         coordinates: Float64[np.ndarray, "coordinates"],
     ) -> tuple[float, Float64[np.ndarray, "coordinates"]]:
-        """Value and gradient by the phases, then the magnitudes, of all elements."""
+        """Value, and its gradient with respect to the phases and then the magnitudes."""
         turns = np.exp(1j * coordinates[:count])
         amplitudes = coordinates[count:] * turns
         # The value changes by Re Σ conj(g_e) δd_e with the gradient g.
@@ -138,7 +138,7 @@ def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amp
     """Logarithm of the power mean of the ratios of pressure to request, and its gradient."""
     pressure = matrix @ amplitudes
     logs = np.log(np.maximum(np.abs(pressure), np.finfo(float).tiny))
-    # Relative to the smallest, so that no power overflows.
+    # Ratios to the smallest value, so that no power overflows.
     weights = np.exp(SHARPNESS * (logs.min() - logs))
     smallest = logs.min() - np.log(weights.mean()) / SHARPNESS
     # ∂ log|p| / ∂ conj(p) has the direction p / |p|².

@@ -12,13 +12,13 @@ from airtact.transducers.element import DEFAULT_SENSITIVITY
 from airtact.transducers.levels import Levels
 
 MAX_HEAD_LEVEL = 110.0
-"""Occupational limit at 40 kHz, in a third of an octave [dB SPL].
+"""Occupational limit for the one-third-octave band at 40 kHz [dB SPL].
 
 Most organisations agree on it (C. Q. Howard, C. H. Hansen, A. C. Zander, J. Occup. Health Saf.
 Aust. N. Z. 21, 253 (2005))."""
 
 NO_SAFETY_ASSESSMENT = (
-    "This is no safety assessment: the head itself is not in the scene, the sensitivity of the "
+    "This is not a safety assessment: the head itself is not in the scene, the sensitivity of the "
     "elements is not calibrated, and the effects of ultrasound in air on people are little known "
     "(ICNIRP 2024, 10.1097/HP.0000000000001800, calls the evidence limited; "
     f"{MAX_HEAD_LEVEL:g} dB at 40 kHz is the usual occupational limit: C. Q. Howard et al., J. "
@@ -73,7 +73,7 @@ def pressures_around(
 
     def pressures(directions: Real[np.ndarray, "directions 3"]) -> Float64[np.ndarray, "two any"]:
         values = []
-        # Parts bound the memory. Single precision takes a tenth of the time.
+        # Working in parts limits the memory. Single precision takes a tenth of the time.
         for part in np.array_split(directions.astype(np.float32), 10):
             # |R u − p|² = R² − 2 R u·p + p²
             squares = radius**2 - 2.0 * radius * (part @ sources.T) + np.sum(sources**2, axis=1)
@@ -134,7 +134,7 @@ class HeadLevel:
     @property
     def strongest(self) -> Complex[np.ndarray, "frames elements"]:
         """The 32 most powerful drives."""
-        # They determine the level around the array; evaluating thousands would take minutes.
+        # They determine the level around the array. Evaluating thousands of drives takes minutes.
         powers = np.linalg.norm(self.drives, axis=1)
         return self.drives[np.argsort(-powers, kind="stable")[:32]]
 
@@ -165,7 +165,7 @@ class HeadLevel:
         Raises
         ------
         InvalidInput
-            "out_of_range": the boards cannot be turned down so far.
+            "out_of_range": the lowest level of the boards exceeds the limit.
         """
         if self.full <= MAX_HEAD_LEVEL:
             return 1.0

@@ -88,8 +88,8 @@ def inverse_filter(
     Raises
     ------
     InvalidInput
-        As ``weighted_gerchberg_saxton``, or if the suppression points are not those of the matrix
-        or the weight is negative.
+        As for ``weighted_gerchberg_saxton``, or if the suppression points are not those of the
+        matrix or the weight is negative.
     """
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])
@@ -150,7 +150,7 @@ def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50
     Raises
     ------
     InvalidInput
-        As ``weighted_gerchberg_saxton``.
+        As for ``weighted_gerchberg_saxton``.
     """
     check_solvable(transfer, target)
     check_iterations(iterations)

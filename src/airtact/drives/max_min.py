@@ -59,7 +59,7 @@ class UpperBound:
         )
 
     def eigenvalue(self, transfer: TransferMatrix, target: Target) -> float:
-        """Largest eigenvalue of √μ H diag(1/y) Hᴴ √μ (F, F); at most 1 proves the bound.
+        """Largest eigenvalue of the (F, F) matrix √μ H diag(1/y) Hᴴ √μ; up to 1, the bound holds.
 
         By the Schur complement this is equivalent to diag(y) − Hᴴ diag(μ) H being positive
         semidefinite.
@@ -69,7 +69,7 @@ class UpperBound:
         return _largest_eigenvalue(matrix, multipliers, self.elements)
 
     def reached(self, transfer: TransferMatrix, target: Target, drive: Drive) -> float:
-        """Smallest fraction or pressure of a drive, divided by the bound; at most 1."""
+        """Fraction or pressure at the worst focus of a drive, divided by the bound; at most 1."""
         matrix, requests = asked_rows(transfer, target)
         return float((np.abs(matrix @ drive.amplitudes) / requests).min() / self.worst)
 
@@ -96,7 +96,7 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     Raises
     ------
     InvalidInput
-        As ``weighted_gerchberg_saxton``, or if the tolerance is not above zero.
+        As for ``weighted_gerchberg_saxton``, or if the tolerance is not above zero.
     """
     matrix, requests = asked_rows(transfer, target)
     positive(tolerance, "the tolerance", "of the bound")
@@ -137,8 +137,8 @@ def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relax
     bound = None
     reached = 0.0
     for _ in range(100):
-        # Ten iterations between checks. The dual takes the weights that enter the last iteration
-        # and the norms that it makes from them.
+        # Ten iterations between checks. The dual uses the weights before the last iteration and the
+        # norms that this iteration computes from them.
         before = _iterated(matrix, relaxed, 9)
         relaxed = _iterated(matrix, before, 1)
         reached = max(reached, float(relaxed.pressures.min()))
@@ -244,7 +244,7 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     Raises
     ------
     InvalidInput
-        As ``weighted_gerchberg_saxton``.
+        As for ``weighted_gerchberg_saxton``.
 
     Warns
     -----
@@ -274,7 +274,7 @@ def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
     Each row of ``matrix`` is divided by the request of its focus.
     """
     equal_requests = np.ones(len(matrix))
-    # Solving the relaxation to better than 1e-2 changes nothing after the rank is reduced.
+    # A tolerance below 1e-2 changes nothing after the rank is reduced.
     reduced = to_rank_one(matrix, relaxed_bound(matrix, 1e-2)[1])
     # The relaxation need not be tight, so the plain starts compete with it.
     starts = np.concatenate([reduced[None], starting_sources(matrix, equal_requests)])

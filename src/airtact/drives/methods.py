@@ -46,12 +46,12 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     Raises
     ------
     InvalidInput
-        As the chosen method, or if an argument is of the wrong kind.
+        As for the chosen method, or if an argument has the wrong type.
 
     Warns
     -----
     Stalled
-        If the iterations were too few; the best drive is returned.
+        If the method did not converge; the best drive is returned.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def method_for(target: Target) -> str:
     phases = target.phases is not None
     if len(target.suppression_points):
         return "inverse_filter" if phases else "gradient"
-    # One focus needs no balance: its maximum has all elements in phase there.
+    # A single focus needs no balancing: its pressure is largest if all elements arrive in phase.
     if np.count_nonzero(target.weights) == 1:
         return "phase_conjugate"
     return "least_peak" if phases else "max_min"
@@ -132,8 +132,8 @@ class Method:
 
     def __call__(self, transfer: TransferMatrix, target: Target) -> Drive:
         """Return the drive for the foci of a target."""
-        # Imported when called: a drive needs one method, and the robust ones import the solvers
-        # of their samples.
+        # Imported when called: a drive needs only one method, and the robust methods import the
+        # solvers for their samples.
         make = getattr(import_module(f"airtact.drives.{self.module}"), self.name)
         return make(transfer, target)
 

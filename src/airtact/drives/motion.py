@@ -45,16 +45,16 @@ class Motion:
     kind : "lm", lateral modulation, or "stm", spatiotemporal modulation; it sets the defaults of
         the other attributes.
     path : "circle" or "line" around each focus, or "points": one focus runs through the target's
-        points in order and back to the first. The default is a circle, but the points for "stm" if
-        there are 2 or more.
+        points in order and back to the first. The default is "points" for "stm" with 2 or more
+        points, and "circle" otherwise.
     size : radius of the circle or length of the line [m]; by default 3 mm for "lm" (a line: 6 mm),
         10 mm for "stm".
-    frequency : rounds per second [Hz]; by default 50 Hz for "lm", and 7 m/s along the path for
-        "stm".
+    frequency : rounds of the path per second [Hz]. The default is 50 Hz for "lm"; for "stm" it
+        moves the focus at 7 m/s.
     frames : number of positions on a path around a focus.
-    along : "skin", a path parallel to the nearest surface, as far from it as the focus; or "array",
-        a path in the plane perpendicular to the direction of the array's middle. The default is the
-        skin if it is within 20 mm.
+    along : "skin", a path parallel to the nearest surface, at the distance of the focus; or
+        "array", a path in the plane perpendicular to the direction of the array's middle. The
+        default is "skin" if a surface is within 20 mm, and "array" otherwise.
 
     Raises
     ------
@@ -93,7 +93,7 @@ class Motion:
         for name in ("size", "frames", "along"):
             if getattr(self, name) is not None:
                 raise InvalidInput(
-                    f"a path through the points of the target has no {name}. Leave it out.",
+                    f"a path through the points of the target does not use {name}. Leave it out.",
                     code="options_clash",
                 )
         if self.kind == "lm":
@@ -124,8 +124,8 @@ class Motion:
         Raises
         ------
         InvalidInput
-            If a path cannot lie along the surface, because it runs into a crevice or in front of
-            another part of the body.
+            If a path cannot follow the surface, because it would enter a crevice or pass in front
+            of another part of the body.
         """
         return np.stack([self._laid(scene, focus, array_middle) for focus in target.points])
 
@@ -145,7 +145,7 @@ class Motion:
     def _laid(
         self, scene: Scene, focus: Float64[np.ndarray, "3"], array_middle: Real[np.ndarray, "3"]
     ) -> Float64[np.ndarray, "frames 3"]:
-        """Lay the path around a focus, along the skin or in the plane that the array sees."""
+        """Lay the path around a focus, along the skin or in the plane that faces the array."""
         surfaces = [obstacle.surface for obstacle in scene.obstacles]
         distances = [-float(surface.depth(focus[None])[0]) for surface in surfaces]
         distance = min(distances, default=np.inf)
@@ -160,7 +160,7 @@ class Motion:
             )
         if self.along == "array" or not on_skin:
             normal = np.asarray(array_middle) - focus
-            if np.linalg.norm(normal) <= 1e-3:  # the focus is in the array's middle
+            if np.linalg.norm(normal) <= 1e-3:  # the focus is at the array's middle
                 normal = np.array([0.0, 0.0, 1.0])
             return focus + self._flat_path() @ np.stack(frame_of(tuple(normal))[:2])
         surface = surfaces[distances.index(distance)]
@@ -169,7 +169,7 @@ class Motion:
         return onto_surface(flat, surface, distance)
 
     def turns(self, paths: Paths) -> float:
-        """Return the rounds per second [Hz], as given or from the drawing speed."""
+        """Return the rounds per second [Hz]: ``frequency``, or its default."""
         if self.frequency is not None:
             return self.frequency
         if self.kind == "lm":
@@ -179,7 +179,7 @@ class Motion:
 
 
 def moving_target(target: Target, paths: Paths) -> Target:
-    """Return a target of all positions of all foci, frame by frame, with their requests.
+    """Return a target that contains all positions of all foci, frame by frame, with their requests.
 
     Parameters
     ----------
@@ -226,8 +226,8 @@ def moving_foci(
     Raises
     ------
     InvalidInput
-        If the points do not fill whole frames, there are too many rounds for the clock, or as the
-        method.
+        If the points do not fill whole frames, there are too many rounds per second for the clock,
+        or the method raises it.
     """
     of_kind(target, Target, "the target", "moving_target(target, paths)")
     points = len(target.points)
@@ -242,9 +242,9 @@ def moving_foci(
     frames = len(indices)
     if turns * frames > clock:
         raise InvalidInput(
-            f"{turns:g} rounds per second of {frames} frames each are more frames than periods of "
-            f"the sound ({clock:g} Hz). Give a modulation frequency of {clock / frames:.4g} Hz or "
-            "less.",
+            f"{turns:g} rounds per second of {frames} frames each need more frames per second than "
+            f"the sound has periods ({clock:g} Hz). Give a modulation frequency of "
+            f"{clock / frames:.4g} Hz or less.",
             code="out_of_range",
         )
     # Boards hold a frame for a whole number of periods, so the rate is rounded here.
@@ -273,11 +273,11 @@ def _sequence_through(
         key = tuple(indices.tolist())
         if key not in made:
             amplitudes = _frame_amplitudes(transfer, target, indices, method)
-            # The first frame keeps its phase; each later frame is turned towards the previous one.
+            # The first frame keeps its phase; each later one follows the previous frame's phase.
             if before is not None:
                 turn = np.vdot(amplitudes, before)
                 amplitudes = amplitudes * (turn / abs(turn) if abs(turn) > 0.0 else 1.0)
-            # A silent frame has no phase to turn towards.
+            # A silent frame has no phase to match.
             if amplitudes.any():
                 before = amplitudes
             made[key] = amplitudes

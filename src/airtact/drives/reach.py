@@ -64,16 +64,16 @@ def asked_rows(
 def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     """Return the rows at the foci; raise unless a drive can separate and reach all foci.
 
-    Methods that balance the foci would diverge otherwise. It raises ``InvalidInput`` as
-    ``check_foci``; if there are more foci than elements; if two foci are less than λ/10 apart or,
-    if the matrix has no λ, their rows are parallel; or if a focus can get less than 5 % (−26 dB) of
-    the median pressure of the other foci.
+    Methods that balance the foci would diverge otherwise. The function raises ``InvalidInput`` as
+    ``check_foci`` does; if there are more foci than elements; if two foci are less than λ/10 apart
+    or, if the matrix has no λ, their rows are parallel; or if the largest pressure that a focus can
+    receive is less than 5 % (−26 dB) of the median for the other foci.
     """
     rows = foci_rows(transfer, target)
     if len(rows) > rows.shape[1]:
         raise InvalidInput(
-            f"{len(rows)} foci are more than the array has elements ({rows.shape[1]}). Give fewer "
-            "foci.",
+            f"there are {len(rows)} foci, but the array has only {rows.shape[1]} elements. Give "
+            "fewer foci.",
             code="too_many",
         )
     points = target.points
@@ -129,7 +129,7 @@ def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float
 def suppression_rows(
     transfer: TransferMatrix, target: Target
 ) -> Complex128[np.ndarray, "suppressed elements"]:
-    """Return the rows at the suppression points, after ``check_foci``; raise if missing."""
+    """Return the rows at the suppression points after ``check_foci``; raise if there are none."""
     check_foci(transfer, target)
     suppressed = len(target.suppression_points)
     if len(transfer.matrix) == len(target.points) and suppressed:
@@ -152,8 +152,8 @@ def achieved_fraction(
 
     Parameters
     ----------
-    transfer : the (F, E) transfer matrix that the drive was made from; ``airtact.evaluate``
-        verifies with another solver.
+    transfer : the (F, E) transfer matrix that the drive was made from; to verify the drive with
+        another solver, use ``airtact.evaluate``.
     target : the foci and their requested pressures.
     drive : the drive of the E elements.
 
@@ -173,7 +173,7 @@ def achieved_fraction(
 def fraction(
     magnitudes: Float64[np.ndarray, "foci"], target: Target
 ) -> Float64[np.ndarray, "foci"]:
-    """(F,) ratio of peak pressure to requested pressure, NaN where nothing is requested."""
+    """Return (F,) ratios of peak pressure to requested pressure, NaN where none is requested."""
     fractions = np.full(len(target.points), np.nan)
     if target.pressures is not None:
         asked = target.pressures > 0.0
@@ -187,7 +187,7 @@ def scaled_to_target(
     """Scale amplitudes so that the smallest ``achieved_fraction`` is 1.
 
     The largest amplitude is 1 if that takes more than full scale, or if no pressures are requested.
-    Raise ``InvalidInput`` if every amplitude is 0.
+    The function raises ``InvalidInput`` if every amplitude is 0.
     """
     largest = np.abs(amplitudes).max()
     if not largest > 0.0:

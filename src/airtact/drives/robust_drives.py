@@ -80,8 +80,7 @@ def robust(
 
     Parameters
     ----------
-    ensemble : the samples, from ``ensemble``. A plain transfer matrix is treated as free of
-        uncertainty.
+    ensemble : the samples, from ``ensemble``. A plain transfer matrix is treated as certain.
     target : the foci and their requested pressures.
     goal : "lowest tenth", the pressure that the weakest focus exceeds in 9 of 10 samples; "mean",
         its mean over the samples; or "worst", its smallest value.
@@ -97,7 +96,7 @@ def robust(
     Raises
     ------
     InvalidInput
-        As ``weighted_gerchberg_saxton``; "unknown_name": there is no such goal or limit.
+        As for ``weighted_gerchberg_saxton``; "unknown_name": there is no such goal or limit.
 
     Examples
     --------
@@ -153,7 +152,7 @@ def goal_value(
     Parameters
     ----------
     ensemble, target : as for ``robust``.
-    drive : of the elements of the ensemble.
+    drive : the drive of the ensemble's elements.
     goal : the statistic of the weakest focus.
 
     Raises
@@ -177,7 +176,7 @@ def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
 
 
 def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
-    """Return each sample's rows at the foci, divided by the requests; one sample if all agree."""
+    """Return each sample's rows at the foci, divided by the requests; one if all are equal."""
     nominal, requests = asked_rows(ensemble, target)
     if not isinstance(ensemble, TransferEnsemble):
         return (nominal / requests[:, None])[None]
@@ -212,8 +211,8 @@ def balanced(matrix: FociRows, phases: bool, steps: int = 2000) -> Amplitudes:
     strengths = np.array(
         [np.abs(products @ end).min() / np.sqrt(np.vdot(end, products @ end).real) for end in ends]
     )
-    # Among ends equal up to rounding take the first, so that the result does not depend on the
-    # machine.
+    # Among results that are equal up to rounding, take the first, so that the choice does not
+    # depend on the machine.
     best = int(np.argmax(np.round(strengths / strengths.max(), 9)))
     return matrix.conj().T @ ends[best]
 
@@ -332,7 +331,7 @@ def _log_power_mean(
     The logarithm and its gradient g; the logarithm changes by Re Σ conj(g) δp.
     """
     logs = np.log(np.maximum(np.abs(pressures), np.finfo(float).tiny)).reshape(shape)
-    # Values relative to the smallest or largest, so that no power overflows.
+    # Ratios to the smallest or largest value, so that no power overflows.
     lowest = logs.min(axis=1, keepdims=True)
     focus_weights = np.exp(FOCUS_SHARPNESS * (lowest - logs))
     log_values = lowest[:, 0] - np.log(focus_weights.mean(axis=1)) / FOCUS_SHARPNESS

@@ -34,7 +34,7 @@ from airtact.transducers.plates import strength_in
 class TransferMatrix:
     """The pressure at every focus per unit drive of every element, p = H d.
 
-    ``transfer_matrix`` makes it with the scattering of the bodies, ``open_air_matrix`` without.
+    ``transfer_matrix`` includes the scattering by the bodies, ``open_air_matrix`` does not.
 
     Attributes
     ----------
@@ -97,13 +97,13 @@ class TransferMatrix:
         check_drive(drive, "the drive")
         if len(drive) != self.matrix.shape[1]:
             raise InvalidInput(
-                f"a drive of {counted(len(drive), 'element', 'elements')} does not fit a transfer "
-                f"matrix of {self.matrix.shape[1]}.",
+                f"the drive has {counted(len(drive), 'element', 'elements')}, but the transfer "
+                f"matrix has {self.matrix.shape[1]}.",
                 code="sizes_differ",
             )
 
     def of_rows(self, rows: Int64[np.ndarray, "rows"]) -> "TransferMatrix":
-        """Return the matrix of some of the rows, in this order."""
+        """Return the transfer matrix with only the given rows, in this order."""
         foci = None if self.foci is None else self.foci[rows]
         return replace(self, matrix=self.matrix[rows], foci=foci)
 
@@ -116,18 +116,18 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     """Build the (F, E) transfer matrix by reciprocity, from one solve with unit beacons.
 
     A beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure
-    that the element with the same source strength makes at the focus (reciprocity, equation 3 of
+    that the element with the same source strength produces at the focus (reciprocity, equation 3 of
     the paper). So
 
         H[f, e] = g_e · sensitivity · Σ_j w_j b_f(x_ej),
 
     where b_f is the field of a beacon of 1 Pa·m at focus f, x_ej and w_j are the points and weights
     on the face of element e, and g_e is its gain (1 unless calibrated, 0 if it is dead). One solve
-    serves every translation and rotation of the array relative to the bodies (section 3.3 of the
+    covers every translation and rotation of the array relative to the bodies (section 3.3 of the
     paper).
 
     If the scene has the array's boards (``reflecting_boards``), b_f is the pressure on their faces
-    and counts half, because an infinite face doubles the pressure and the sensitivity of an element
+    and is halved, because an infinite face doubles the pressure and the sensitivity of an element
     already includes the board behind it.
 
     Parameters
@@ -197,7 +197,7 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
         warnings.warn(
             f"the estimated error of the transfer matrix is {error:.0%} for the focus at "
             f"{in_mm(sources.positions[worst])}, which gets little sound from the array. Turn the "
-            "body or the array, or solve with a smaller accuracy.",
+            "body or the array, or solve with a smaller value of accuracy.",
             stacklevel=2,
         )
     return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)
@@ -206,7 +206,7 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
 def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> TransferMatrix:
     """Build the transfer matrix without the bodies, in closed form, as a control for comparisons.
 
-    To find the gain of considering the bodies, make one drive from this matrix and one from
+    To find the benefit of modelling the bodies, make one drive from this matrix and one from
     ``transfer_matrix`` by the same method, and compare them with the bodies present, at equal peak
     or equal energy (``compare``). Both matrices include the directivity and calibration of the
     elements.
@@ -224,11 +224,11 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
     Raises
     ------
     InvalidInput
-        If a focus is behind the face of a directional element, or something is of the wrong kind.
+        If a focus is behind the face of a directional element, or an argument has the wrong type.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
     of_kind(target, Target, "the target", "Target(points, pressures)")
-    # Boards would reflect as bodies do, so they are left out with them.
+    # Boards reflect like bodies, so they are left out too.
     empty = Scene(scene.medium, [], frequency=scene.frequency, planes=scene.planes)
     return transfer_matrix(FreeField().radiate(empty, target.beacons(suppression=True)), array)
 
@@ -251,7 +251,7 @@ def focus_by_distance(
     ------
     InvalidInput
         If a focus is behind the face of a directional element, the frequency is outside 1 kHz to
-        1 MHz, or something is of the wrong kind.
+        1 MHz, or an argument has the wrong type.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     of_kind(target, Target, "the target", "Target(points, pressures)")
@@ -288,7 +288,7 @@ def rounding_error(
     Raises
     ------
     InvalidInput
-        If the drive or the frame has another number of elements, or the frame is silent.
+        If the drive or the frame has the wrong number of elements, or the frame is silent.
     """
     of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
     of_kind(frame, Frame, "the emitted frame", "quantise(drive, levels)")

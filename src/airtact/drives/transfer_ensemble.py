@@ -11,9 +11,9 @@ The pressure on an element is computed as the pressure at its centre times its d
 each focus, plus the remainder of the nominal matrix. Compared with the mean over the faces, for
 motions of 2 mm and 3 degrees, the error is 0.1 % in front of flat boards and 1 % in a box.
 
-Samples whose bodies move independently are each solved, in air of their own temperature. In front
-of a rigid plane one solve serves all hands at the same place relative to the plane: those that were
-shifted along it or turned about its normal.
+If bodies move independently, each sample is solved separately, in air of its own temperature. In
+front of a rigid plane one solve covers all hands at the same place relative to the plane: those
+that were shifted along it or turned about its normal.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
@@ -57,8 +57,8 @@ Made = TypeVar("Made")
 class TransferEnsemble(TransferMatrix):
     """The nominal transfer matrix and those of S sampled hands; ``ensemble`` makes it.
 
-    It can be used as a ``TransferMatrix``, and then is the nominal one. ``robust`` makes drives for
-    all samples.
+    Where a ``TransferMatrix`` is expected, it stands for the nominal one. ``robust`` makes drives
+    for all samples.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class TransferEnsemble(TransferMatrix):
     Raises
     ------
     InvalidInput
-        As ``TransferMatrix``, or if there are no samples or their shape does not match.
+        As for ``TransferMatrix``, or if there are no samples or their shape does not match.
     """
 
     geometry: Complex128[np.ndarray, "samples foci elements"]
@@ -105,7 +105,7 @@ class TransferEnsemble(TransferMatrix):
                 array.flags.writeable = False
 
     def of_rows(self, rows: Int64[np.ndarray, "rows"]) -> "TransferEnsemble":
-        """Return the ensemble of some of the rows."""
+        """Return the ensemble with only the given rows, in this order."""
         foci = None if self.foci is None else self.foci[rows]
         return replace(self, matrix=self.matrix[rows], foci=foci, geometry=self.geometry[:, rows])
 
@@ -144,13 +144,13 @@ def ensemble(
     along the skin, each focus is evaluated as if all bodies moved with it. With ``solver``, each
     such sample is solved instead, in milliseconds by ``BoundaryElement().factorised(scene,
     refined=target.points)``. Warmer air scales the wavenumber. In front of a rigid plane one solve
-    serves all motions along the plane; ``solver`` solves the other samples.
+    covers all motions along the plane; ``solver`` solves the other samples.
 
     Parameters
     ----------
     beacons : field of unit beacons at the foci, ``solver.radiate(scene, target.beacons())``.
     array : the transducers in the obstacles' frame.
-    uncertainty : standard deviations.
+    uncertainty : standard deviations of the motions, the air and the gains.
     samples : number of samples, 1 to 10 000; a power of 2 spreads best.
     seed : seed of the random numbers, 0 or more.
     solver : solves each sample if bodies move independently, foci move along the skin, or there is
@@ -158,15 +158,16 @@ def ensemble(
 
     Returns
     -------
-    The nominal matrix and those of the samples. Samples are impossible if an element or a focus is
-    inside a body or something is behind a face; they are left out and counted.
+    The nominal matrix and those of the samples. A sample is impossible if an element or a focus is
+    inside a body, or a body or a focus is behind a face; such samples are left out and counted.
 
     Raises
     ------
     InvalidInput
-        As ``transfer_matrix``; "out_of_range": ``samples`` or ``seed``; "empty": all samples are
-        impossible, or there is nothing that an uncertainty applies to; "not_converged": a plane
-        needs the solver; "does_not_match": an uncertainty does not apply to the medium.
+        As for ``transfer_matrix``; "out_of_range": ``samples`` or ``seed``; "empty": all samples
+        are impossible, or the scene has no body for ``along_skin``; "not_converged": the scene has
+        a plane and some samples need ``solver``; "does_not_match": the temperature or humidity is
+        uncertain, but the medium is not air.
 
     Examples
     --------
@@ -212,9 +213,10 @@ def matrices_at(
 ) -> Iterator[FociRows | None]:
     """Yield the transfer matrix (F, E) of a hand that is moved rigidly by each pose [Pa].
 
-    ``slower`` scales the wavenumber, for warmer air. Impossible poses, with an element inside a
-    body or something behind a face, give None. In front of a plane, ``solver`` solves each pose
-    that does not keep the plane. Raises as ``transfer_matrix``, and "not_converged".
+    ``slower`` scales the wavenumber, for warmer air. An impossible pose, with an element inside a
+    body or a body or focus behind a face, yields None. In front of a plane, ``solver`` solves each
+    pose that changes the position relative to the plane; without it, such a pose raises
+    "not_converged". The other errors are those of ``transfer_matrix``.
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
@@ -225,7 +227,7 @@ def matrices_at(
 
 
 def check_counts(samples: int, seed: int) -> None:
-    """Raise "out_of_range" for an impossible number of samples or seed."""
+    """Raise ``InvalidInput`` if the number of samples or the seed is out of range."""
     integer = isinstance(samples, int | np.integer) and not isinstance(samples, bool)
     if not integer or not 1 <= samples <= MAX_SAMPLES:
         raise InvalidInput(
@@ -237,23 +239,23 @@ def check_counts(samples: int, seed: int) -> None:
 
 
 def check_doubts(uncertainty: Uncertainty, scene: Scene) -> None:
-    """Raise "does_not_match" or "empty" if an uncertainty does not apply to the scene."""
+    """Raise ``InvalidInput`` if an uncertainty does not apply to the scene."""
     speed = scene.medium.sound_speed
     if (uncertainty.temperature or uncertainty.humidity) and not 300.0 <= speed <= 370.0:
         raise InvalidInput(
-            f"temperature or humidity are uncertain, but a medium with {speed:g} m/s is not air. "
+            f"temperature or humidity is uncertain, but a medium with {speed:g} m/s is not air. "
             "Set both to 0.",
             code="does_not_match",
         )
     if uncertainty.along_skin and not scene.obstacles:
         raise InvalidInput(
-            "along_skin is given, but the scene has no body. Set it to 0.", code="empty"
+            "along_skin is given, but the scene has no bodies. Set it to 0.", code="empty"
         )
 
 
 @dataclass(frozen=True, eq=False)
 class _Sampler:
-    """Computes the matrices of draws.
+    """Computes the transfer matrix of each draw.
 
     Attributes
     ----------
@@ -290,7 +292,7 @@ class _Sampler:
         uncertainty: Uncertainty,
         solver: Solver | None,
     ) -> "_Sampler":
-        """Prepare the parts that samples share; ``nominal`` is the matrix without deviations."""
+        """Prepare what all samples share; ``nominal`` is the matrix without deviations."""
         of_kind(solver, Solver | None, "the solver", "BoundaryElement()")
         scene = beacons.scene
         foci = beacons.sources.positions
@@ -346,7 +348,7 @@ class _Sampler:
         return sines, np.real(self.array.element.far_pattern(directions, wavenumber))
 
     def draw(self, samples: int, seed: int) -> Iterator[Draw]:
-        """Draw samples; each body moves by itself with a solver, else each group of foci."""
+        """Draw samples: with a solver each body moves independently, else each group of foci."""
         foci = self.field.sources.positions
         obstacles = self.field.scene.obstacles
         if self.solver is None or not obstacles:
@@ -369,7 +371,7 @@ class _Sampler:
     # --- from one solve ---
 
     def _evaluated(self, draw: Draw) -> FociRows:
-        """Evaluate the solved field at the array from where each group of foci sees it."""
+        """Evaluate the solved field at the array, as placed relative to each group of foci."""
         foci = self.field.sources.positions
         poses = [draw.hand] * len(self.groups)
         if not self.together:
@@ -411,7 +413,7 @@ class _Sampler:
     # --- one solve per hand ---
 
     def _solved(self, samples: Sequence[Draw]) -> Iterator[FociRows | None]:
-        """Yield matrices, with one solve for all hands that see the scene alike."""
+        """Yield matrices, with one solve for all hands placed alike relative to the scene."""
         alike: dict[Hashable, list[int]] = {}
         for index, draw in enumerate(samples):
             alike.setdefault(self._view(draw) if self.together else index, []).append(index)
@@ -447,7 +449,7 @@ class _Sampler:
         return scene, foci
 
     def _view(self, draw: Draw) -> Hashable:
-        """Return a key that is equal for hands with the same air and view of the planes."""
+        """Return a key that is equal for hands with the same air and position to the planes."""
         planes = [_plane_seen(plane, draw.hand) for plane in self.field.scene.planes]
         numbers = [(*plane.normal, plane.height(np.zeros((1, 3)))[0]) for plane in planes]
         return draw.slower, *(np.round(np.concatenate(numbers), 9) + 0.0).tolist()
@@ -461,9 +463,9 @@ class _Sampler:
             return self.field
         if self.solver is None:
             raise InvalidInput(
-                "in front of a plane, each sample with a lifted or tilted hand or with other "
-                "bodies, foci or air needs its own solve. Give solver=BoundaryElement(), or set "
-                "these deviations to 0.",
+                "in front of a plane, each sample needs its own solve if the hand is lifted or "
+                "tilted, or if its bodies, foci or air differ. Give solver=BoundaryElement(), or "
+                "set these deviations to 0.",
                 code="not_converged",
             )
         medium = replace(scene.medium, sound_speed=scene.medium.sound_speed / draw.slower)
@@ -533,7 +535,7 @@ def along_skin(
 def _groups(
     bodies: Int64[np.ndarray, "foci"], independent: bool, along_skin: bool
 ) -> tuple[Int64[np.ndarray, "_"], ...]:
-    """Group the foci that move together: by body, or each focus alone on a single body.
+    """Group the foci that move together: by body, or each focus by itself on a single body.
 
     A single body counts as a hand, whose foci are on different bones.
     """

@@ -37,7 +37,7 @@ class Board:
     placed : whether the board fixes the positions of its transducers; if not, ``positions`` are an
         example.
     max_boards : largest number of boards on one link.
-    amplitudes, phases : number of levels of each.
+    amplitudes, phases : number of amplitude levels and of phase levels.
     transducer : kind of transducer.
     radius : radius of the piston with the pattern of that transducer [m], see ``piston``.
     source : documents that describe the layout and the message.
@@ -69,7 +69,7 @@ def board_named(name: str) -> Board:
     Raises
     ------
     InvalidInput
-        There is no such board.
+        If there is no such board.
 
     Examples
     --------
@@ -85,17 +85,18 @@ def board_named(name: str) -> Board:
 
 
 def boards_needed(board: Board, elements: int) -> int:
-    """Count the boards for a number of elements.
+    """Return the number of boards with this many elements in total.
 
     Raises
     ------
     InvalidInput
-        "sizes_differ": they do not fill whole boards; "too_many": one link takes fewer boards.
+        "sizes_differ": the elements do not fill whole boards; "too_many": there are more boards
+        than one link can drive.
     """
     count = _whole_boards(board, elements)
     if count > board.max_boards:
         raise InvalidInput(
-            f"{elements} elements are {count} {board.name} boards, and one link takes at most "
+            f"{elements} elements need {count} {board.name} boards, but one link drives at most "
             f"{board.max_boards}: make a drive for {board.max_boards * len(board)} elements or "
             "fewer.",
             code="too_many",
@@ -118,7 +119,7 @@ def _whole_boards(board: Board, elements: int) -> int:
 def kind_of_array(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> tuple[Board, list[Pose]] | None:
-    """Find the kind of the boards of an array and their poses; None if it is not made of boards."""
+    """Return the kind and the poses of an array's boards; None if it is not made of boards."""
     # Kinds with the same pitch differ in the order of their elements, so at most one fits.
     for board in BOARDS.values():
         if board.placed:
@@ -132,7 +133,7 @@ def poses_of_boards(
     positions: Real[np.ndarray, "elements 3"],
     normals: Real[np.ndarray, "elements 3"],
 ) -> list[Pose]:
-    """Find the pose of each board of an array, board by board in the order of the elements.
+    """Return the pose of each board of an array, in the order of the elements.
 
     The rotation is a least-squares fit (Kabsch, Acta Cryst. A 32, 922, 1976).
 

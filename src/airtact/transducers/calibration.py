@@ -24,8 +24,8 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
     """Read the gains of an array's elements from a .csv file.
 
     Its columns are ``element``, ``gain`` and ``phase``: the index of an element from 0, its
-    pressure relative to that of a nominal one, and the phase by which it lags behind it [rad].
-    Gain 0 is a dead element. Elements that are not listed are nominal.
+    pressure relative to that of a nominal element, and its phase lag behind a nominal element
+    [rad]. Gain 0 marks a dead element. Elements that are not listed are nominal.
 
     Parameters
     ----------
@@ -56,11 +56,12 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
                 raise InvalidInput(f"element {index:g} is not a whole number.", code="not_a_number")
             if not 0 <= element < elements:
                 raise InvalidInput(
-                    f"there is no element {element} among {elements}.", code="unknown_name"
+                    f"there is no element {element}: the array has elements 0 to {elements - 1}.",
+                    code="unknown_name",
                 )
             if element in lines:
                 raise InvalidInput(
-                    f"element {element} is in line {lines[element]} already.",
+                    f"element {element} is already in line {lines[element]}.",
                     code="given_twice",
                 )
             if not 0.0 <= gain <= 10.0:  # a larger one is probably in per cent
@@ -86,7 +87,7 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
     Raises
     ------
     InvalidInput
-        As for ``load_calibration``; "out_of_range": an element deviates by 0.1 m or half a turn or
+        As for ``load_calibration``; "out_of_range": a deviation is 0.1 m or more, or half a turn or
         more.
     """
     gains = load_calibration(path, len(array))
@@ -125,7 +126,7 @@ def save_calibration(
     deviations: Sequence[Pose],
     array: PhasedArray,
 ) -> None:
-    """Write gains (E,) and a deviation of each element as a table that ``calibrated_by`` reads.
+    """Write the gain (E,) and deviation of each element to a table that ``calibrated_by`` reads.
 
     Raises
     ------

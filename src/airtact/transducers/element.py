@@ -111,7 +111,7 @@ class Element:
         return f"pistons of {self.radius * 1e3:.3g} mm radius ({width}), nothing behind them"
 
     def same_as(self, element: "Element") -> bool:
-        """Whether both elements are the same in every number."""
+        """Whether all numbers of both elements are equal."""
         return (
             np.array_equal(self.points, element.points)
             and np.array_equal(self.weights, element.weights)
@@ -122,7 +122,7 @@ class Element:
     def far_pattern(
         self, directions: Real[np.ndarray, "directions 3"], wavenumber: float
     ) -> Complex[np.ndarray, "directions"]:
-        """Far-field pressure in some directions relative to the axis.
+        """Return the far-field pressure in the given directions, relative to that on the axis.
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class Element:
 
         Returns
         -------
-        (D,) Σ_j w_j exp(−i k u·x_j), 1 on the axis.
+        (D,) complex Σ_j w_j exp(−i k u·x_j) for each direction u; 1 on the axis.
         """
         return np.exp(-1j * wavenumber * (directions @ self.points.T)) @ self.weights
 
@@ -158,7 +158,7 @@ def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
 
 
 def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int = 19) -> Element:
-    """Build a rigid disc with the far pattern 2 J₁(x)/x, x = ka sin θ.
+    """Build a rigid disc with the far-field pattern 2 J₁(x)/x, x = ka sin θ.
 
     The pattern is that of Kinsler, Frey, Coppens and Sanders, Fundamentals of Acoustics (4th
     edition), section 7.4.
@@ -167,8 +167,8 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     Approximate Calculation of Multiple Integrals, 1971). Its error in the far field is of order
     x¹⁰: 1.8e-4 of the pressure on the axis at ka = 4 and 1e-3 at ka = 4.8, which are radii of 5.5
     and 6.5 mm at 40 kHz. With 12 points it uses the cheaper rule of degree 7 (S2 7-1 in Stroud),
-    with errors of 3.3e-4 at ka = 2.9 and 1.3e-3 at ka = 3.5. A piston too large for its points is
-    rejected when it is used at a frequency.
+    with errors of 3.3e-4 at ka = 2.9 and 1.3e-3 at ka = 3.5. A piston whose ka is too large for its
+    number of points is rejected once the frequency is known.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     radius = within(radius, 0.0, 0.1, "the radius of a piston", "m", hint)
     if points not in MAX_PISTON_SIZE:
         raise InvalidInput(
-            f"there is no piston of {points} points: take 12 or 19.", code="out_of_range"
+            f"a piston cannot have {points} points: give 12 or 19.", code="out_of_range"
         )
     # Boards use 12 points, because their transducers have ka below 3.5 and more points cost more.
     places, weights = _degree_7() if points == 12 else _degree_9()
@@ -234,7 +234,7 @@ def _ring(distance: float, count: int, start: float) -> Float64[np.ndarray, "poi
 
 
 def check_pattern(element: Element, wavenumber: complex | float) -> None:
-    """Raise "out_of_range" if a face has too few points for a wavenumber [rad/m]."""
+    """Raise ``InvalidInput`` if a face has too few points for a wavenumber [rad/m]."""
     # The rules are exact for polynomials up to their degree, and the phase across a face grows with
     # ka.
     size = wavenumber.real * element.radius
@@ -244,7 +244,7 @@ def check_pattern(element: Element, wavenumber: complex | float) -> None:
         finer = ", piston(radius, points=19)" if size <= MAX_PISTON_SIZE[19] else ""
         raise InvalidInput(
             f"a face of {element.radius * 1e3:.3g} mm radius has ka = {size:.2f}, and its {count} "
-            f"points keep the pattern only up to {largest}: take a radius of at most "
+            f"points are accurate only up to {largest}: give a radius of at most "
             f"{largest / wavenumber.real * 1e3:.3g} mm{finer} or a lower frequency.",
             code="out_of_range",
         )

@@ -39,8 +39,8 @@ class PhasedArray:
     ----------
     positions : (E, 3) centres of the elements' faces [m].
     normals : (E, 3) directions in which they radiate; stored as unit vectors.
-    element : kind of transducer at every position. By default a piston of 4.5 mm radius, which
-        radiates forwards only, or a monopole if no normals are given.
+    element : kind of transducer at every position. By default a piston of 4.5 mm radius, which only
+        radiates forwards, or a monopole if no normals are given.
     tangents : (E, 3) direction of each element's x axis, which orients the points of its face;
         stored as unit vectors. By default any direction perpendicular to the normal.
     gains : (E,) factor of amplitude and phase of each element relative to a nominal one, in the
@@ -49,9 +49,9 @@ class PhasedArray:
     Raises
     ------
     InvalidInput
-        If there is no element, shapes do not match, a number is not finite, the elements span over
-        10 m, a normal is zero, a tangent is not perpendicular to its normal, or all elements are
-        dead.
+        If there is no element, shapes do not match, a number is not finite, the elements span more
+        than 10 m, a normal is zero, a tangent is not perpendicular to its normal, or all elements
+        are dead.
     """
 
     positions: Float64[np.ndarray, "elements 3"]
@@ -105,8 +105,8 @@ class PhasedArray:
         if slant.max() > 1e-5:
             first = int(np.argmax(slant))
             raise InvalidInput(
-                f"the tangent of element {first} must be across its normal, but their cosine is "
-                f"{slant[first]:g}.",
+                f"the tangent of element {first} must be perpendicular to its normal, but the "
+                f"cosine of their angle is {slant[first]:g}.",
                 code="out_of_range",
             )
         gains = complex_numbers(
@@ -114,7 +114,7 @@ class PhasedArray:
         )
         if gains.shape != (len(positions),):
             raise InvalidInput(
-                f"element gains need shape ({len(positions)},), not {gains.shape}.",
+                f"element gains must have shape ({len(positions)},), not {gains.shape}.",
                 code="wrong_shape",
             )
         check_finite(gains, "element gains")
@@ -151,7 +151,7 @@ class PhasedArray:
         return float(np.asarray(KDTree(self.positions).query(self.positions, k=2)[0])[:, 1].min())
 
     def moved(self, pose: Pose) -> "PhasedArray":
-        """Move the array rigidly: positions x become pose.apply(x), and the faces rotate too."""
+        """Return the array moved rigidly: positions x become pose.apply(x), and faces rotate."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
         # A rigid motion needs no new checks, and a moving hand needs many motions per second.
         # Directions are normalised, so that rounding does not accumulate.
@@ -169,19 +169,19 @@ class PhasedArray:
         return moved
 
     def facing(self, point: Vector, direction: Vector, distance: float) -> "PhasedArray":
-        """Move the array to a distance from a point, so that it radiates towards the point.
+        """Return the array moved to a distance from a point, so that it radiates towards the point.
 
         Parameters
         ----------
         point : (3,) such as a focus [m].
         direction : (3,) from the point to the middle of the array, of any length above zero.
-        distance : distance between the two [m].
+        distance : distance from the point to the middle of the array [m].
 
         Raises
         ------
         InvalidInput
-            The elements radiate in all directions, so the array has no front; the direction is
-            zero; or the distance is not above zero.
+            If the array has no front because its elements radiate in all directions, the direction
+            is zero, or the distance is not above zero.
 
         Examples
         --------
@@ -207,7 +207,7 @@ class PhasedArray:
         return turned.moved(Pose(np.eye(3), middle - turned.positions.mean(axis=0)))
 
     def calibrated(self, gains: Num[np.ndarray, "gains"]) -> "PhasedArray":
-        """Set the gain of each element, which the transfer matrix then includes.
+        """Return the array with a gain for each element; transfer matrices include the gains.
 
         Parameters
         ----------
@@ -245,7 +245,7 @@ def _as_many(
     vectors = real_numbers(directions, f"element {name}s")
     if vectors.shape != positions.shape:
         raise InvalidInput(
-            f"element {name}s have shape {vectors.shape}, but they need {positions.shape}.",
+            f"element {name}s have shape {vectors.shape}, but must have {positions.shape}.",
             code="wrong_shape",
         )
     return vectors
@@ -277,14 +277,14 @@ def board_array(
     Parameters
     ----------
     board : name of the kind, such as "autd3".
-    poses : pose of each board, from the board's frame, in which it radiates to +z, to the array's.
-        By default one board at the origin.
+    poses : pose of each board: it maps the board's frame, in which the board radiates along +z, to
+        the array's frame. By default one board at the origin.
     element : kind of transducer; by default the board's piston, see ``Board.radius``.
 
     Raises
     ------
     InvalidInput
-        "unknown_name", or "empty": no pose.
+        "unknown_name": there is no such board; "empty": the list of poses is empty.
 
     Examples
     --------
@@ -304,7 +304,7 @@ def _flat(board: Board, element: Element | None) -> PhasedArray:
 
 
 def autd3_board(pose: Pose | None = None, element: Element | None = None) -> PhasedArray:
-    """Place the 249 transducers of one AUTD3 board, in the order of the AUTD3 SDK.
+    """Build an array of one AUTD3 board: 249 transducers, in the order of the AUTD3 SDK.
 
     The board is a grid of 18 (x) by 14 (y) cells, 10.16 mm apart. The cells (1, 1), (2, 1) and
     (16, 1) are empty. The index runs along x fastest. The origin is transducer 0, and the board
@@ -336,8 +336,8 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     mm, y = +70 mm and y = -70 mm, in that order. On each face a board is centred and radiates
     inwards. Elements have the order of the board. The board's x axis (18 elements) runs along +z on
     every face, so its y axis (14 elements) runs along +y, -y, -x and +x: each face is the first one
-    rotated about z. The box is 140 mm wide, but a real board is 151.4 mm: boards would extend 5.7
-    mm beyond their neighbours at each corner. ``board="autd3"`` makes a box that real boards fit.
+    rotated about z. The box is 140 mm wide, but a real board is 151.4 mm wide and would extend 5.7
+    mm beyond its neighbours at each corner. ``board="autd3"`` makes a box that real boards fit.
 
     Parameters
     ----------
@@ -377,10 +377,10 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
 
 
 def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None) -> PhasedArray:
-    """AUTD3 boards edge to edge in the plane z = 0, centred on the origin, radiating to +z.
+    """Build a grid of AUTD3 boards in the plane z = 0, centred on the origin, radiating to +z.
 
-    Columns of boards run along x, 192.0 mm apart, and rows along y, 151.4 mm apart (the outline of
-    a board). Boards are numbered along x first; their elements keep the board's order.
+    Boards touch edge to edge: they are 192.0 mm apart along x and 151.4 mm along y, the size of a
+    board. Boards are numbered along x first; their elements keep the board's order.
 
     Parameters
     ----------
@@ -390,7 +390,7 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     Raises
     ------
     InvalidInput
-        If there is no board, or they span over 10 m.
+        If there is no board, or they span more than 10 m.
 
     Examples
     --------
@@ -437,8 +437,8 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
         of_kind(array, PhasedArray, f"array {index}", "such as autd3_board(pose)")
         if not array.element.same_as(arrays[0].element):
             raise InvalidInput(
-                f"the element of array {index} differs from that of array 0; only arrays of one "
-                "element can be joined.",
+                f"the element of array {index} differs from that of array 0; only arrays with the "
+                "same element can be joined.",
                 code="sizes_differ",
             )
     return PhasedArray(

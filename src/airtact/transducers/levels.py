@@ -19,7 +19,7 @@ class Levels:
     ----------
     amplitudes : (A,) amplitude of each level as a fraction of full scale, rising from 0 to 1; A is
         2 to 256. A board with two levels only switches elements on and off.
-    phases : number of levels of phase, 2 to 256; level k is k/phases of a turn.
+    phases : number of phase levels, 2 to 256; level k is the phase 2π k/phases.
 
     Raises
     ------
@@ -82,11 +82,11 @@ class Levels:
         return len(self.amplitudes) == 2
 
     def same_as(self, levels: "Levels") -> bool:
-        """Whether both are the same levels."""
+        """Whether both have the same amplitudes and phases."""
         return self.phases == levels.phases and np.array_equal(self.amplitudes, levels.amplitudes)
 
     def nearest(self, shares: Real[np.ndarray, "*elements"]) -> Int64[np.ndarray, "*elements"]:
-        """Find the nearest level to each fraction of full scale.
+        """Return the index of the level nearest to each fraction of full scale.
 
         Boards with two levels switch on each element above a thousandth of full scale.
         """
@@ -99,7 +99,7 @@ class Levels:
     def rounded(
         self, drives: Complex[np.ndarray, "*elements"]
     ) -> tuple[UInt8[np.ndarray, "*elements"], UInt8[np.ndarray, "*elements"]]:
-        """Round complex drives to levels of amplitude and phase; off elements get phase level 0."""
+        """Round complex drives to amplitude and phase levels; silent elements get phase level 0."""
         amplitude = self.nearest(np.abs(drives))
         turns = np.rint(np.angle(drives) * (self.phases / (2.0 * np.pi))).astype(np.int64)
         # Silent elements get one phase, so that equal frames compare equal.

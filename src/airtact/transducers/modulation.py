@@ -13,7 +13,7 @@ DEFAULT_FREQUENCY = 200.0
 
 @dataclass(frozen=True)
 class AmplitudeModulation:
-    """A common amplitude of all elements, so that the force at each focus follows a cosine.
+    """A common factor on all elements that makes the force at each focus follow a cosine.
 
     Skin hardly feels a constant force. It is most sensitive to vibration at 200 to 300 Hz (S. J.
     Bolanowski et al., J. Acoust. Soc. Am. 84, 1680, 1988).
@@ -43,7 +43,7 @@ class AmplitudeModulation:
         object.__setattr__(self, "depth", depth)
 
     def envelope(self, frames: int) -> Float64[np.ndarray, "frames"]:
-        """Return the factor on the amplitudes in each frame of a period; it starts at 1.
+        """Return the factor on the amplitudes in each frame of one period, beginning with 1.
 
         Radiation force is proportional to the square of the pressure, so the factor of frame n is
         √(1 − depth (1 − cos 2πn/N)/2).

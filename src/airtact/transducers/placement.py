@@ -23,7 +23,7 @@ Depths = Float64[np.ndarray, "elements"]
 def check_placement(
     scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None = None
 ) -> None:
-    """Check the placement of an array in a scene.
+    """Check that the elements are clear of each other and of the bodies, and face what they should.
 
     Foci (F, 3) and bodies must be in front of directional elements. In scenes with reflecting
     boards, bodies may be behind the elements, because the boards shade them.
@@ -85,7 +85,7 @@ def check_apart(array: PhasedArray) -> None:
 def overlapping_boards(
     array: PhasedArray,
 ) -> tuple[int, int, Float64[np.ndarray, "3"]] | None:
-    """Return two boards of an array that overlap, and a point in both [m]; None if none do.
+    """Return two boards of an array that overlap, and a point in both [m]; None if no boards do.
 
     Overlaps of up to 6 mm at the edges do not count, because those of the paper's box are 5.7 mm.
     """
@@ -119,7 +119,7 @@ def _check_body(
 ) -> None:
     middle = vertices.mean(axis=0)
     radius = np.sqrt(np.max(np.sum((vertices - middle) ** 2, axis=1)))
-    # A bounding sphere decides the usual case, because hulls of fine meshes are slow.
+    # A bounding sphere suffices in the usual case; convex hulls of fine meshes are slow.
     if _height(array, middle[None]).min() > radius:
         return
     # The farthest vertices behind a face belong to the convex hull.
@@ -131,7 +131,7 @@ def _check_images(
     plane: Plane, scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None
 ) -> None:
     """Raise if the image of a body or focus in a plane is behind a face."""
-    # The image of the element would radiate backwards.
+    # Otherwise the image of the element would have to radiate backwards.
     radiating = ~flush(plane, array)
     if foci is not None:
         for index, height in enumerate(_height(array, plane.image(foci))):
@@ -190,7 +190,7 @@ def _check_metres(distances: Depths, place: str) -> None:
 
 
 def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
-    """Raise if a focus (F, 3) is over 10 m away, or behind the face of a directional element."""
+    """Raise if a focus (F, 3) is more than 10 m away or behind a directional element."""
     for index, focus in enumerate(foci):
         offsets = array.positions - focus
         _check_metres(np.sqrt(np.einsum("ed,ed->e", offsets, offsets)), f"focus {index}")
@@ -258,7 +258,7 @@ def open_air_bound(
 
 
 def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
-    """Return the largest ``open_air_bound`` of points in front of the array [Pa]."""
+    """Return the largest ``open_air_bound`` over points in front of the array [Pa]."""
     # Points in front of the middle and of about 15 elements, at least 30 mm from any element.
     chosen = slice(None, None, max(1, len(array) // 15))
     middle = array.positions.mean(axis=0)

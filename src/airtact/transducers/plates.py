@@ -1,4 +1,4 @@
-"""The boards of an array as rigid bodies that reflect, with the elements in their faces."""
+"""The boards of an array as rigid, reflecting bodies with the elements in their faces."""
 
 from itertools import combinations
 
@@ -20,7 +20,7 @@ THICKNESS = 8.7e-3
 
 
 def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple[Obstacle, ...]:
-    """Build the boards of an array as rigid bodies that reflect.
+    """Model the boards of an array as rigid bodies that reflect sound.
 
     Each board is a closed box with the maker's outline, and its transducers are pistons in its
     front face. Boards that touch or overlap are one body. Add the bodies to the obstacles of the
@@ -34,8 +34,8 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     Raises
     ------
     InvalidInput
-        "wrong_kind": the array does not consist of one kind of board; "unknown_name": the maker
-        states no outline; "out_of_range".
+        "wrong_kind": the array does not consist of boards of one kind; "unknown_name": the maker
+        does not state their outline; "out_of_range": the thickness.
 
     Examples
     --------
@@ -94,9 +94,9 @@ def flush(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
 def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elements"]:
     """Return the factor of the strength of each element in a scene.
 
-    It is 1 in the open, and 1/2 in reflecting boards and for directional elements flush in a plane.
-    A rigid face doubles a source, but the sensitivity already includes this doubling, because it is
-    stated for a transducer in a board.
+    The factor is 1 in open air, and 1/2 in reflecting boards and for directional elements flush
+    with a plane. A rigid face doubles a source, but the sensitivity already includes this doubling,
+    because it is stated for a transducer in a board.
 
     Raises
     ------
