@@ -31,7 +31,7 @@ HullPairs = Float64[np.ndarray, "hulls hulls"]
 
 
 class Look(NamedTuple):
-    """Distance from the skin and surroundings of points (P, 3).
+    """Distances of points (P, 3) from the skin, and the shape of the skin near them.
 
     Attributes
     ----------
@@ -51,12 +51,12 @@ class Look(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Hulls:
-    """Convex hulls of balls, and how they are blended.
+    """Convex hulls of balls, with the radii that blend them.
 
     Two hulls with outward normals n, m are blended by the smooth minimum of their distances with a
     blend radius of ``blend`` (1 - n·m)/2. Skins that face each other merge if their distance is
-    less than half of ``blend``. A right angle has half that radius, and hulls that share a ball
-    join without a bulge.
+    less than half of ``blend``. Skins at a right angle are blended with half that radius, and hulls
+    that share a ball join without a bulge.
 
     Attributes
     ----------
@@ -172,7 +172,7 @@ class Touch:
 
 
 def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
-    """Build the body of a hand, and find merged parts that are separate in an open hand."""
+    """Build the body of a hand; also return merged parts that are separate in an open hand."""
     scale = hand_length(joints) / GENERIC_LENGTH
     # Blend radii were tuned on the generic hand. The ball of the web is thinner than the thumb.
     thumb = np.append(0.5 * (joints[1] + joints[2]), 0.4 * (radii[1] + radii[2]))
@@ -228,8 +228,8 @@ def _joined_skins(
 ) -> list[tuple[int, int, float, Point]]:
     """Find phalanges whose skin merges with a separate hull, nearest pairs first.
 
-    Skins less than 0.3 mm apart merge. Beside such a pair, neighbouring hulls merge if they are
-    less than 2 mm apart, because tiny tunnels would remain between them.
+    Skins less than 0.3 mm apart merge. Hulls next to such a pair also merge if they are less than
+    2 mm apart, because tiny tunnels would otherwise remain between them.
     """
     samples = 25
     starts = hulls.balls[PARTS[:FREE, 0]]
@@ -238,7 +238,7 @@ def _joined_skins(
     spheres = starts[:, None] + shares[:, None] * bones[:, None]
     gaps = hulls.each(spheres[..., :3].reshape(-1, 3)).reshape(FREE, samples, -1)
     gaps -= spheres[..., 3:]
-    # Candidates: a coarse sample overestimates the gap, hence 20 % more than the 2 mm below.
+    # Candidates: a coarse sample overestimates the gap, hence 20 % more than the 2 mm used below.
     phalanx, hull = np.nonzero((gaps.min(axis=1) < 1.2 * 2e-3) & apart[:FREE])
     if len(phalanx) == 0:
         return []

@@ -1,4 +1,4 @@
-"""Read hands from JSON and from rigs of mesh files, landmarks of trackers, and point clouds."""
+"""Read hands from JSON files and rigged meshes, tracker landmarks, and point clouds."""
 
 import io
 import re
@@ -15,7 +15,7 @@ from airtact.files.meshes import read_node_positions, read_vertices
 from airtact.hands.hand import Hand, hand_from_joints
 from airtact.hands.joints import NAMES, Points, Side
 
-# Largest distance of a focus from a place of a hand [m].
+# Largest distance of a focus from a named position of a hand [m].
 ROOM = 0.2
 
 # File name extensions of point clouds.
@@ -39,14 +39,14 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
     path : a file with ``positions_m``, 25 points in the order of WebXR or 21 in the order of
         MediaPipe [m]. Optional are ``radii_m``, one for each point [m], ``side``, and ``joints``,
         the 25 names of WebXR in its order.
-    gap : wanted gap between the last phalanges of thumb and index finger [m], above 0 and at most
+    gap : gap to set between the last phalanges of thumb and index finger [m], above 0 and at most
         0.15; both fingers are turned to reach it. None leaves the pose unchanged.
 
     Raises
     ------
     InvalidInput
-        If the file is unreadable or not a pose, no hand has these joints, or the gap cannot be
-        reached. The message begins with the name of the file.
+        If the file is unreadable or not a pose, the joints are not those of a plausible hand, or
+        the gap cannot be reached. The message begins with the name of the file.
     """
     path = Path(path)
     with about(path.name or str(path)):
@@ -57,7 +57,7 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
 
 
 def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | None]:
-    """Read the rough joints of a tracker.
+    """Read the inaccurate joints of a tracker.
 
     Parameters
     ----------
@@ -116,7 +116,8 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
     Raises
     ------
     InvalidInput
-        If the file is unreadable, its rig lacks joints, or no hand has these joints.
+        If the file is unreadable, its rig lacks joints, or the joints are not those of a plausible
+        hand.
     """
     of_kind(path, str | Path, "the path of a hand", "the name of a file")
     path = Path(path)

@@ -38,7 +38,7 @@ PLACES = (*(f"{finger}.pad" for finger in FINGERS), "palm")
 
 @runtime_checkable
 class HasFront(Protocol):
-    """Positions and directions of elements, as of an array."""
+    """Any object with positions and directions of elements, such as an array."""
 
     @property
     def positions(self) -> Float64[np.ndarray, "elements 3"]:
@@ -82,14 +82,14 @@ class Hand:
 
     @property
     def touches(self) -> tuple[Touch, ...]:
-        """Merged skins: those of separate parts less than 0.3 mm apart."""
+        """Separate parts whose skins are merged because they are less than 0.3 mm apart."""
         return self._body[1]
 
     @cached_property
     def surface(self) -> Surface:
         """The closed skin, with exact midpoints of the edges.
 
-        Edges are 7 mm long, and 2.5 mm beside the pads. Solvers make their own panels.
+        Edges are 7 mm long, and 2.5 mm long near the pads. Solvers make their own panels.
         """
         hulls = self.shape.hulls
         skin = graded(hulls, even_skin(hulls, 7e-3), 7e-3, 2.5e-3, self.pads)
@@ -112,7 +112,7 @@ class Hand:
         return {name: self.position(name) for name in PLACES}
 
     def position(self, name: str) -> Place:
-        """Find one of ``places`` and its normal, even if it lies inside the body.
+        """Return one of ``places`` with its normal, even if it lies inside the body.
 
         Raises
         ------
@@ -121,13 +121,13 @@ class Hand:
         """
         if name not in PLACES:
             raise InvalidInput(
-                f"{name!r} is no place of a hand; give one of {', '.join(PLACES)}.",
+                f"{name!r} is not a place of a hand; give one of {', '.join(PLACES)}.",
                 code="unknown_name",
             )
         return self._palm if name == "palm" else self._pad(PLACES.index(name))
 
     def place(self, name: str) -> Place:
-        """Find a named position on the skin (3,) [m] and the outward unit normal there (3,).
+        """Return a named position on the skin (3,) [m] and the outward unit normal there (3,).
 
         Parameters
         ----------
@@ -139,12 +139,13 @@ class Hand:
             If the name is unknown, or the position is inside the body because a finger touches it.
         """
         point, normal = self.position(name)
-        # Exact places are on the skin up to rounding; a micrometre of depth counts as inside.
+        # Exact places are on the skin up to rounding; deeper than 1 µm counts as inside.
         depth = float(self.shape.depth(point[None])[0])
         if depth > 1e-6:
             raise InvalidInput(
                 f"{name} at {in_mm(point)} lies {1e3 * depth:.2g} mm inside the body, because "
-                "fingers touch there; move them apart, for example by open_to(gap, first, second).",
+                "fingers touch there; move them apart, for example with open_to(gap, first, "
+                "second).",
                 point,
                 code="inside_body",
             )
@@ -156,19 +157,19 @@ class Hand:
         Raises
         ------
         InvalidInput
-            As ``place``, or if the offset is negative or above 0.1 m.
+            As for ``place``, or if the offset is negative or above 0.1 m.
         """
         point, normal = self.place(name)
         slip = "is it in millimetres? Give metres."
         return point + within(offset, 0.0, 0.1, "the offset of a focus", "m", slip) * normal
 
     def moved(self, pose: Pose) -> "Hand":
-        """Move the hand rigidly: joints x become ``pose.apply(x)``."""
+        """Return the hand moved rigidly: joints x become ``pose.apply(x)``."""
         of_kind(pose, Pose, "the motion of a hand", "Pose(rotation, translation)")
         return Hand(fixed(pose.apply(self.joints)), self.radii, self.side)
 
     def over(self, array: HasFront, height: float, place: str = "palm") -> "Hand":
-        """Move the hand in front of an array, so that a named position faces it.
+        """Return the hand moved in front of an array, with a named position facing the array.
 
         Parameters
         ----------
@@ -179,7 +180,7 @@ class Hand:
         Raises
         ------
         InvalidInput
-            As ``place``, or if the height is not from 0 to 1 m, or the elements radiate in all
+            As for ``place``, or if the height is not from 0 to 1 m, or the elements radiate in all
             directions, so that the array has no front.
         """
         slip = "is it in millimetres? Give metres."
@@ -199,11 +200,11 @@ class Hand:
         return self.moved(Pose(turned.rotation, goal - turned.apply(point)))
 
     def open_to(self, gap: float, first: str = "thumb", second: str = "index") -> "Hand":
-        """Turn two fingers about their roots until their last phalanges are a gap apart.
+        """Return the hand with two fingers turned about their roots until they have a given gap.
 
         Parameters
         ----------
-        gap : distance of the skins, above zero and at most 0.15 [m].
+        gap : distance between the skins of the last phalanges, above 0 and at most 0.15 [m].
         first, second : "thumb", "index", "middle", "ring" or "pinky".
 
         Raises
@@ -222,9 +223,9 @@ class Hand:
         return hand_from_joints(joints, self.radii, side=self.side)
 
     def posed(self, joints: Real[np.ndarray, "joints 3"]) -> "Hand":
-        """Return the next frame of the same hand.
+        """Return the same hand in the pose of the next frame.
 
-        Its meshes have the same triangles if the motion is small. They depend only on the poses of
+        If the motion is small, its meshes have the same triangles. They depend only on the poses of
         the sequence, not on the computations for earlier frames.
 
         Parameters
@@ -234,7 +235,7 @@ class Hand:
         Raises
         ------
         InvalidInput
-            As ``hand_from_joints``.
+            As for ``hand_from_joints``.
         """
         # Keep the radii, because skin does not swell from one frame to the next.
         new = hand_from_joints(joints, self.radii, side=self.side)
@@ -288,8 +289,9 @@ def hand_from_joints(
     Raises
     ------
     InvalidInput
-        For missing joints, NaN, millimetres, bones of impossible length, fingers out of order,
-        implausible radii, and a side that the bends of the fingers contradict or leave unclear.
+        If joints are missing, NaN or in millimetres, bones have impossible lengths, fingers are out
+        of order, radii are implausible, or the bends of the fingers contradict the side or do not
+        determine it.
     """
     # The order matters: swapped fingers would be reported as an unclear side.
     joints = joints_of(positions)
@@ -299,7 +301,7 @@ def hand_from_joints(
 
 
 def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
-    """Find the named positions of a hand on another surface of the same hand, such as a scan.
+    """Return the named positions of a hand on another surface of the same hand, such as a scan.
 
     Parameters
     ----------
@@ -335,8 +337,8 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
         else:
             continue
         raise InvalidInput(
-            f"{name} of the joints is {fault}: do joints and mesh show the same hand, in the same "
-            "pose and frame, in metres?",
+            f"{name} of the joints is {fault}: do the joints and the mesh belong to the same hand, "
+            "in the same pose and frame, in metres?",
             points[index],
             code="misplaced",
         )

@@ -1,6 +1,6 @@
 """Joints of a hand: names, order, plausible sizes, and checks of a tracker's joints.
 
-Trackers give 25 joints (WebXR) or 21 (MediaPipe, Leap).
+Trackers provide 25 joints (WebXR) or 21 (MediaPipe, Leap).
 
 Sources
 -------
@@ -97,13 +97,13 @@ def joints_of(
     word : name of a joint in error messages.
     """
     points = real_numbers(joints, f"{word}s of a hand")
-    # Trackers mark lost joints by NaN: name the first of them.
+    # Trackers mark lost joints with NaN: name the first of them.
     lost = np.flatnonzero(~np.isfinite(points).all(axis=-1)) if points.ndim == 2 else []
     if points.shape in ((21, 3), (25, 3)) and len(lost):
         name = NAMES[lost[0] if len(points) == 25 else TRACKED[lost[0]]]
         raise InvalidInput(
-            f"{counted(len(lost), f'{word} is', f'{word}s are')} NaN or infinite, the first is "
-            f"{word} {lost[0]}, {name}: the tracker lost it; leave this frame out.",
+            f"{counted(len(lost), f'{word} is', f'{word}s are')} NaN or infinite, the first of "
+            f"them {word} {lost[0]}, {name}: the tracker lost it; leave this frame out.",
             code="not_finite",
         )
     points = points_of(points, f"{word}s of a hand")
@@ -119,7 +119,7 @@ def joints_of(
             f"the {word}s span {span:.4g} m: are they in millimetres? Give metres.",
             code="not_in_metres",
         )
-    # MediaPipe and Leap have no bases of the metacarpals, which the palm needs.
+    # MediaPipe and Leap lack the bases of the metacarpals, which the palm needs.
     if len(points) == 21:
         tracked = points
         points = np.empty((25, 3))
@@ -157,8 +157,8 @@ def radii_of(
 ) -> Radii:
     """Check (25,) or (21,) radii of the skin [m], or scale those of the generic hand.
 
-    The generic hand is scaled to ``length``, wrist to the tip of the middle finger [m], or else
-    to the joints.
+    The generic hand is scaled to ``length``, from the wrist to the tip of the middle finger [m], or
+    to the joints if it is None.
     """
     if radii is None and length is not None:
         hint = "is it in millimetres? Give metres."
@@ -177,7 +177,7 @@ def radii_of(
     if len(radii) == 21:
         generic[TRACKED] = radii
         radii = fixed(generic)
-    # From a child's fingertip to the wrist of a large hand.
+    # The range covers a child's fingertip and the wrist of a large hand.
     wrong = np.flatnonzero((radii < 3e-3) | (radii > 35e-3))
     if len(wrong):
         raise InvalidInput(
@@ -198,8 +198,8 @@ def checked_side(
 ) -> Side:
     """Return the side of a hand, by default from the bends of its fingers.
 
-    Raise if they contradict ``side``, or if no side is given and ``side_evidence`` is smaller than
-    ``min_evidence`` in magnitude.
+    It raises ``InvalidInput`` if they contradict ``side``, or if no side is given and the magnitude
+    of ``side_evidence`` is below ``min_evidence``.
     """
     if side not in ("right", "left", None):
         raise InvalidInput(
@@ -216,8 +216,8 @@ def checked_side(
         )
     if side is not None and side != bent_as and clear:
         raise InvalidInput(
-            f"the {word} should be those of a {side} hand, but fingers and thumb bend as in "
-            f"a {bent_as} hand ({evidence:+.2f}; positive is right): are they mirrored?",
+            f"the {word} should be those of a {side} hand, but fingers and thumb bend like those "
+            f"of a {bent_as} hand ({evidence:+.2f}; positive is right): are they mirrored?",
             code="wrong_side",
         )
     return side or bent_as

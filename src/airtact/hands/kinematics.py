@@ -24,7 +24,7 @@ def bending_axis(joints: Joints, side: str, finger: int) -> Point:
     bones = np.diff(joints[list(CHAINS[finger][-4:])], axis=0)
     bones = bones / np.linalg.norm(bones, axis=1, keepdims=True)
     if finger == 0:
-        # The thumb's pad faces the index finger's root, and half as much the palm.
+        # The thumb's pad faces the root of the index finger and, half as much, the palm.
         back = sign * unit(cross(joints[11] - joints[0], across))
         towards = unit(0.5 * (joints[6] + joints[7]) - joints[4]) - 0.5 * back
         return unit(cross(bones[-1], towards))
@@ -36,7 +36,7 @@ def bending_axis(joints: Joints, side: str, finger: int) -> Point:
 
 
 def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:
-    """Straighten a finger at its root by an angle [rad]."""
+    """Return the joints with a finger straightened at its root by an angle [rad]."""
     root = CHAINS[finger][0 if finger == 0 else 1]
     outer = [joint for joint in CHAINS[finger] if joint > root]
     turn = Rotation.from_rotvec(-angle * bending_axis(joints, side, finger))
@@ -48,8 +48,8 @@ def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:
 def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: str) -> Joints:
     """Bend fingers with bones of given ``lengths`` [m] from inaccurate knuckles to inaccurate tips.
 
-    Landmarks with errors as large as a bone do not determine the bends between them, but the
-    distance from knuckle to tip does. The joints between have their usual bends.
+    If the errors of the landmarks are as large as a bone, they do not determine each bend, but the
+    distance from knuckle to tip does. The joints in between then bend in their usual ratio.
     """
     joints = landmarks.copy()
     across = unit(landmarks[6] - landmarks[21]) * (1.0 if side == "right" else -1.0)
@@ -90,7 +90,7 @@ def gap_of(joints: Joints, radii: Radii, fingers: tuple[int, int]) -> float:
 
 
 def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: float) -> Joints:
-    """Turn two fingers at their roots by the same angle until they are a gap [m] apart."""
+    """Return the joints with two fingers turned at their roots until they are a gap [m] apart."""
 
     def both_turned(angle: float) -> Joints:
         moved = joints

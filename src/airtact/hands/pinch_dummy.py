@@ -26,12 +26,12 @@ SPREAD = math.radians(20.0)
 
 @dataclass(frozen=True, eq=False)
 class Pinch:
-    """Thumb and finger, tips towards each other along x.
+    """A thumb and a finger whose tips face each other along x.
 
     Attributes
     ----------
     surfaces : the thumb (at -x) and the finger (at +x).
-    pads : (2, 3) point of each skin nearest to the other [m].
+    pads : (2, 3) point on each skin that is nearest to the other skin [m].
     normals : (2, 3) outward unit normals at the pads.
     gap : distance between the pads [m].
     """
@@ -58,7 +58,7 @@ class Pinch:
         offset = number(offset, "the offset of the foci", "m")
         if not 0.0 <= offset < self.gap:
             raise InvalidInput(
-                f"foci {offset * 1e3:g} mm off the pads do not lie in the gap of "
+                f"foci {offset * 1e3:g} mm from the pads do not lie in the gap of "
                 f"{self.gap * 1e3:g} mm; give an offset from 0 to less than the gap.",
                 code="out_of_range",
             )
@@ -68,12 +68,13 @@ class Pinch:
 def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
     """Build the thumb and the finger of a pinch.
 
-    Tip centres are at (∓(gap/2 + 8 mm), 0, 0), axes run 44 mm down (-z) and 20° outward.
+    The centres of the tips are at (∓(gap/2 + 8 mm), 0, 0). The axes run 44 mm downward (-z), 20°
+    outward from the vertical.
 
     Parameters
     ----------
     gap : distance between the two skins [m], above zero and at most 0.2.
-    edge : longest edge of the triangles [m].
+    edge : largest edge length of the triangles [m].
 
     Raises
     ------

@@ -49,7 +49,7 @@ class HandShape(Shape):
 
     @cached_property
     def keyframe(self) -> "HandShape":
-        """Keyframe of the next frame: this shape's keyframe if it is near, else this shape."""
+        """Keyframe of the next frame: the keyframe of this shape if it is near, else this shape."""
         if self.follows is None or motion(self.follows.hulls, self.hulls) > NEAR_KEYFRAME:
             return self
         return self.follows
@@ -61,7 +61,7 @@ class HandShape(Shape):
 
     @staticmethod
     def following(hulls: Hulls, keyframe: "HandShape | None") -> "HandShape":
-        """Make a shape with a keyframe if the motion is small and the same parts touch."""
+        """Make a shape; it follows the keyframe if the motion is small and the same parts touch."""
         if keyframe is not None and np.array_equal(hulls.apart, keyframe.hulls.apart):
             moved = motion(keyframe.hulls, hulls)
             # Beyond 12 mm a new mesh is made instead.
@@ -91,7 +91,7 @@ class HandShape(Shape):
 
     @property
     def least_thickness(self) -> float:
-        """Diameter of its smallest ball [m] if no hulls are blended, else 0.
+        """Diameter of the body's smallest ball [m] if no hulls are blended, else 0.
 
         An inner ball of that size touches every point of a hull, but not the creases between
         blended hulls.
@@ -105,7 +105,7 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Diameter (P,) [m] of an inner ball at each point: ``largest`` if it fits, or a bound."""
+        """Return ``largest`` (P,) [m] where an inner ball of that diameter fits, else a bound."""
         smallest = self.least_thickness
         if smallest >= largest:
             return np.full(len(points), smallest)
@@ -120,7 +120,7 @@ class HandShape(Shape):
         return self.pose.apply(self.hulls.project(self.pose.inverse().apply(points)))
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Return curved panels about as large as equilateral triangles with an edge length [m]."""
+        """Return curved panels about as large as equilateral triangles of edge length ``edge``."""
         return self.pose.apply(curved_panels(self.hulls, self.skin(edge)))
 
     def extreme_points(self) -> Points:
@@ -134,7 +134,7 @@ class HandShape(Shape):
         return [RidgedMesh(self.pose.apply(skin.vertices), skin.triangles, no_ridges)]
 
     def skin(self, edge: float) -> HandMesh:
-        """Return even triangles with an edge length [m], deformed from a keyframe if possible."""
+        """Return even triangles of edge length ``edge``, deformed from a keyframe if possible."""
         if edge not in self.meshes:
             mesh = None
             if self.follows is not None:
@@ -163,7 +163,7 @@ def motion(before: Hulls, now: Hulls) -> float:
 
 
 def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh | None:
-    """Deform a mesh with an edge length [m] to another pose in which the same parts touch.
+    """Deform a mesh of edge length ``edge`` [m] to another pose in which the same parts touch.
 
     The triangles stay the same. Return None if a triangle becomes too thin or too long.
     """
@@ -186,7 +186,7 @@ def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "verti
 def moved_with_hulls(
     before: Hulls, now: Hulls, vertices: Vertices, weight: Float64[np.ndarray, "vertices hulls"]
 ) -> Vertices:
-    """Move vertices (V, 3) [m] with the hulls to another pose, by their ``hull_weights``."""
+    """Move vertices (V, 3) [m] along with the hulls to another pose, weighted by hull_weights."""
     turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     old = before.balls[:, :3] @ turn.T + shift
     new = now.balls[:, :3]

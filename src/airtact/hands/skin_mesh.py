@@ -40,7 +40,7 @@ GRADING = 0.35
 # Largest distance of the skin from an edge's midpoint divided by the edge length.
 MAX_BULGE = 0.47
 
-# Smallest wanted edge length at gaps and bends [m].
+# Smallest target edge length at gaps and bends [m].
 SMALLEST_EDGE = 0.8e-3
 
 # Triangles with a smaller angle are poor, and are collapsed in repairs [degrees].
@@ -54,8 +54,8 @@ class HandMesh:
     Attributes
     ----------
     vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices, outward.
-    sizes : (V,) wanted length of the edges at each vertex [m].
+    triangles : (T, 3) vertex indices, counter-clockwise seen from outside.
+    sizes : (V,) target length of the edges at each vertex [m].
     """
 
     vertices: Vertices
@@ -75,7 +75,7 @@ class HandMesh:
 
 
 def even_skin(hulls: Hulls, edge: float) -> HandMesh:
-    """Cover a body with even triangles of about an edge [m], smaller at bends and narrow gaps."""
+    """Cover a body with even triangles of edge length ``edge``, less at bends and narrow gaps."""
     best = None
     best_fault = np.inf
     # The grid must resolve the smallest ball.
@@ -83,7 +83,7 @@ def even_skin(hulls: Hulls, edge: float) -> HandMesh:
     for level, share in GRIDS:
         step = share * usual_step
         mesh = _projected(hulls, _marching_cubes(hulls, step, level * step), edge)
-        # The edges grow from pass to pass up to the wanted length.
+        # The edges grow from pass to pass up to the target length.
         growing = 1.2 * step
         while growing < edge:
             mesh = _evened(hulls, mesh, edge, max_size=growing)
@@ -101,7 +101,7 @@ def even_skin(hulls: Hulls, edge: float) -> HandMesh:
 
 
 def graded(hulls: Hulls, mesh: HandMesh, edge: float, fine: float, points: Points) -> HandMesh:
-    """Refine a mesh with edges of a length [m] to ``fine`` edges [m] beside points (P, 3) [m]."""
+    """Refine a mesh of edge length ``edge`` [m] to ``fine`` [m] near points (P, 3) [m]."""
     tree = KDTree(points)
     for _ in range(4):
         away = tree.query(mesh.vertices)[0]
@@ -112,7 +112,7 @@ def graded(hulls: Hulls, mesh: HandMesh, edge: float, fine: float, points: Point
 
 
 def settled(hulls: Hulls, mesh: HandMesh, edge: float) -> HandMesh:
-    """Project triangles onto a body near them and smooth them, without adding any."""
+    """Project triangles onto a nearby body and smooth them, without adding any."""
     mesh = _projected(hulls, mesh, edge)
     for _ in range(2):
         mesh = _evened(hulls, mesh, edge, keep=True)
@@ -129,13 +129,13 @@ def midpoints(hulls: Hulls, mesh: HandMesh) -> Float64[np.ndarray, "triangles 3 
 
 
 def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMesh]:
-    """Make poor triangles more even, and smaller where skins meet; return fault and mesh."""
+    """Make poor triangles more even, and smaller where skins meet; return ``_fault`` and mesh."""
     best = mesh
     best_fault = _fault(hulls, mesh)
     for attempt in range(6):
         if best_fault <= 0.0 or len(mesh.triangles) > 1.25 * len(best.triangles):
             break
-        # If evening alone has not helped, poor triangles also get smaller.
+        # If evening alone did not help, also make poor triangles smaller.
         if attempt >= 3:
             ends, edges = _edges(mesh.triangles)
             bulging = (_middles(hulls, mesh, ends)[1][edges] > MAX_BULGE).any(axis=1)
@@ -168,7 +168,7 @@ def _fault(hulls: Hulls, mesh: HandMesh) -> float:
 
 
 def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
-    """Make closed triangles from a grid of the distance, without cavities and specks."""
+    """Make a closed mesh from a grid of the distance, without cavities and specks."""
     with extra("mesh", "the skin of a hand needs scikit-image"):
         from skimage.measure import marching_cubes
 
@@ -195,9 +195,9 @@ def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
 def _distance_grid(
     hulls: Hulls, step: float
 ) -> tuple[Float64[np.ndarray, "nx ny nz"], Float64[np.ndarray, "3"]]:
-    """Evaluate the distance on a grid of a step [m]; also return its first corner (3,) [m].
+    """Evaluate the distance on a grid with spacing ``step`` [m]; also return its first corner [m].
 
-    All points of a block far from the skin take the value at its middle; other blocks are halved.
+    All points of a block far from the skin get the value at its middle; other blocks are halved.
     """
     side = 4
     highest_level = max(level for level, _ in GRIDS)
@@ -247,12 +247,12 @@ def _evened(
     Parameters
     ----------
     hulls, mesh : the body and triangles near its skin.
-    edge : wanted edge [m].
-    max_size : longest edges [m].
+    edge : target edge length [m].
+    max_size : largest edge length [m].
     collapse_angle : triangles with a smaller angle are collapsed [degrees].
-    pull : share of the way to the centre of its neighbours that a vertex moves.
-    keep : whether the triangles stay the same and only vertices move.
-    hold : whether the sizes of the mesh are upper limits.
+    pull : fraction of the distance to the centre of its neighbours by which a vertex moves.
+    keep : whether the triangles stay the same and only the vertices move.
+    hold : whether the ``sizes`` of the mesh are upper limits.
     """
     count = len(mesh.vertices)
     room = 2 * count + 1000
@@ -273,7 +273,7 @@ def _evened(
 def _projected(
     hulls: Hulls, mesh: HandMesh, edge: float, max_sizes: Sizes | float = np.inf
 ) -> HandMesh:
-    """Project the vertices onto the skin and find the edges that bends and gaps allow there."""
+    """Project the vertices onto the skin; also return edge lengths that bends and gaps allow."""
     vertices = hulls.project(mesh.vertices)
     look = hulls.look(vertices, reach=edge)
     smallest = max(0.25 * edge, min(SMALLEST_EDGE, edge))
@@ -291,15 +291,15 @@ def _projected(
 def _middles(
     hulls: Hulls, mesh: HandMesh, ends: Ends
 ) -> tuple[Float64[np.ndarray, "edges 3"], Float64[np.ndarray, "edges"]]:
-    """Return skin points above midpoints of edges (E, 3) [m]; distances / edge lengths (E,)."""
+    """Return skin points above the midpoints of edges (E, 3) [m], and distance / edge length."""
     starts = mesh.vertices[ends[:, 0]]
     edges = mesh.vertices[ends[:, 1]] - starts
     straight = starts + 0.5 * edges
     lengths = np.sqrt(np.einsum("ei,ei->e", edges, edges))
     middles = hulls.project(straight)
     off = np.linalg.norm(middles - straight, axis=1)
-    # Where two skins meet, their flanks are nearer than the crease between them: points beside
-    # the middle are projected as well, and the nearest result is taken.
+    # Where two skins meet, their flanks are nearer than the crease between them: points on both
+    # sides of the middle are projected as well, and the nearest result is taken.
     for share in (0.4, 0.6, 0.3, 0.7):
         poor = np.flatnonzero(off > 0.3 * lengths)
         projected = hulls.project(starts[poor] + share * edges[poor])
@@ -311,6 +311,6 @@ def _middles(
 
 
 def _edges(triangles: Triangles) -> tuple[Ends, Triangles]:
-    """Return both ends of every edge once, and the edge indices 01, 12, 20 of each triangle."""
+    """Return the two ends of each edge, and the indices of edges 01, 12, 20 of each triangle."""
     keys, edges = np.unique(edge_keys(triangles), return_inverse=True)
     return np.stack(np.divmod(keys, triangles.max() + 1), axis=1), edges.reshape(triangles.shape)

@@ -1,1 +1,1 @@
-"""A hand fitted to a cloud of points."""
+"""Fit a hand model to a point cloud."""

@@ -82,10 +82,10 @@ class FittedHand:
     hand : the hand.
     anatomy : sizes of the person's hand, learned from the frames so far.
     joint_errors : (25,) standard deviation of the position of each joint [m].
-    points : (N, 3) means of the cloud in cells around the hand [m].
+    points : (N, 3) points of the cloud near the hand, averaged in cells [m].
     distances : (N,) distances of these points from the skin, positive outside [m].
-    outliers : (N,) mask of the points without weight in the fit.
-    misfit : root mean square distance of all other points [m].
+    outliers : (N,) mask of the points that had no weight in the fit.
+    misfit : root mean square distance of all other points from the skin [m].
     """
 
     hand: Hand
@@ -100,7 +100,7 @@ class FittedHand:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """Independent uncertainty of each bone: the root mean square error of the joints."""
+        """Uncertainty that moves each bone independently by the rms error of the joints."""
         return Uncertainty(own_position=float(np.sqrt(np.mean(self.joint_errors**2) / 3.0)))
 
     @cached_property
@@ -110,15 +110,16 @@ class FittedHand:
         return self.skin(3.5e-3, 2.5e-3)
 
     def skin(self, *edges: float) -> Surface:
-        """Make this skin with triangles of an edge [m]; try the next edge if they would cross.
+        """Return the skin meshed at the first of these edge lengths [m] that works.
 
-        If they cross for all edges, return ``hand.surface``, without the offset to the points.
+        A length fails if triangles would cross. If all fail, return ``hand.surface``, without the
+        offset to the points.
         """
         moved = with_offset(self.hand.shape.hulls, self.points[~self.outliers], edges)
         return self.hand.surface if moved is None else moved
 
     def place(self, name: str) -> Place:
-        """Find one of ``hand.places`` on ``surface``; raise as ``Hand.place``."""
+        """Return one of ``hand.places`` on ``surface``; the errors are those of ``Hand.place``."""
         point, normal = self.hand.place(name)
         return fixed(self.surface.shape.project(point[None])[0]), normal
 
@@ -137,9 +138,9 @@ def fit_hand(
 
     The fit minimises the distances of the points from the skin of a sphere mesh (Tkach, Pauly,
     Tagliasacchi, ACM Trans. Graph. 35, 222 (2016)) under priors: constant bone lengths, limits of
-    joints and the distribution of hand sizes. Outliers have no weight. The priors determine the
-    parts of the hand without points. The sizes of the person are learned from the first 8 frames
-    and then stay fixed.
+    joints and the distribution of hand sizes. Outliers get no weight. The priors determine the
+    parts of the hand that have no points. The sizes of the person's hand are learned from the first
+    8 frames and then stay fixed.
 
     Parameters
     ----------
@@ -148,20 +149,20 @@ def fit_hand(
         Leap [m].
     side : ``"right"`` or ``"left"``; by default it follows from the landmarks if the fingers bend
         enough.
-    camera : (3,) position from which all points were seen [m]. Points then match only skin that
-        faces the camera, and the hand stays within the observed silhouette.
+    camera : (3,) position from which all points were seen [m]. Points are then matched only to skin
+        that faces the camera, and the hand stays within the observed silhouette.
     before : the fit of the previous frame, whose pose is the initial guess. Its anatomy is used
         unless ``anatomy`` is given.
-    anatomy : sizes of the person from an earlier fit. By default they are those of ``before``, or
-        of the population.
+    anatomy : sizes of the person's hand from an earlier fit. By default they are those of
+        ``before``, or those of the population.
     progress : called with a description of each step when it begins.
 
     Raises
     ------
     InvalidInput
         If landmarks are missing, NaN, in millimetres, swapped or implausible; the side is unclear;
-        the cloud is too small, in millimetres, far from the landmarks or contains another body; the
-        camera is among the points; or no hand matches the points.
+        the cloud is too small, in millimetres or far from the landmarks, or contains another body;
+        the camera is among the points; or no hand matches the points.
     """
     joints = joints_of(landmarks, LANDMARK_TOLERANCE)
     check_finger_order(joints, LANDMARK_TOLERANCE)
@@ -171,12 +172,12 @@ def fit_hand(
         of_kind(before, FittedHand, "the frame before", "a result of fit_hand")
     cloud = _checked_cloud(points, joints)
     eye = None if camera is None else _checked_camera(camera, cloud)
-    # A settled anatomy is the prior; one that is still being learned only gives initial sizes.
+    # A settled anatomy is the prior; one that is still being learned only provides initial sizes.
     person = anatomy or (None if before is None else before.anatomy)
     prior = person if person is not None and person.settled else population_prior(joints)
     spread = np.full(25, LANDMARK_SPREAD)
     if len(landmarks) == 21:
-        spread[[5, 10, 15, 20]] = 20e-3  # bases of the metacarpals, which were not tracked
+        spread[[5, 10, 15, 20]] = 20e-3  # bases of the metacarpals, which are not tracked
     silhouette = None if eye is None else silhouette_of(cloud, eye)
     seen = Observation(cell_means(cloud), joints, spread, side, prior, eye, silhouette)
     start = _start_from(before, joints) if before is not None and before.hand.side == side else None
@@ -189,7 +190,7 @@ def fit_hand(
 
 
 def _start_from(before: FittedHand, joints: Joints) -> Joints | None:
-    """Move the hand of the previous frame to new landmarks; None if its pose differs."""
+    """Move the hand of the previous frame to new landmarks; return None if its pose differs."""
     turn, shift = nearest_motion(before.hand.joints, joints)
     moved = before.hand.joints @ turn.T + shift
     return moved if np.linalg.norm(moved - joints, axis=1).max() < 25e-3 else None
@@ -206,7 +207,7 @@ def _solved(
     report_step("fitting a hand to the landmarks")
     no_points = replace(seen, points=np.zeros((0, 3)), camera=None, silhouette=None)
     bent = evenly_bent(seen.landmarks, np.exp(prior.mean[: len(BONES)]), seen.side)
-    # Fit to the landmarks alone first, because it is unknown to which finger each point belongs.
+    # Fit to the landmarks alone first, because the finger of each point is still unknown.
     first, _ = best_hand(no_points, (bent,), prior.mean, hold=prior.settled)
     report_step(f"fitting it to {cloud}")
     starts = (joints_in(first.unknowns), seen.landmarks)
@@ -249,7 +250,7 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
         raise InvalidInput(
             f"only {100 * explained:.0f} % of the {len(cloud)} points within "
             f"{1e3 * HAND_RADIUS:g} mm of the landmarks are within 6 mm of the hand: is there a "
-            f"second hand or another body, or are the landmarks from another time{hint}?",
+            f"second hand or another body, or do the landmarks belong to another time{hint}?",
             code="pose_not_found",
         )
     off = np.linalg.norm(fitted.hand.joints - seen.landmarks, axis=1)
@@ -258,8 +259,8 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
     worst = int(off.argmax())
     if off[worst] > 30e-3:
         raise InvalidInput(
-            f"the landmark {NAMES[worst]} is {1e3 * off[worst]:.3g} mm from that joint in the "
-            f"cloud, more than 30 mm: are landmarks swapped{hint}?",
+            f"the landmark {NAMES[worst]} is {1e3 * off[worst]:.3g} mm from that joint of the "
+            f"fitted hand, more than 30 mm: are landmarks swapped{hint}?",
             seen.landmarks[worst],
             code="misplaced",
         )
@@ -342,9 +343,10 @@ def _distance_to_bones(points: Points, joints: Joints) -> PerPoint:
 
 
 def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer 3"]:
-    """Return the mean of the points (N, 3) in each cube [m], except in sparse cubes (outliers).
+    """Return the mean of the points (N, 3) in each cube of side ``cell`` [m].
 
-    To reduce the influence of outliers, the mean includes only points near the central one.
+    Sparse cubes are omitted as outliers. The mean only includes points near the central one, to
+    reduce the influence of outliers.
     """
     cubes = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
     # Encode each cube as one integer, so that ``unique`` sorts numbers instead of rows.
@@ -367,13 +369,13 @@ def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer
 def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface | None:
     """Move the skin of a body to points (N, 3) of the true skin [m]; None if triangles cross.
 
-    Model and real hand differ by 0.5 to 2 mm, which is significant at a wavelength of 8.6 mm.
+    The model and the real hand differ by 0.5 to 2 mm, which matters at a wavelength of 8.6 mm.
     """
     for edge in edges:
         skin = even_skin(hulls, edge)
         look = hulls.look(skin.vertices)
         normals = _unit_rows(look.gradient)
-        # The offset is a small share of the gap to other parts, and of the radius of bends.
+        # Limit the offset to a small share of the gap to other parts and of the radius of bends.
         room = 0.3 * np.minimum(look.facing, np.abs(look.bend))
         limit = np.minimum(1.5e-3, np.maximum(room, 0.0))
         move = np.clip(_mean_offset(hulls, points, skin.vertices, normals), -limit, limit)
@@ -381,7 +383,7 @@ def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface
             surface = Surface(skin.vertices + move[:, None] * normals, skin.triangles)
             if len(surface.crossings) == 0:
                 return surface
-            # Do not move the skin around crossings.
+            # Do not move the skin near crossings.
             crossed = skin.vertices[skin.triangles[surface.crossings.ravel()].ravel()]
             move[KDTree(crossed).query(skin.vertices)[0] < 8e-3] = 0.0
     return None
@@ -395,8 +397,8 @@ def _mean_offset(
 ) -> Float64[np.ndarray, "vertices"]:
     """Return the mean distance of the points from the body around each vertex of its skin [m].
 
-    The kernel average (E. A. Nadaraya, Theory Probab. Appl. 9, 141 (1964)) includes points with a
-    similar normal, and an offset of 0 with the weight of one point.
+    The kernel average (E. A. Nadaraya, Theory Probab. Appl. 9, 141 (1964)) only includes points
+    with a similar normal, plus an offset of 0 with the weight of one point.
     """
     width = 5e-3  # standard deviation of the weights
     look = hulls.look(points)

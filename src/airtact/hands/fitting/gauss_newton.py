@@ -76,7 +76,7 @@ POINTS_AS_ONE = np.array([4.0, 12.0])
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Observation of a hand in one frame.
+    """What was observed of a hand in one frame, and the prior of its sizes.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Observation:
 
 
 class SkinResiduals(NamedTuple):
-    """Signed distances of points from their nearest skin, and the derivatives.
+    """Signed distances of points from their nearest skin, and their derivatives.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class SkinResiduals(NamedTuple):
 def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) -> SkinResiduals:
     """Return distances of points from the skin (three nearest hulls) and their derivatives.
 
-    With a ``camera`` (3,) [m], only skin that faces it counts.
+    With a ``camera`` (3,) [m], only skin that faces it is considered.
     """
     facing = -0.05  # limit of the cosine to the line of sight; skin below it faces away
     return SkinResiduals(
@@ -178,7 +178,7 @@ def normal_equations(
         if len(near) < MIN_POINTS:
             near = off[off < 15e-3]
         if len(near):
-            # 1.4826 is the standard deviation of normal numbers over the median of their magnitudes
+            # 1.4826: standard deviation of normal numbers divided by their median magnitude
             scale[index] = np.clip(1.4826 * np.median(near), max(min_scale, 0.02e-3), MAX_SCALE)
     weights = np.maximum(1.0 - (off / (TUKEY * scale[kind])) ** 2, 0.0) ** 2
     by_variance = seen.each * weights / (POINTS_AS_ONE * scale**2)[kind]
@@ -242,7 +242,7 @@ FIRST_SCALE = 3e-3
 
 
 def best_hand(seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: bool) -> Solution:
-    """Find the best hand from several initial joints [m], then continue from the best result.
+    """Fit the hand from each of several initial joints [m], then continue from the best result.
 
     ``sizes`` are the initial logarithms of the sizes; ``hold`` fixes them.
     """
@@ -260,7 +260,7 @@ def best_hand(seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: b
 
 
 def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> Solution:
-    """Find the best hand near the joints of the previous frame [m]."""
+    """Fit the hand, starting from the joints of the previous frame [m]."""
     unknowns = np.concatenate([joints.ravel(), sizes])
     hulls, _ = hand_hulls(joints, np.exp(sizes[SIZE_RADII]))
     min_scale = FIRST_SCALE
@@ -274,9 +274,9 @@ def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> So
 
 
 def _better(first: NormalEquations, second: NormalEquations) -> NormalEquations:
-    """Return the search result that matches the points better, at the smaller of both scales.
+    """Return the search result that matches the points better, at the smaller of the two scales.
 
-    Priors have less weight than in the search, because an unusual pose is more likely than
+    Priors get less weight than in the search, because an unusual pose is more likely than
     unexplained points.
     """
     scale = np.minimum(first.scale, second.scale)
@@ -291,7 +291,7 @@ def _descended(
     hold: bool,
     hulls: Hulls | None = None,
 ) -> tuple[NormalEquations, float]:
-    """Take damped steps until the expected gain is small; return result and scale limit [m].
+    """Take damped steps until the expected gain is small; return the result and scale limit [m].
 
     The hulls have the blend radii of the initial hand, or of ``hulls``.
     """
@@ -316,7 +316,7 @@ def _descended(
         if better:
             here = next_equations
         damping = damping / 5.0 if better else damping * 10.0
-        # A step may fail because points change from one part of the hand to another. Then accept a
+        # A step may fail because points switch from one part of the hand to another. Then stop at a
         # larger expected gain.
         enough = (1e-3 if better else 1e-2) * (1.0 + here.cost(here.scale))
         if promised < enough and min_scale < here.scale.min():
@@ -352,7 +352,7 @@ def _covariance(seen: Observation, here: NormalEquations, hold: bool) -> Unknown
 def _points_as_one(points: Points, off: PerPoint, hull: HullIndices) -> float:
     """Return the number of correlated points that count as one.
 
-    Errors of the shape correlate the misfit of points of a hull within a cube of 25 mm.
+    Errors in the shape correlate the misfits of a hull's points within a cube of 25 mm.
     """
     if len(points) < MIN_POINTS:
         return 1.0

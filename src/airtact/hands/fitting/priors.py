@@ -118,7 +118,7 @@ class HandAnatomy:
 
     @property
     def settled(self) -> bool:
-        """Whether the sizes were learned from 8 frames and stay fixed."""
+        """Whether the sizes were learned from 8 frames and now stay fixed."""
         return self.frames >= 8
 
     def learned(self, sizes: Sizes, covariance: SizesMatrix) -> "HandAnatomy":
@@ -213,7 +213,7 @@ def crossed(a: Rows, b: Rows) -> Rows:
 
 
 def length_rules(joints: Joints, sizes: Sizes) -> Rules:
-    """Constrain bone lengths and distances across the palm by the logarithms of sizes (62,)."""
+    """Return the rules that tie bone lengths and palm widths to the logarithms of sizes (62,)."""
     starts, ends = _SPAN_ENDS.T
     along = joints[ends] - joints[starts]
     length = np.sqrt((along**2).sum(axis=1))
@@ -252,7 +252,7 @@ def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
 
 
 def bend_rules(joints: Joints, axes: Axes, usual: Float64[np.ndarray, "4 3"]) -> Rules:
-    """Constrain planes of fingers, bends, and directions of last bones.
+    """Return the rules for the planes of fingers, their bends, and the directions of last bones.
 
     The 52 residuals are 14 backward bends, 14 excessive bends, 8 middle and last phalanges out of
     the plane of the first, 4 sideways turns, and 4 last bones (3 each). The axes (5, 3) and the
@@ -303,9 +303,9 @@ def _by_joints(
     length: Float64[np.ndarray, "19"],
     *parts: tuple[Int64[np.ndarray, "rules"], Float64[np.ndarray, "rules 3"]],
 ) -> Float64[np.ndarray, "rules 137"]:
-    """Convert derivatives with respect to unit directions of bones to ones with respect to joints.
+    """Convert derivatives by unit directions of bones to derivatives by joints.
 
-    Each of the ``parts`` has a bone for each rule, and the derivatives for its direction.
+    Each of the ``parts`` holds a bone for each rule, and the derivative by its direction.
     """
     rows = np.arange(len(parts[0][0]))
     gradients = np.zeros((len(rows), 137))

@@ -15,7 +15,7 @@ from airtact.hands.joints import Point, Points
 
 
 def _sample_weights() -> Float64[np.ndarray, "samples 26"]:
-    """Return weights of the 26 balls for each ball and for the middle of each pair in a hull."""
+    """Return weights of the 26 balls: one row for each ball and for each middle of a pair."""
     rods = sorted(
         {pair for part in PARTS.tolist() for pair in combinations(sorted(set(part) - {-1}), 2)}
     )
@@ -55,8 +55,8 @@ class Silhouette:
     ) -> tuple[Float64[np.ndarray, "rims"], Float64[np.ndarray, "rims 104"], float]:
         """Find how far the rims of a hand's balls (26, 4) [m] protrude from the silhouette.
 
-        Returns the weighted distances (R,) of protruding rims over their standard deviation, the
-        derivatives (R, 104) by the balls with constant weights, and twice the cost.
+        Return the weighted distances (R,) of protruding rims divided by their standard deviation,
+        the derivatives (R, 104) by the balls at constant weights, and twice the cost.
         """
         tolerated = 0.2e-3
         deviation = 1.0e-3  # standard deviation of the protrusion [m]

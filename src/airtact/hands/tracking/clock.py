@@ -9,7 +9,7 @@ MAX_LATENCY = 0.5
 
 
 def checked_latency(latency: float) -> float:
-    """Return the latency of a tracker [s]; raise "out_of_range" unless it is from 0 to 0.5 s."""
+    """Check that the latency of a tracker is from 0 to 0.5 s, and return it [s]."""
     return between(
         latency, 0.0, MAX_LATENCY, "the latency of the tracker", "s", "is it in milliseconds?"
     )
@@ -36,7 +36,7 @@ class FrameClock:
         self._shared: float | None = None
 
     def saw(self, taken: float, arrived: float) -> None:
-        """Take a frame's time on its own clock and its arrival by ``time.monotonic`` [s]."""
+        """Update the estimate with a frame's own time and its arrival by ``time.monotonic`` [s]."""
         offset = arrived - taken
         if self._offset is None:
             for ahead in (0.0, time.time() - time.monotonic()):
@@ -51,7 +51,7 @@ class FrameClock:
         self._offset = (offset, arrived)
 
     def time(self, now: float) -> float:
-        """Return the time on the frames' clock at a time of ``time.monotonic`` [s]."""
+        """Convert a time of ``time.monotonic`` to the clock of the frames [s]."""
         if self._shared is not None:
             return now + self._shared
         return 0.0 if self._offset is None else now - self._offset[0] + self.latency
@@ -59,8 +59,8 @@ class FrameClock:
     def restart(self, now: float) -> float:
         """Return the time for the first frame of a restarted tracker [s].
 
-        Its clock is unknown, so the frame counts as taken as shortly before its arrival as the best
-        frame so far.
+        Its clock is unknown, so the delay from its image to its arrival is assumed to be the
+        shortest so far.
         """
         self._shared = None
         return self.time(now) - self.latency

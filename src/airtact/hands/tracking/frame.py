@@ -114,11 +114,11 @@ class HandFrame:
 
     @property
     def lost(self) -> bool:
-        """Whether the tracker does not see the hand: neither landmarks nor cloud."""
+        """Whether the tracker lost the hand: the frame has neither landmarks nor cloud."""
         return self.landmarks is None and self.cloud is None
 
     def moved(self, pose: Pose) -> "HandFrame":
-        """Transform the frame to another frame of reference.
+        """Return the frame transformed to another frame of reference.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class HandFrame:
         Raises
         ------
         InvalidInput
-            If there are no landmarks, or as ``hand_from_joints``.
+            If there are no landmarks, or as for ``hand_from_joints``.
         """
         if self.landmarks is None:
             raise InvalidInput(

@@ -53,7 +53,7 @@ def from_json(text: bytes | str) -> HandFrame:
             message = msgspec.convert(json.loads(raw), Message)
         else:
             message = _decoder.decode(raw)
-        # Decoders take the last of two equal keys; only keys and the side have quotation marks.
+        # Decoders keep the last of two equal keys; only keys and the side have quotation marks.
         keys = 3 + (message.landmarks is not msgspec.UNSET) + (message.cloud is not msgspec.UNSET)
         if raw.count(b'"') != 2 * keys + 2:
             raise ValueError("a key is given twice")

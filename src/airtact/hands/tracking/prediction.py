@@ -122,7 +122,7 @@ def measured(
 
 
 class NoiseEstimate:
-    """White noise of a tracker, estimated from its frames.
+    """Estimates the white noise of a tracker from its frames.
 
     The third difference of four positions at even time steps is insensitive to the motion of a
     hand: at 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes 0.02 mm. White noise
@@ -140,7 +140,7 @@ class NoiseEstimate:
         self.noise: float = 1e-3
 
     def take(self, time: float, landmarks: Float64[np.ndarray, "landmarks 3"]) -> None:
-        """Take the landmarks of the next frame [m]."""
+        """Update the estimate with the landmarks of the next frame [m]."""
         if self._last and len(landmarks) != len(self._last[-1][1]):
             self._last.clear()
         self._last.append((time, landmarks))
@@ -149,7 +149,7 @@ class NoiseEstimate:
             return
         first, second, third, fourth = (positions for _, positions in self._last)
         difference = fourth - 3.0 * third + 3.0 * second - first
-        # 1.4826 is the standard deviation of normal numbers over the median of their magnitudes
+        # 1.4826: standard deviation of normal numbers divided by their median magnitude
         deviation = 1.4826 * float(np.median(np.abs(difference))) / np.sqrt(20.0)
         self._count += 1
         share = max(1.0 / self._count, 0.05)
@@ -168,7 +168,7 @@ class Predictor:
     noise : standard deviation of each coordinate of the tracker's landmarks [m], or None to
         estimate it from the frames.
     agility : spectral density of the acceleration of landmarks [m²/s³].
-    patience : time without a frame after which the hand is lost and the filter restarts [s].
+    patience : time without frames after which the hand counts as lost and the filter restarts [s].
 
     Raises
     ------
@@ -206,14 +206,14 @@ class Predictor:
         Raises
         ------
         InvalidInput
-            If it is of the other hand, or not later than the frame before. A ``HandStream`` does
-            not return such frames.
+            If the frame shows the other hand, or is not later than the previous frame. A
+            ``HandStream`` does not return such frames.
         """
         if self._newest is not None:
             newest = self._newest[0]
             if frame.side != newest.side:
                 raise InvalidInput(
-                    f"frame {frame.sequence} is of the {frame.side} hand; use a second predictor "
+                    f"frame {frame.sequence} shows the {frame.side} hand; use a second predictor "
                     "for that hand.",
                     code="does_not_match",
                 )
@@ -252,7 +252,7 @@ class Predictor:
         return self._estimate.noise if self._given_noise is None else self._given_noise
 
     def at(self, time: float) -> HandFrame:
-        """Predict the hand a latency after a time.
+        """Predict the hand at ``latency`` after a time.
 
         Parameters
         ----------
@@ -267,7 +267,7 @@ class Predictor:
         Raises
         ------
         InvalidInput
-            If there was no frame with landmarks yet.
+            If no frame with landmarks was taken yet.
         """
         frame, reach, _ = self._state()
         then = number(time, "time", "s") + self.latency
@@ -282,7 +282,7 @@ class Predictor:
             return HandFrame(then, frame.side, frame.sequence, joints)
 
     def spread(self, time: float) -> float:
-        """Return the standard deviation of each coordinate [m] a latency after a time [s]."""
+        """Return the standard deviation of each coordinate [m] at ``latency`` after a time [s]."""
         reach, bend = self._carried(time + self.latency)
         return float(np.sqrt(reach.covariance[0, 0] + bend.covariance[0, 0]))
 
@@ -292,7 +292,7 @@ class Predictor:
         return reach.velocities + bend.velocities
 
     def uncertainty(self, time: float) -> Uncertainty:
-        """Return the uncertainty of the hand a latency after a time [s]; raise as ``at``.
+        """Return the uncertainty of the hand at ``latency`` after a time [s]; errors as for ``at``.
 
         The position is ``spread``, limited to 0.1 m. The rotation moves the landmarks by the same
         distance (root mean square about their centroid).
@@ -312,7 +312,7 @@ class Predictor:
     def _state(self) -> tuple[HandFrame, Motion, Motion]:
         if self._newest is None:
             raise InvalidInput(
-                "there was no frame with landmarks yet; call take() before a prediction.",
+                "no frame with landmarks was taken yet; call take() before a prediction.",
                 code="empty",
             )
         return self._newest

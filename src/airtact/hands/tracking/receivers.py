@@ -27,10 +27,10 @@ MAX_MESSAGE = 2**22
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    """Make a socket that listens at a port; 0 selects a free one."""
+    """Make a socket that listens on a port; 0 selects a free one."""
     if not 0 <= port <= 65535:
         raise InvalidInput(
-            f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.",
+            f"port {port} does not exist; give 1 to 65535, or 0 for any free port.",
             code="out_of_range",
         )
     bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -41,7 +41,7 @@ def _listening(host: str, port: int) -> socket.socket:
     except OSError as error:
         bound.close()
         raise InvalidInput(
-            f"the receiver cannot listen at {host}, port {port}: {error.strerror}; use another "
+            f"the receiver cannot listen on {host}, port {port}: {error.strerror}; use another "
             "port.",
             code="link_in_use",
         ) from None
@@ -51,14 +51,14 @@ def _listening(host: str, port: int) -> socket.socket:
 class WebSocketReceiver:
     """Websocket server that receives frames in JSON.
 
-    The largest message has 4 MiB. Use the receiver in a ``with`` block; it listens from its
+    Messages may be up to 4 MiB long. Use the receiver in a ``with`` block; it listens from its
     construction to the end of the block.
 
     Parameters
     ----------
-    stream : stream that is fed; a new one by default.
-    port : port to listen at; 0 selects a free one, stored in the attribute ``port``.
-    host : address to listen at.
+    stream : stream that gets the frames; a new one by default.
+    port : port to listen on; 0 selects a free one, stored in the attribute ``port``.
+    host : address to listen on.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class WebSocketReceiver:
         bound = _listening(host, port)
         self.port: int = bound.getsockname()[1]
         self._closed = False
-        # Connections, and when each opened or last sent a used frame
+        # Connections, each with the time when it opened or last sent a used frame
         self._connections: dict[ServerConnection, float] = {}
         self._lock = Lock()
         self._server = serve(
@@ -118,7 +118,7 @@ class WebSocketReceiver:
             if self._closed:
                 return
             if len(self._connections) >= 64:
-                # Idle connections must not keep a tracker out: end the one that has not sent a
+                # Idle connections must not keep a tracker out: close the one that has not sent a
                 # used frame for the longest time.
                 idle = min(self._connections, key=self._connections.__getitem__)
                 with suppress(OSError):

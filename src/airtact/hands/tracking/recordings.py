@@ -1,4 +1,4 @@
-"""Recordings of hands in JSON lines, and their replay."""
+"""Recordings of hands as JSON lines, and their replay."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -40,18 +40,18 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
     Parameters
     ----------
     path : a file of JSON lines, ``.jsonl``.
-    leave_out : whether faulty frames are omitted and counted, as in a stream, instead of rejecting
-        the file.
+    leave_out : whether faulty frames are omitted and counted, as in a stream. Otherwise one faulty
+        frame makes the file invalid.
 
     Raises
     ------
     InvalidInput
-        If the file is unreadable, or has no frame or a faulty one. The message begins with the name
-        of the file and states the line.
+        If the file is unreadable, has no frames, or contains a faulty frame. The message begins
+        with the name of the file and states the line.
     """
     if path.suffix != ENDING:
         raise InvalidInput(
-            f"{path.name}: the name of a recording ends in {ENDING}, not in {path.suffix!r}.",
+            f"{path.name}: the name of a recording must end in {ENDING}, not in {path.suffix!r}.",
             code="unknown_format",
         )
     check_file(path)
@@ -111,11 +111,12 @@ def replay(
     ----------
     frames : frames of a recording.
     speed : playback speed; 2 is twice as fast, and infinity does not wait.
-    clock, sleep : functions that return the time [s] and wait [s]; by default those of the system.
+    clock : function that returns the time [s]; by default that of the system.
+    sleep : function that waits for a time [s]; by default that of the system.
 
     Yields
     ------
-    Each frame, not before its time. A slow reader gets overdue frames immediately.
+    Each frame, not before its time. Overdue frames are yielded immediately.
 
     Raises
     ------
@@ -139,7 +140,7 @@ def replay(
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     try:
         with path.open("rb") as file:
-            # Limit the line length: a file without line ends would fill the memory.
+            # Limit the line length: a file without line breaks would fill the memory.
             lines = iter(lambda: file.readline(2**26), b"")
             yield from ((number, line) for number, line in enumerate(lines, 1) if line.strip())
     except OSError as error:

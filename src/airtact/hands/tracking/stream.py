@@ -1,12 +1,12 @@
-"""Stream of received frames; faulty frames are counted and omitted.
+"""Streams of received frames; faulty frames are counted and omitted.
 
 A ``HandStream`` is fed from any number of threads and stores the newest valid frame of each hand,
 not a queue, so a slow reader gets the newest frame. If the tracker loses a hand or sends nothing
 for a while, the newest frame is a ``lost`` one.
 
 The times of used frames always increase. If a tracker restarts with another clock or counts
-milliseconds, its frames are used again after 20 consistent ones, and their times continue those
-before. Readers therefore need not know of restarts.
+milliseconds, its frames are used again after 20 consistent ones, and their times continue from the
+earlier ones. Readers therefore need not know about restarts.
 """
 
 import time
@@ -108,10 +108,10 @@ class _TrackedHand:
     Attributes
     ----------
     clock : clock of the times of used frames.
-    source : connection that the frames come from.
+    source : connection that sends the frames.
     newest : newest frame, when it arrived, and whether a reader has taken it.
     seen : newest frame with landmarks.
-    silent : whether no frames come.
+    silent : whether frames have stopped arriving.
     unit, shift : the time of a used frame is the tracker's time multiplied by the unit [s], plus
         the shift [s].
     recent : numbers and tracker's times of used frames, to distinguish duplicates from frames out
@@ -137,7 +137,7 @@ class HandStream:
 
     Parameters
     ----------
-    silence : time without frames after which a hand is lost [s].
+    silence : time without frames after which a hand counts as lost [s].
     on_frame : called with every used frame, in order, in the thread that received it.
     clock : function that returns the time [s]; the system clock by default.
 
@@ -162,13 +162,13 @@ class HandStream:
 
     @property
     def health(self) -> StreamHealth:
-        """Counts up to now."""
+        """Counts of frames and faults so far."""
         with self._changed:
             self._notice_silence()
             return StreamHealth(**self._counts)
 
     def clock(self, side: Side) -> FrameClock:
-        """Return the clock of the frames of a hand."""
+        """Return the clock of a hand's frames."""
         return self._hands[side].clock
 
     def feed_json(self, text: bytes | str, source: str = "") -> FaultyFrame | None:
@@ -184,12 +184,12 @@ class HandStream:
         Parameters
         ----------
         frame : frame or fault.
-        source : connection that it comes from. Other connections cannot send the same hand until
-            this one ends, or ``silence`` has passed since its last used frame.
+        source : connection that sent it. Other connections cannot send the same hand until this one
+            ends, or ``silence`` has passed since its last used frame.
 
         Returns
         -------
-        The fault, for example that it is not newer than the last frame of its hand, or None if the
+        The fault, such as a frame that is not newer than the last one of its hand, or None if the
         frame is used.
         """
         with self._changed:
@@ -217,13 +217,13 @@ class HandStream:
                     hand.silent = True
 
     def latest(self, side: Side) -> HandFrame | None:
-        """Return the newest frame of a hand: a lost one after silence, None if there was none."""
+        """Return the newest frame of a hand (a lost one after silence); None before the first."""
         with self._changed:
             self._notice_silence()
             return self._hands[side].newest
 
     def wait(self, timeout: float) -> HandFrame | None:
-        """Wait for a new frame, the newest of its hand.
+        """Wait for a frame that was not returned before, the newest of its hand.
 
         Parameters
         ----------
@@ -231,7 +231,8 @@ class HandStream:
 
         Returns
         -------
-        The frame of the hand that has waited longest, which may be lost. None after the timeout.
+        The frame of the hand that has waited longest, which may be a lost frame; None after the
+        timeout.
         """
         end = time.monotonic() + timeout
         with self._changed:
@@ -249,7 +250,7 @@ class HandStream:
                 self._changed.wait(min(left, self._silence / 4))
 
     def _continued(self, frame: HandFrame, source: object) -> HandFrame:
-        """Return a frame with a time that continues those before, or raise its fault."""
+        """Return a frame whose time continues from the earlier ones, or raise its fault."""
         hand = self._hands[frame.side]
         newest = hand.newest
         now = self._clock()
@@ -259,7 +260,7 @@ class HandStream:
             if not gone:
                 raise FaultyFrame(
                     "second_tracker",
-                    f"{name} is of a second tracker; end the first one to use this one.",
+                    f"{name} comes from a second tracker; stop the first one to use this one.",
                 )
             hand.source = source
             hand.unit = 1.0
@@ -280,8 +281,7 @@ class HandStream:
             return frame if time == frame.time else replace(frame, time=time)
         if (frame.sequence, frame.time) in hand.recent:
             raise FaultyFrame("repeated", f"{name} was already received; send it once.")
-        # A restarted tracker starts its numbers and times again. Stray old frames are rarely in
-        # order.
+        # A restarted tracker restarts its numbers and times. Stray old frames are rarely in order.
         if hand.stale:
             number, taken, _ = hand.stale[-1]
             if frame.sequence <= number or frame.time <= taken:
@@ -310,7 +310,7 @@ class HandStream:
         if later:
             raise FaultyFrame(
                 "time_leap",
-                f"the time of {name} is {ahead:.3g} s ahead of the clock; use seconds of one "
+                f"the time of {name} is {ahead:.3g} s ahead of the clock; use the seconds of one "
                 "steady clock.",
             )
         raise FaultyFrame(
@@ -325,7 +325,7 @@ class HandStream:
         if seen is None or seen.landmarks is None or frame.landmarks is None:
             return
         moved = np.linalg.norm(frame.landmarks.mean(axis=0) - seen.landmarks.mean(axis=0))
-        # Noise and a jitter of the times can add 20 mm.
+        # Noise and jitter of the times can add 20 mm.
         if moved > MAX_SPEED * (frame.time - seen.time) + 0.02:
             raise FaultyFrame(
                 "too_fast",
