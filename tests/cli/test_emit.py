@@ -235,7 +235,7 @@ FAULTS = {
         lambda path: path,
         ("--board", "nano16", "--link", "serial", "--port", "x", "--yes"),
         "too_many",
-        "996 elements are 83 nano16 boards",
+        "996 elements need 83 nano16 boards",
     ),
     "996 to sonicsurface": (
         lambda path: path,

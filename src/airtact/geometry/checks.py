@@ -62,8 +62,8 @@ def check_not_crossed(surface: Surface) -> None:
         where = surface.corners[pairs[0]].mean(axis=(0, 1))
         meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
         raise InvalidInput(
-            f"the surface crosses itself: {meet}, the first are triangles {first} and {second} "
-            f"near {in_mm(where)}; repair it, or load it with union=True.",
+            f"the surface crosses itself: {meet}, first triangles {first} and {second} near "
+            f"{in_mm(where)}; repair it, or load it with union=True.",
             where,
             code="mesh_faulty",
         )
@@ -72,7 +72,7 @@ def check_not_crossed(surface: Surface) -> None:
         inner, outer, depth, where = nested
         raise InvalidInput(
             f"closed piece {inner} of {shells(surface.triangles).max() + 1} lies inside piece "
-            f"{outer}, {depth * 1e3:.3g} mm deep near {in_mm(where)}; sound does not reach it, so "
+            f"{outer}, {depth * 1e3:.3g} mm deep near {in_mm(where)}; sound cannot reach it, so "
             "remove it.",
             where,
             code="mesh_faulty",
@@ -80,13 +80,13 @@ def check_not_crossed(surface: Surface) -> None:
 
 
 def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
-    """Find a part of a body thinner than ``THINNEST``: its thickness [m] and its position (3,) [m].
+    """Return thickness [m] and position (3,) [m] of a part thinner than ``THINNEST``, or None.
 
     The thickness at a point is the diameter of the largest inner ball that touches the surface
-    there and touches the opposite surface, antiparallel within 20 degrees. Edges of wedges
-    therefore pass. The points are 0.25 mm apart, farther on large bodies. A part is thin if no
-    point within ``THINNEST`` of it is thick enough, so small bumps, ribs and necks pass. The limit
-    is reduced by a tenth, because meshes may be rough or coarse.
+    there and touches the opposite surface, whose normal must be opposite to within 20 degrees.
+    Edges of wedges therefore pass. The points are 0.25 mm apart, or more on large bodies. A part is
+    thin if the body is too thin everywhere within ``THINNEST`` of it, so small bumps, ribs and
+    necks pass. The limit is reduced by a tenth, because meshes may be rough or coarse.
     """
     shape = surface.shape
     if shape.least_thickness >= THINNEST * (1.0 - 1e-9):
@@ -123,7 +123,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
         diameter[cut_off] = np.divide(square, height, out=np.zeros(len(square)), where=height > 0.0)
     centres = touch - 0.5 * diameter[:, None] * normals
     opposed = np.einsum("ni,ni->n", facing, normals) < -np.cos(np.radians(20.0))
-    # Beside an edge a ball may protrude from the body, so 0.9 of its radius suffices.
+    # Near an edge a ball may protrude from the body, so 0.9 of its radius suffices.
     inside = shape.depth(centres) >= 0.9 * 0.5 * diameter
     thin = np.flatnonzero(inside & opposed)
     thin = thin[:: 1 + len(thin) // 2000]
@@ -177,7 +177,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
 
 
 def approach(first: Surface, second: Surface, within: float = np.inf) -> Approach | None:
-    """Distance between the true surfaces of two bodies; None if it is at least ``within`` [m]."""
+    """Return the distance between the true surfaces of two bodies; None if at least ``within``."""
     if isinstance(first.shape, Capsule) and isinstance(second.shape, Capsule):
         on_first, on_second = nearest_on_segments(first.shape.axis, second.shape.axis)
         across = on_second - on_first
@@ -199,7 +199,7 @@ def approach(first: Surface, second: Surface, within: float = np.inf) -> Approac
         gaps = -first.shape.depth(points)
         if gaps.min() < within:
             nearest = Approach(float(gaps.min()), points[gaps.argmin()])
-    # Panels of the first body that may be closer are cut until their nodes are 0.1 mm apart.
+    # Panels of the first body that may be closer are divided until their nodes are 0.1 mm apart.
     panels = first.quadratic_triangles
     panels = panels[_near_box(panels[:, 0], second.vertices, within + 3.0 * bulge)]
     while len(panels):

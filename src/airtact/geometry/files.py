@@ -26,12 +26,12 @@ def load_surface(
     union: bool = False,
     progress: Progress | None = None,
 ) -> Surface:
-    """Read a closed surface from a file, and repair its damage.
+    """Read a closed surface from a file and repair it if it is damaged.
 
     The nodes of a scene graph are placed by their transforms and joined. Vertices at the same
     position are merged even if their textures or normals differ. The attribute ``repairs`` of the
     surface lists the repairs (see ``airtact.geometry.mesh.repair.repaired``). Files may have up to
-    100 MB and 250,000 triangles, which take about 10 s and 1 GB. Materials and pictures are not read.
+    100 MB and 250,000 triangles, which take about 10 s and 1 GB. Materials and images are not read.
 
     Parameters
     ----------
@@ -41,9 +41,9 @@ def load_surface(
     largest_hole : width of the widest hole that is filled [m]; 0 to fill none.
     sharp_degrees : angle between neighbouring triangles above which their edge remains sharp; the
         rest of the surface is curved.
-    union : replace parts that overlap, such as those of a CAD export, by the surface around all of
-        them, on a grid of 1/256 of the body's length. Edges are cut off on that scale, and those
-        that turn by more than 30 degrees stay sharp.
+    union : whether to replace overlapping parts, such as those of a CAD export, by the surface
+        around all of them, on a grid of 1/256 of the body's length. Edges are cut off on that
+        scale, and those that turn by more than 30 degrees stay sharp.
     progress : called with a description of each step when it begins.
 
     Raises
@@ -86,7 +86,7 @@ def load_surface(
 
 
 def _check_unit(extent: float) -> None:
-    """Raise "not_in_metres" for an extent [units of the file] that is too wide in metres."""
+    """Raise ``InvalidInput`` if an extent [units of the file] is too large to be in metres."""
     if not 0.5 < extent < np.inf:
         return
     units = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254}

@@ -41,7 +41,7 @@ from airtact.geometry.shape import BEND, Shape
 
 @dataclass(frozen=True, eq=False)
 class MeshShape(Shape):
-    """A mesh of quadratic triangles at a pose; ``cached`` has panels at rest by their settings."""
+    """A mesh of quadratic triangles at a pose; ``cached`` stores panels at rest by settings."""
 
     mesh: QuadraticMesh
     pose: Pose
@@ -103,9 +103,9 @@ class MeshShape(Shape):
         return self.mesh.flat_tree.closest(self.pose.inverse().apply(points))[2]
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover it with curved panels as large as equilateral triangles of a given edge [m].
+        """Cover the mesh with curved panels as large as equilateral triangles of a given edge [m].
 
-        Where it is smooth, they deviate by at most about ``away`` [m] in root mean square.
+        Where the mesh is smooth, their rms deviation is at most about ``away`` [m].
         """
         settings = (edge, bend, away)
         if settings not in self.cached:
@@ -139,13 +139,13 @@ def covered(
 
     MMG makes the triangles. Their corners and midpoints are projected onto the surface, or onto its
     sharp edges. Panels that deviate by more than 0.4 % of the edge, or by more than ``away`` [m]
-    where the surface is smooth, are cut in four.
+    where the surface is smooth, are divided into four.
     """
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     shorter = min(edge, 0.5 * extent)
     fault = None
     # A part smaller than the edge may vanish. If the volume is wrong, a shorter edge is tried. The
-    # first steps are small, so that a coarse accuracy does not take more panels than a fine one.
+    # first steps are small, so that a coarse accuracy does not need more panels than a fine one.
     for shrink in (0.8, 0.8, 0.5, 0.5, 0.5):
         try:
             panels = _new_panels(mesh, shorter, bend, away)
@@ -191,7 +191,7 @@ def _new_panels(mesh: QuadraticMesh, edge: float, bend: float, away: float) -> Q
 def placed_on(
     surface: QuadraticMesh | Shape, new: RidgedMesh, edge: float
 ) -> tuple[PointVectors, EdgeVectors]:
-    """Move the vertices of a mesh near a surface onto it, and find points of it between them.
+    """Project the vertices of a mesh onto a nearby surface, and find surface points between them.
 
     Return the vertices (V, 3) [m] and the points at the middles of edges 01, 12, 20 (T, 3, 3) [m].
     Both ends and the middle of a sharp edge lie on a sharp edge of the surface.
@@ -200,7 +200,7 @@ def placed_on(
     on_ridge = np.unique(new.ridges)
     if len(on_ridge):
         corners[on_ridge] = surface.project_on_sharp_edges(new.vertices[on_ridge])
-    # A far projection belongs to another part of the surface, and is ignored.
+    # A distant projection belongs to another part of the surface and is ignored.
     outlying = np.linalg.norm(corners - new.vertices, axis=1) > 0.3 * edge
     corners[outlying] = new.vertices[outlying]
     edges, inverse = np.unique(
@@ -217,7 +217,7 @@ def placed_on(
 def _cut_where_it_helps(
     mesh: QuadraticMesh, on_surface: QuadraticTriangles, edge: float, away: float
 ) -> Pieces:
-    """Cut panels that turn or deviate too much in four, if the pieces deviate less."""
+    """Divide panels that turn or deviate too much into four, if the pieces deviate less."""
     too_far = 0.004 * edge
     finished = []
     # Neighbours share the nodes of ``on_surface``, so that cut panels leave no holes between them.
@@ -231,9 +231,9 @@ def _cut_where_it_helps(
         pieces, _ = cut(on_surface[rough], np.full(int(rough.sum()), 2))
         pieces = mesh.project(pieces.reshape(-1, 3)).reshape(-1, 6, 3)
         levelled = mesh.levelled(pieces)
-        # Cutting reduces the deviation from a smooth surface to 1/8 or less, but less from a rough
-        # one. Cuts are kept if they reduce it to a half for panels that are too far off, and to a
-        # fifth for those that only exceed ``away``.
+        # Dividing reduces the deviation from a smooth surface to 1/8 or less, but has less effect
+        # on a rough one. Divisions are kept if they reduce it to a half for panels that are too far
+        # off, and to a fifth for those that only exceed ``away``.
         enough = np.where(deviation[rough] > too_far, 0.5, 0.2) * deviation[rough]
         mean_square = np.mean(mesh.deviation(levelled).reshape(-1, 4) ** 2, axis=1)
         better = (np.sqrt(mean_square) < enough) | steep[rough]

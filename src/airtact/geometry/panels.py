@@ -1,9 +1,9 @@
 """Curved quadratic (six-node) panels of a given size for the solvers.
 
 Panels need not meet corner to corner, so each can be cut independently. They are smaller near given
-points, in gaps and walls, and where flat faces enclose a cavity. In a cavity, multiple reflections
-repeat the same error. Most of it arises at corners, where the errors of the nearest panels do not
-cancel.
+points, in gaps and thin walls, and where flat faces enclose a cavity. In a cavity, multiple
+reflections repeat the same error. Most of it arises at corners, where the errors of the nearest
+panels do not cancel.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,7 +30,7 @@ from airtact.geometry.shape import BEND, Shape
 # Ratio of a typical triangle's longest edge to the edge of the equilateral one of the same area.
 LONGEST_TO_EQUILATERAL = 1.2
 
-# Ratio of the longest edge of panels beside a point to their distance from it.
+# Ratio of the longest edge of panels near a point to their distance from it.
 LARGEST_TO_POINT = 1.7
 
 # Ratio of the longest edge of panels that face another body, or another part of their body, to the
@@ -45,7 +45,7 @@ class Panels:
     Attributes
     ----------
     quadratic_triangles : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel
-        [m], outward.
+        [m], anticlockwise seen from outside.
     body : (T,) index of the body of each panel.
     deviation : (T,) largest distance of each panel from the true surface [m].
     farthest : (B,) largest distance of each body's panels from the triangles of its surface [m].
@@ -69,17 +69,18 @@ def panels_of(
     image: Callable[[Points], Points] | None = None,
     walls: Sequence[int] = (),
 ) -> Panels:
-    """Cover bodies with panels as large as equilateral triangles of an edge, or smaller.
+    """Cover bodies with panels no larger than equilateral triangles of a given edge length.
 
     Parameters
     ----------
     shapes : the bodies.
-    edge : edge of the equilateral triangles [m].
-    near : points beside which panels are smaller [m].
-    smallest : smallest edge beside points [m]; a quarter of it in gaps and thin walls.
+    edge : edge length of the equilateral triangles [m].
+    near : points near which panels are smaller [m].
+    smallest : edge length below which panels are not divided near points [m]; in gaps and thin
+        walls, a quarter of it.
     bend : largest angle between a panel's normals at opposite edges, on a round surface [rad].
     away : largest root mean square distance of panels from a smooth mesh [m].
-    image : function that mirrors points at a plane, for gaps to the mirror images of the bodies.
+    image : function that mirrors points in a plane, for gaps to the mirror images of the bodies.
     walls : indices of bodies whose flat faces get smaller panels if they face each other.
     """
     bodies = [shape.panels(edge, bend, away) for shape in shapes]
@@ -136,7 +137,7 @@ def _refined(
     obstacles: Real[np.ndarray, "obstacles 3"],
     smallest: float,
 ) -> Pieces:
-    """Cut panels in four until their size suits near points, gaps and thin walls."""
+    """Divide panels into four until they are small enough for near points, gaps and thin walls."""
     beside_point = LONGEST_TO_EQUILATERAL * smallest
     in_gap = LONGEST_TO_EQUILATERAL * smallest * 0.25
     points = np.asarray(points, dtype=np.float64)
@@ -149,7 +150,7 @@ def _refined(
         if not shape.thinnest:
             by_gaps = np.minimum(by_gaps, _allowed_by_own_surface(panels, new))
         allowed = np.minimum(np.maximum(beside_point, by_points), np.maximum(in_gap, by_gaps))
-        # All panels beside a point are fitted to the surface, even if they are not cut.
+        # All panels near a point are fitted to the surface, even if they are not divided.
         beside = np.flatnonzero(edges > np.minimum(by_points, by_gaps))
         if len(beside):
             fitted = shape.fitted(pieces[beside])
@@ -167,7 +168,7 @@ def _refined(
 def _allowed(
     panels: QuadraticTriangles, edges: PanelSizes, points: Points, factor: float
 ) -> PanelSizes:
-    """Longest edge of each panel by its distance from points [m]; may be inf if large."""
+    """Longest edge allowed for each panel by its distance from points [m]; may be inf if large."""
     limit = float(edges.max()) * 1.001 / factor
     return factor * _kernels.panel_distances(panels, points, limit)
 
@@ -175,7 +176,7 @@ def _allowed(
 def _allowed_by_own_surface(
     panels: QuadraticTriangles, chosen: Int64[np.ndarray, "chosen"]
 ) -> Float64[np.ndarray, "chosen"]:
-    """Longest edge [m] of chosen panels, limited by the gap or wall opposite each."""
+    """Longest edge [m] allowed for chosen panels by the gap or wall opposite each of them."""
     share = 0.75  # ratio of the search radius for the opposite side to the longest edge
     edges = longest_edges(panels)
     reach = share * float(edges[chosen].max())
@@ -205,7 +206,7 @@ def _are_flat(panels: QuadraticTriangles) -> Bool[np.ndarray, "panels"]:
 
 
 def _halved_in_corners(panels: QuadraticTriangles) -> Pieces:
-    """Cut flat panels in four that meet in a concave corner."""
+    """Divide flat panels that meet in a concave corner into four."""
     flat = np.flatnonzero(_are_flat(panels))
     if not len(flat):
         return panels.copy()  # the caller may change the result in place

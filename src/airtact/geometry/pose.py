@@ -50,8 +50,8 @@ class Pose:
         translation = real_numbers(self.translation, "the pose's translation")
         if rotation.shape != (3, 3) or translation.shape != (3,):
             raise InvalidInput(
-                f"a pose has shapes {rotation.shape} and {translation.shape}, but it needs a "
-                "rotation of shape (3, 3) and a translation of shape (3,).",
+                f"the rotation and translation of a pose have shapes {rotation.shape} and "
+                f"{translation.shape}, but must have (3, 3) and (3,).",
                 code="wrong_shape",
             )
         check_finite(rotation, "the pose's rotation")
@@ -62,8 +62,9 @@ class Pose:
         determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
         if skew > 1e-6 or determinant < 0.0:
             raise InvalidInput(
-                f"the pose's matrix is not a rotation: it deviates by {skew:.2g} from orthonormal "
-                f"and its determinant is {determinant:.3g} (a rotation has 0 and 1).",
+                f"the pose's matrix is not a rotation: it deviates by {skew:.2g} from an "
+                f"orthonormal matrix and its determinant is {determinant:.3g} (for a rotation, 0 "
+                "and 1).",
                 code="wrong_kind",
             )
         object.__setattr__(self, "rotation", rotation)
@@ -71,17 +72,17 @@ class Pose:
 
     @classmethod
     def identity(cls) -> "Pose":
-        """Make the identity motion."""
+        """Return the motion that leaves every point where it is."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def shift(cls, translation: Vector) -> "Pose":
-        """Translate by (3,) [m] without a rotation."""
+        """Return the translation by (3,) [m]."""
         return cls(np.eye(3), point_of(translation, "the shift"))
 
     @classmethod
     def between(cls, first: Vector, second: Vector) -> "Pose":
-        """Rotate one direction (3,) to another by the smallest angle.
+        """Return the rotation of one direction (3,) to another by the smallest angle.
 
         For opposite directions the axis is any perpendicular direction.
         """
@@ -95,13 +96,13 @@ class Pose:
 
     @classmethod
     def turn(cls, axis: Vector, angle: float, translation: Vector = (0, 0, 0)) -> "Pose":
-        """Rotate about an axis through the origin, then translate.
+        """Return the rotation about an axis through the origin, followed by a translation.
 
         Parameters
         ----------
         axis : (3,) direction, of any length above zero.
-        angle : right-handed about the axis, at most 2π [rad].
-        translation : (3,) [m].
+        angle : right-handed angle about the axis, at most 2π in magnitude [rad].
+        translation : (3,) translation after the rotation [m].
 
         Raises
         ------
@@ -141,7 +142,7 @@ class Pose:
         return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
 
     def inverse(self) -> "Pose":
-        """Make the inverse motion."""
+        """Return the inverse motion."""
         return self._inverse
 
     @cached_property
@@ -156,7 +157,7 @@ class Pose:
 def nearest_motion(
     old: Float64[np.ndarray, "points 3"], new: Float64[np.ndarray, "points 3"]
 ) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
-    """Least-squares rotation and translation from points to new positions.
+    """Return the least-squares rotation and translation from points to their new positions.
 
     Source: W. Kabsch, Acta Cryst. A32, 922 (1976).
     """

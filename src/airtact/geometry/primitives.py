@@ -115,7 +115,7 @@ class Capsule(Shape):
         return [RidgedMesh(np.array(surface.vertices), np.array(surface.triangles), no_ridges)]
 
     def flat_mesh(self, away: float) -> FlatMesh:
-        """Flat triangles at most ``away`` [m], and at most 1 % of the radius, off the surface."""
+        """Flat triangles at most ``away`` [m] and at most 1 % of the radius from the surface."""
         sagitta = min(away, 0.01 * self.radius)
         mesh = self.mesh(float(np.sqrt(8.0 * sagitta * self.radius)))
         return mesh.vertices, mesh.triangles
@@ -123,14 +123,14 @@ class Capsule(Shape):
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
         """Cover it with curved panels as large as equilateral triangles of a given edge [m].
 
-        The panels turn by at most ``bend`` [rad] from edge to edge.
+        The normal of a panel turns by at most ``bend`` [rad] from edge to edge.
         """
         # Panels around a pole are narrow, so 1.35 times as many are needed.
         needed = 1.35 * self.area / (np.sqrt(3) / 4 * edge**2)
         length = self.length / self.radius
         max_rings = math.ceil(max(2.0 * self.radius / edge, 2.0 / bend)) + 3
         min_around = math.ceil(2.0 * math.pi / (1.001 * bend))
-        # With 3 or 4 points around per ring of a cap, panels are about as high as wide.
+        # With 3 or 4 points around for each ring of a cap, panels are about as high as wide.
         options = []
         for rings in range(2, max_rings + 1):
             for around in range(max(3 * rings, min_around), 4 * rings + 1):
@@ -148,7 +148,7 @@ class Capsule(Shape):
         return self.pose.apply(nodes).reshape(-1, 6, 3)
 
     def mesh(self, edge: float) -> Surface:
-        """Mesh it with curved triangles whose vertices and midpoints are exactly on it.
+        """Mesh the capsule with curved triangles whose vertices and midpoints are exactly on it.
 
         Each cap is a hemisphere of m rings, with 5 i points on ring i. The cylinder has rings of
         5 m points, each turned by half a step. The mesh is made at rest and then moved. ``edge`` is
@@ -161,7 +161,7 @@ class Capsule(Shape):
         if edge > self.radius / max_rings:
             fewest = max(2, math.ceil(1.6 * self.radius / edge))
         for rings in range(fewest, max_rings + 1):
-            around = 5 * rings  # five triangles round a pole keep every angle above 30 degrees
+            around = 5 * rings  # five triangles around a pole keep every angle above 30 degrees
             count = _triangle_count(rings, around, self.length / self.radius)
             if count > 2_000_000:  # a length is probably in a wrong unit
                 raise InvalidInput(
@@ -195,9 +195,9 @@ def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
 
     Parameters
     ----------
-    radius : [m].
+    radius : radius of the sphere [m].
     edge : longest edge of the triangles of its mesh, for pictures and files [m].
-    centre : (3,) [m].
+    centre : (3,) centre of the sphere [m].
 
     Raises
     ------
@@ -213,12 +213,12 @@ def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
 
 
 def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
-    """Make a capsule, the surface at ``radius`` around the segment from ``start`` to ``end``.
+    """Make a capsule: the surface at distance ``radius`` from the segment ``start`` to ``end``.
 
     Parameters
     ----------
     start, end : (3,) ends of the axis [m]; equal ends make a sphere.
-    radius : [m].
+    radius : radius of the capsule [m].
     edge : longest edge of its triangles [m].
 
     Raises
@@ -234,7 +234,7 @@ def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
 
 
 def turn_from_z(direction: Vector3) -> Float64[np.ndarray, "3 3"]:
-    """Find a rotation that brings the z axis to a unit direction (3,)."""
+    """Return a rotation that maps the z axis to a unit direction (3,)."""
     x, y, z = direction
     if z < 0.0:  # half a turn about x avoids the pole of the formula at -z
         return np.diag([1.0, -1.0, -1.0]) @ turn_from_z(np.array([x, -y, -z]))
@@ -247,7 +247,7 @@ def turn_from_z(direction: Vector3) -> Float64[np.ndarray, "3 3"]:
 def nearest_on_segments(
     first: Float64[np.ndarray, "2 3"], second: Float64[np.ndarray, "2 3"]
 ) -> tuple[Vector3, Vector3]:
-    """Nearest points [m] of two segments (2, 3) to each other.
+    """Return the point of each of two segments (2, 3) that is nearest to the other segment [m].
 
     Source: C. Ericson, *Real-Time Collision Detection*, Morgan Kaufmann (2005), section 5.1.9.
     """
@@ -272,7 +272,7 @@ def nearest_on_segments(
 
 
 def _mesh(rings: int, around: int, length: float) -> tuple[Vertices, Triangles]:
-    """Mesh the capsule of radius 1 and given length with rings on each cap and points around."""
+    """Mesh the capsule of radius 1, with ``rings`` rings on each cap and ``around`` points each."""
     cap, _ = _cap(rings, around)
     above = cap[:-around]
     waist = cap[-around:]
@@ -329,7 +329,7 @@ def _inner_points(rings: int, around: int) -> int:
 
 
 def _ring_points(ring: int, rings: int, around: int) -> int:
-    """Count the points of a ring: proportional to its index, at least 3, the last ``around``."""
+    """Return the number of points of a ring: proportional to its index, from 3 to ``around``."""
     return max(3, (2 * around * ring + rings) // (2 * rings))
 
 

@@ -71,7 +71,7 @@ class QuadraticMesh:
 
     @cached_property
     def quadratic_triangles(self) -> QuadraticTriangles:
-        """The triangles as panels (T, 6, 3) [m]; neighbours share corners and midpoints."""
+        """The triangles as curved panels (T, 6, 3) [m]; neighbours share corners and midpoints."""
         return np.concatenate([self.vertices[self.triangles], self._curved[0]], axis=1)
 
     @property
@@ -211,7 +211,7 @@ class QuadraticMesh:
         return with_short_edges(self.quadratic_triangles, self.triangles, self.sharp, longest)
 
     def deviation(self, panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
-        """Root mean square distance of panels (P, 6, 3) from the surface [m]."""
+        """Root mean square distance (P,) of panels (P, 6, 3) from the surface [m]."""
         points = np.einsum("qn,tnd->tqd", _RULE_SHAPE, panels).reshape(-1, 3)
         distance = self.tree.closest(points)[2].reshape(-1, len(_RULE_POINTS))
         return np.sqrt(distance**2 @ (2 * _RULE_WEIGHTS))
@@ -221,7 +221,7 @@ class QuadraticMesh:
         return self.levelled(self.project(panels.reshape(-1, 3)).reshape(-1, 6, 3))
 
     def levelled(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Move nodes of panels (P, 6, 3) along normals to the least mean square distance.
+        """Move nodes of panels (P, 6, 3) along normals to minimise the mean square distance.
 
         Panels with nodes on the surface lie inside a round surface, and follow the roughness of a
         scan at their nodes. The least-squares quadratic avoids both.

@@ -81,7 +81,7 @@ class Shape(ABC):
         return self.project(points)
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Fit panels (P, 6, 3) near the surface to it [m]."""
+        """Fit panels (P, 6, 3) [m] that are near the surface to it."""
         return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
 
     def edge_middles(self, corners: EdgeVectors) -> EdgeVectors:
@@ -95,11 +95,10 @@ class Shape(ABC):
 
     @abstractmethod
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover it with curved panels as large as equilateral triangles of a given edge [m].
+        """Cover the surface with curved panels as large as equilateral triangles of an edge [m].
 
-        Panels of a closed form turn by at most about ``bend`` [rad] from edge to edge. On a
-        smooth part of a mesh, panels are small enough to deviate by at most about ``away`` [m] in
-        root mean square.
+        Normals of panels of a closed form turn by at most about ``bend`` [rad] from edge to edge.
+        On smooth parts of a mesh, the rms deviation of panels is at most about ``away`` [m].
         """
 
     @abstractmethod
@@ -107,7 +106,7 @@ class Shape(ABC):
         """Points (P, 3) [m] with the same axis-aligned bounding box as the body."""
 
     def farthest(self, direction: Vector3) -> Vector3:
-        """Farthest point of the body (3,) [m] along a unit direction."""
+        """Point of the body (3,) [m] that is farthest along a unit direction."""
         points = self.extreme_points()
         return points[(points @ direction).argmax()]
 
@@ -117,4 +116,4 @@ class Shape(ABC):
 
     @abstractmethod
     def moved(self, pose: Pose) -> "Shape":
-        """Move the shape rigidly."""
+        """Return the shape moved rigidly."""

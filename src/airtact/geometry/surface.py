@@ -67,9 +67,9 @@ class Surface:
     Raises
     ------
     InvalidInput
-        For wrong shapes, NaN or infinity, indices out of range, an extent over 2 m or under 0.5
-        mm, degenerate triangles, an open or inside-out mesh, and midpoints that neighbours do not
-        share. ``Scene`` checks for self-intersections.
+        For arrays of the wrong shape, NaN or infinity, indices out of range, an extent over 2 m or
+        under 0.5 mm, degenerate triangles, an open or inside-out mesh, and midpoints that
+        neighbours do not share. ``Scene`` checks for self-intersections.
 
     Examples
     --------
@@ -156,7 +156,7 @@ class Surface:
 
     @property
     def extent(self) -> float:
-        """Largest side of the box around it at rest, or largest distance in its exact shape [m]."""
+        """Largest side of the bounding box at rest, or largest diameter of the exact shape [m]."""
         return self.shape.extent
 
     @property
@@ -179,25 +179,25 @@ class Surface:
 
         Parameters
         ----------
-        edge : edge of an equilateral triangle of the area of a panel [m].
+        edge : edge length of an equilateral triangle with the area of a panel [m].
 
         Raises
         ------
         InvalidInput
-            If the edge is not above zero, or the surface cannot be meshed again.
+            If the edge is not above zero, or the surface cannot be remeshed.
         """
         edge = positive(edge, "edge", "m")
         return panels_of([self.shape], edge, np.empty((0, 3)), smallest=0.5 * edge)
 
     def depth(self, points: Points) -> PointLengths:
-        """Depth of points (P, 3) [m] under the true surface [m]; negative outside.
+        """Return the depth (P,) of points (P, 3) below the true surface [m]; negative outside.
 
-        Raise ``InvalidInput`` if their shape is wrong or they are not finite.
+        It raises ``InvalidInput`` if the shape of ``points`` is wrong or a point is not finite.
         """
         return self.shape.depth(points_of(points, "points", least=0))
 
     def moved(self, pose: Pose) -> "Surface":
-        """Move the surface rigidly, with its midpoints and its exact shape."""
+        """Return the surface moved rigidly, with its midpoints and exact shape."""
         of_kind(pose, Pose, "the motion of a surface", "Pose(rotation, translation)")
         shape = self.shape.moved(pose)
         moved = replace(
@@ -213,10 +213,10 @@ class Surface:
 
 
 def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
-    """Rigid motion from one surface to another with the same triangles.
+    """Return the least-squares rigid motion from one surface to another with the same triangles.
 
-    Returns the least-squares motion and the largest remaining distance of a vertex or edge midpoint
-    [m]; infinity if the triangles or their curvature rules differ.
+    Also return the largest remaining distance of a vertex or edge midpoint [m], which is infinite
+    if the triangles or their curvature rules differ.
     """
     if before is after:
         return Pose.identity(), 0.0
@@ -242,7 +242,7 @@ def _triangles_of(triangles: np.ndarray) -> Triangles:
         array = np.asarray(triangles)
     except ValueError:
         raise InvalidInput(
-            f"the {len(triangles)} surface triangles do not have three indices each.",
+            f"the {len(triangles)} surface triangles do not have three vertex indices each.",
             code="wrong_shape",
         ) from None
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
@@ -253,7 +253,7 @@ def _triangles_of(triangles: np.ndarray) -> Triangles:
         )
     if not np.issubdtype(array.dtype, np.integer):
         raise InvalidInput(
-            f"surface triangles have type {array.dtype}, but vertex indices are integers.",
+            f"surface triangles have type {array.dtype}, but vertex indices must be integers.",
             code="not_a_number",
         )
     indices = np.array(array, dtype=np.int64, order="C")
@@ -287,7 +287,7 @@ def _check_midpoints(midpoints: np.ndarray, corners: EdgeVectors, twins: Twins) 
     if bulge.max() > 0.5:
         triangle, edge = np.unravel_index(bulge.argmax(), bulge.shape)
         raise InvalidInput(
-            f"a midpoint of triangle {triangle} lies {away[triangle, edge] * 1e3:.3g} mm off the "
+            f"a midpoint of triangle {triangle} lies {away[triangle, edge] * 1e3:.3g} mm from the "
             f"middle of its edge, {bulge.max():.3g} of the edge's length (limit 0.5); use "
             "smaller triangles.",
             midpoints[triangle, edge],

@@ -34,15 +34,15 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     """Merge bodies that overlap, touch or are less than a gap apart into one.
 
     Balls with a diameter of 0.6 mm, or 1.2 gaps if larger, fill the air between two bodies where
-    the sum of the distances to both is at most the gap and their surfaces face each other. The
-    filling is complete within 17 degrees and decreases to nothing at 53 degrees. Furrows with a
-    wider angle remain.
-    Enclosed air is filled. Elsewhere the surface is unchanged within 10 micrometres.
+    the sum of the distances to both is at most the gap and their surfaces face each other. The gap
+    is filled completely if the surfaces are within 17 degrees of parallel, and less and less up to
+    53 degrees. Furrows with a wider angle remain. Enclosed air is filled. Elsewhere the surface is
+    unchanged to within 10 micrometres.
 
     Parameters
     ----------
     surfaces : the bodies, in any order.
-    gap : largest distance of surfaces that are bridged [m], 0.1 to 2 mm.
+    gap : largest distance between surfaces that is bridged [m], from 0.1 to 2 mm.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
 
 
 def _flattened(body: Surface) -> FlatMesh:
-    """Triangles of a body, split until they are within ``FLAT_TOLERANCE`` of the true surface."""
+    """Flat triangles of a body, split to within ``FLAT_TOLERANCE`` of the true surface."""
     if isinstance(body.shape, Capsule):
         return body.shape.flat_mesh(FLAT_TOLERANCE)
     return near_surface(body.quadratic_triangles, body.triangles, FLAT_TOLERANCE)
@@ -112,7 +112,7 @@ def _flattened(body: Surface) -> FlatMesh:
 def _links(
     bodies: Sequence[Surface], chosen: list[int], gap: float
 ) -> dict[tuple[int, int], Approach]:
-    """Pairs of bodies at most a gap apart; raise ``InvalidInput`` if they do not connect all."""
+    """Pairs of bodies at most a gap apart; raise ``InvalidInput`` if a body is left unconnected."""
     near = {}
     for first, second in combinations(chosen, 2):
         distance = approach(bodies[first], bodies[second])
@@ -127,7 +127,7 @@ def _links(
         distance, where = near[first, second]
         raise InvalidInput(
             f"bodies {first} and {second} are {distance * 1e3:.3g} mm apart near {in_mm(where)}, "
-            f"more than the gap of {gap * 1e3:.3g} mm that is bridged; move them together, remove "
+            f"more than the gap of {gap * 1e3:.3g} mm that is bridged; move them closer, remove "
             "one, or give a larger gap.",
             where,
             code="misplaced",
@@ -159,7 +159,7 @@ def _bridge(first: Surface, second: Surface, near: Approach, gap: float) -> Flat
 
 
 def _filling(first: Surface, second: Surface, near: Approach, gap: float) -> Points:
-    """Points of a grid of half a gap in the air between two bodies that face each other."""
+    """Points to fill between two bodies that face each other, on a grid of half a gap."""
     edge = gap / 2.0
     low = np.maximum(first.vertices.min(axis=0), second.vertices.min(axis=0)) - 2.0 * gap
     high = np.minimum(first.vertices.max(axis=0), second.vertices.max(axis=0)) + 2.0 * gap
@@ -198,8 +198,8 @@ def _filling(first: Surface, second: Surface, near: Approach, gap: float) -> Poi
 def _check_count(count: int, near: Approach) -> None:
     if count > 20_000_000:
         raise InvalidInput(
-            f"the gap between the bodies is too large an area to fill, with {count:,} grid points; "
-            "move the bodies apart, or merge them in a CAD program.",
+            f"the gap between the bodies is too large to fill ({count:,} grid points); move the "
+            "bodies apart, or merge them in a CAD program.",
             near.position,
             code="too_many",
         )

@@ -1,4 +1,4 @@
-"""Virtual objects in the air, and where the skin of a hand meets them."""
+"""Virtual objects in the air, and the contacts of a hand's skin with them."""
 
 import lazy_loader
 

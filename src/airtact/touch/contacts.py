@@ -1,4 +1,4 @@
-"""Contacts of a hand with virtual objects, and the target that makes them felt."""
+"""Contacts of a hand with virtual objects, and the target that renders them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from airtact.touch.skin import Bodies, Skin, skin_of
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Where skin is inside virtual objects, one contact for each finger or other part.
+    """Contacts of skin with virtual objects: one for each finger or other part inside an object.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Contacts:
 
     @property
     def areas(self) -> Float64[np.ndarray, "contacts"]:
-        """(C,) area of the skin inside the object [m²], to about one triangle all around."""
+        """(C,) area of the skin inside the object [m²], accurate to a triangle at the border."""
         return self.found.areas
 
     @property
@@ -80,7 +80,7 @@ class Contacts:
     def outlines(self) -> tuple[tuple[Float64[np.ndarray, "_ 3"], ...], ...]:
         """For each contact the curves (P, 3) on the skin where it meets the object's surface [m].
 
-        A closed curve ends at its first point. A contact that goes on in another part of the skin
+        A closed curve ends at its first point. A contact that continues on another part of the skin
         has open curves.
         """
         return tuple(
@@ -93,13 +93,13 @@ class Contacts:
 
         Parameters
         ----------
-        most : largest number of foci; the weakest contacts are merged, then dropped.
-        wavelength : of the sound [m].
+        most : largest number of foci; if there are more, the weakest are merged, then dropped.
+        wavelength : wavelength of the sound [m].
 
         Raises
         ------
         InvalidInput
-            If ``most`` is not from 1 to 64 or the wavelength not from 0.3 mm to 0.35 m.
+            If ``most`` is not from 1 to 64, or the wavelength is not from 0.3 mm to 0.35 m.
         """
         between(most, 1, 64, "the largest number of foci", "", "each focus is solved.")
         between(wavelength, 3e-4, 0.35, "wavelength", "m", "is it in millimetres?")
@@ -107,24 +107,24 @@ class Contacts:
         return chosen_foci(self.skin, objects, self.found, self.offset, most, wavelength)
 
     def target(self, most: int = MAX_FOCI, wavelength: float = WAVELENGTH) -> Target:
-        """Return the target that makes the contacts felt.
+        """Return the target that renders the contacts.
 
-        Foci as ``foci`` chooses them, with shares in proportion to their strengths. For objects of
-        the style "outline", points 2.5 mm apart along all outlines, for a focus that runs through
-        them (``at.drives.Motion("stm")``).
+        It has the foci that ``foci`` chooses, with shares in proportion to their strengths. For
+        objects of the style "outline", it has points 2.5 mm apart along all outlines, for a focus
+        that runs through them (``at.drives.Motion("stm")``).
 
         Raises
         ------
         InvalidInput
-            If there is no contact, or some touched objects have the style "outline" and others
-            have not; as ``foci``.
+            As for ``foci``, or if there is no contact, or only some of the touched objects have the
+            style "outline".
         """
         if not self.runs:
             return self.foci(most, wavelength).target()
         curves = [curve for curves in self.outlines for curve in curves]
         if not curves:
             raise InvalidInput(
-                "the whole skin is inside the object, so no outline is there: move the hand.",
+                "the whole skin is inside the object, so there is no outline: move the hand.",
                 code="empty",
             )
         points = np.concatenate([spaced_along(curve, 2.5e-3) for curve in curves])
@@ -137,8 +137,8 @@ class Contacts:
         styles = {self.virtual_objects[index].style for index in self.found.objects}
         if "outline" in styles and len(styles) > 1:
             raise InvalidInput(
-                'some of the touched objects have style = "outline" and some have not: one focus '
-                "runs along outlines, so give it to all or none.",
+                'only some of the touched objects have style = "outline": one focus runs along all '
+                "outlines, so give this style to all of them or none.",
                 code="options_clash",
             )
         return styles == {"outline"}
@@ -158,13 +158,13 @@ def contact(
 
     Returns
     -------
-    One contact for each connected part of a finger, palm or surface inside an object, without any
-    where nothing touches.
+    One contact for each connected part of a finger, palm or surface inside an object; none if
+    nothing touches.
 
     Raises
     ------
     InvalidInput
-        If there are more than 64 objects, two have one name, the offset is out of range, or an
+        If there are more than 64 objects, two have the same name, the offset is out of range, or an
         argument has the wrong type.
 
     Examples

@@ -21,11 +21,11 @@ class ContactArrays(NamedTuple):
     ----------
     points : (C, 3) deepest point of each contact, on the skin [m].
     normals : (C, 3) outward unit normals there.
-    depths : (C,) depth there [m].
+    depths : (C,) depths of these points in the object [m].
     areas : (C,) area of the skin inside the object [m²].
     objects : (C,) index of the object.
     places : (C,) index of the part of the skin.
-    patches : (C,) number of the connected piece of skin, which may span several parts.
+    patches : (C,) index of the connected piece of skin, which may span several parts.
     deepest : (C,) index of the skin point nearest to the deepest one.
     members : (C,) indices of the skin points of each contact.
     member_depths : (C,) their depths [m].
@@ -43,7 +43,7 @@ class ContactArrays(NamedTuple):
     member_depths: tuple[Float64[np.ndarray, "_"], ...]
 
     def chosen(self, indices: Int64[np.ndarray, "_"]) -> "ContactArrays":
-        """Return some of the contacts."""
+        """Return the contacts with these indices."""
         arrays = {name: getattr(self, name)[indices] for name in self._fields[:-2]}
         return self._replace(
             **arrays,
@@ -66,7 +66,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
     high = along.max(axis=1)
     near = []
     for index, thing in enumerate(objects):
-        # Objects whose ball does not reach the box around the skin cost no depths.
+        # Depths are skipped for objects whose ball does not reach the box around the skin.
         centre, radius = thing.ball
         if np.linalg.norm(np.clip(centre, low, high) - centre) <= radius + gap:
             near.append(index)
@@ -84,7 +84,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
     starts = np.searchsorted(contact[order], np.arange(len(keys)))
     first = order[starts]
     deepest = point[first]
-    # The deepest point lies between skin points; without it a focus would jump from one to another.
+    # The deepest point lies between skin points; without this step a focus would jump between them.
     ring = skin.neighbours[deepest]
     points, normals, peak = peaks(
         skin.points[deepest],
@@ -111,16 +111,16 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
 def _connected(
     skin: Skin, row: Int64[np.ndarray, "nodes"], point: Int64[np.ndarray, "nodes"], rows: int
 ) -> Int64[np.ndarray, "nodes"]:
-    """Return the number of the connected piece of skin that each node belongs to."""
+    """Return the index of the connected piece of skin that each node belongs to."""
     nodes = np.arange(len(point))
-    # The node of each point in each object, or -1; then each node's neighbours, itself where none.
+    # The node of each point in each object, or -1; then each node's neighbours, itself if none.
     slot = np.full(rows * len(skin.points), -1)
     slot[row * len(skin.points) + point] = nodes
     beside = slot[(row * len(skin.points))[:, None] + skin.neighbours[point]]
     beside = np.where(beside < 0, nodes[:, None], beside)
     ends = beside.shape[1] * np.arange(len(nodes) + 1)
     graph = csr_array((np.ones(beside.size), beside.ravel(), ends), shape=(len(nodes),) * 2)
-    # Every edge has its reverse, so strong components are the connected ones, and fastest.
+    # Every edge has a reverse, so strong components equal connected ones and are found faster.
     return connected_components(graph, connection="strong")[1].astype(np.int64)
 
 
@@ -135,7 +135,7 @@ def peaks(
     Float64[np.ndarray, "contacts 3"],
     Float64[np.ndarray, "contacts"],
 ]:
-    """Return the deepest points near some skin points, the normals and the depths there.
+    """Return the deepest points near the given skin points, with the normals and depths there.
 
     Quadratics of the tangent coordinates are fitted to the depth and to the height of the skin in
     a ring around each point. A point stays where the depth has no maximum within the ring.
@@ -150,7 +150,7 @@ def peaks(
     u, v, height = np.moveaxis(local / reach[:, None, None], 2, 0)
     terms = np.stack([u, v, 0.5 * u * u, u * v, 0.5 * v * v], axis=2)
     values = np.stack([(ring_depths - depths[:, None]) / reach[:, None], height], axis=2)
-    # Normal equations; the small diagonal serves rings with fewer than five points.
+    # Normal equations; the small diagonal keeps them solvable for rings of fewer than five points.
     square = np.einsum("cki,ckj->cij", terms, terms) + 1e-9 * np.eye(5)
     fit = np.linalg.solve(square, np.einsum("cki,ckj->cij", terms, values))
     slope = fit[:, :2, 0]

@@ -12,25 +12,25 @@ from airtact.touch.objects import VirtualObject
 from airtact.touch.skin import Skin
 
 MAX_FOCI = 8
-"""Default largest number of foci; a person hardly tells more apart."""
+"""Default largest number of foci; people can hardly distinguish more."""
 
 WAVELENGTH = 8.6e-3
-"""Default wavelength [m], of 40 kHz in air at 20 °C."""
+"""Default wavelength [m]: that of 40 kHz in air at 20 °C."""
 
 
 @dataclass(frozen=True, eq=False)
 class TouchFoci:
-    """Foci off the skin at contacts.
+    """Foci in front of the skin at contacts.
 
     Attributes
     ----------
-    points : (F, 3) positions off the skin [m].
-    strengths : (F,) 0 to 1.
+    points : (F, 3) positions in front of the skin [m].
+    strengths : (F,) strengths of the touch, from 0 to 1.
     contacts : (F,) index of the contact of each focus.
     names : a name for each focus, such as "index at ball".
     skin_points : (F,) index of the nearest skin point.
-    merged, dropped : number of weak contacts without a focus of their own: merged with a stronger
-        one within a wavelength, or left out.
+    merged : number of weak contacts that share the focus of a stronger one within a wavelength.
+    dropped : number of weak contacts that get no focus.
     """
 
     points: Float64[np.ndarray, "foci 3"]
@@ -57,8 +57,8 @@ class TouchFoci:
     def target(self) -> Target:
         """Return the target of these foci, with their strengths as shares.
 
-        A target's shares are relative: scale the drive by ``strengths.max()`` for the strength of
-        the touch as a whole.
+        The shares of a target are relative. Scale the drive by ``strengths.max()`` to set the
+        overall strength of the touch.
 
         Raises
         ------
@@ -84,15 +84,15 @@ def chosen_foci(
 ) -> TouchFoci:
     """Choose the foci of contacts.
 
-    Each contact gets a focus at its deepest point, unless a deeper one of the same patch is within
-    0.8 wavelengths. If these are too many, the weakest are merged with a focus of the same object
-    within a wavelength, or dropped. If they are fewer, contacts whose inner part, at least half as
-    deep as the deepest point, is longer than a wavelength get further foci there, at least 0.8
-    wavelengths from each other.
+    Each contact gets a focus at its deepest point, unless a deeper focus of the same patch is
+    within 0.8 wavelengths. If there are too many foci, the weakest are merged with a focus of the
+    same object within a wavelength, or dropped. If there are fewer than allowed, long contacts get
+    more foci, at least 0.8 wavelengths from each other. A contact is long if its inner part, at
+    least half as deep as its deepest point, is longer than a wavelength.
     """
     apart = 0.8 * wavelength
     strengths = _strengths(objects, found.objects, found.points, found.depths)
-    # Contacts from deepest to shallowest; those of one patch must be apart.
+    # Contacts from deepest to shallowest; foci on the same patch must be apart.
     kept: list[int] = []
     for contact in np.argsort(-found.depths, kind="stable"):
         beside = [other for other in kept if found.patches[other] == found.patches[contact]]
@@ -119,7 +119,7 @@ def chosen_foci(
     waiting = list(kept)
     while waiting and len(points) < most:
         contact = waiting.pop(0)
-        # The rim of a fingertip in a ball is felt as part of its pad, so it gets no foci.
+        # The rim of a fingertip in a ball feels like part of its pad, so it gets no foci.
         inside = found.member_depths[contact] >= 0.5 * max(found.depths[contact], 0.0)
         members = found.members[contact][inside]
         if not len(members) or np.ptp(skin.points[members], axis=0).max() <= wavelength:
@@ -175,5 +175,5 @@ def _strengths(
 
 
 def _distance(points: Float64[np.ndarray, "some 3"], point: Float64[np.ndarray, "3"]) -> float:
-    """Distance [m] of a point from the nearest of some points; infinite if there are none."""
+    """Distance [m] of a point from the nearest of ``points``; infinite if there are none."""
     return float(np.linalg.norm(points - point, axis=1).min(initial=np.inf))

@@ -32,19 +32,19 @@ class VirtualObject:
     ----------
     shape : a closed ``Surface`` such as ``at.sphere(...)``, or a ``Box``, ``Cylinder``,
         ``HalfSpace`` or ``Button`` of ``at.touch``.
-    pose : from the frame of the shape to that of the hand; None for the same frame.
+    pose : pose of the shape in the hand's frame; None if the frames are the same.
     name : name in results.
     style : "points", a focus where each pad is deepest; "outline", a focus that runs along the
         curve where skin and object meet; "texture", as "points" with the strength of ``texture``.
-    stiffness : increase of the strength per depth [1/m]. It starts at 0.2 and stops at 1, by
-        default in a depth of 2 mm, and of a button at the end of its travel.
-    texture : ``Grating`` or ``HeightMap``, for the style "texture" only.
+    stiffness : increase of the strength per depth [1/m]. The strength starts at 0.2 and stops at 1,
+        by default at a depth of 2 mm, or at the end of the travel for a button.
+    texture : ``Grating`` or ``HeightMap``, only for the style "texture".
 
     Raises
     ------
     InvalidInput
-        If the shape is no closed solid, it is over 2 m from the origin, the style is unknown, the
-        stiffness is not above zero, or style and texture do not match.
+        If the shape is not a closed solid or is more than 2 m from the origin, the style is
+        unknown, the stiffness is not above zero, or style and texture do not match.
 
     Examples
     --------
@@ -78,8 +78,8 @@ class VirtualObject:
             positive(self.stiffness, "the stiffness of a virtual object", "1/m")
         if (self.texture is None) == (self.style == "texture"):
             raise InvalidInput(
-                'style = "texture" needs a texture such as at.touch.Grating(pitch), and only this '
-                "style takes one.",
+                'style = "texture" needs a texture such as at.touch.Grating(pitch); the other '
+                "styles do not use one.",
                 code="options_clash",
             )
         if self.texture is not None:
@@ -90,7 +90,7 @@ class VirtualObject:
         return one_line(self, self.name, kind, self.style)
 
     def moved(self, pose: Pose) -> "VirtualObject":
-        """Move the object rigidly."""
+        """Return the object moved rigidly."""
         of_kind(pose, Pose, "the motion of a virtual object", "Pose(rotation, translation)")
         return replace(self, pose=pose if self.pose is None else pose @ self.pose)
 
@@ -126,12 +126,12 @@ class VirtualObject:
     def strengths(
         self, points: Real[np.ndarray, "points 3"], depths: PointLengths
     ) -> Float64[np.ndarray, "points"]:
-        """Strength (P,), 0 to 1, of touches at points (P, 3) [m] of depths (P,) [m]."""
+        """Strength (P,), 0 to 1, of touches at points (P, 3) [m] with depths (P,) [m]."""
         stiffness = self.stiffness
         if stiffness is None:
             full_at = self.shape.travel if isinstance(self.shape, Button) else 2e-3
             stiffness = (1.0 - FIRST_STRENGTH) / full_at
-        # Below a fifth of full strength nothing would be felt at the first touch.
+        # Start at a fifth of full strength, or the first touch would be too weak to feel.
         rising = FIRST_STRENGTH + stiffness * np.maximum(depths, 0.0)
         strengths = np.minimum(rising, 1.0)
         if self.texture is None:
@@ -145,7 +145,8 @@ class VirtualObject:
 def objects_of(objects: "VirtualObject | Sequence[VirtualObject]") -> tuple[VirtualObject, ...]:
     """Check virtual objects, and name those without a name "object 1" and so on.
 
-    Raise "too_many" for more than 64, "given_twice" for two of one name, "wrong_kind".
+    The function raises ``InvalidInput`` if there are more than 64 objects ("too_many"), two have
+    the same name ("given_twice"), or one has the wrong type ("wrong_kind").
     """
     if isinstance(objects, VirtualObject):
         objects = (objects,)
@@ -165,6 +166,7 @@ def objects_of(objects: "VirtualObject | Sequence[VirtualObject]") -> tuple[Virt
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InvalidInput(
-            f"two virtual objects are named {twice!r}; give each its own name.", code="given_twice"
+            f"two virtual objects are named {twice!r}; give them different names.",
+            code="given_twice",
         )
     return tuple(listed)

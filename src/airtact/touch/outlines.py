@@ -44,7 +44,7 @@ def outline_of(
 
 
 def _chains(pieces: Int64[np.ndarray, "pieces 2"]) -> list[list[int]]:
-    """Join pairs of points to open and closed chains."""
+    """Join pairs of points into open and closed chains."""
     beside: dict[int, list[int]] = {}
     for start, end in pieces.tolist():
         beside.setdefault(start, []).append(end)
@@ -66,7 +66,7 @@ def _chains(pieces: Int64[np.ndarray, "pieces 2"]) -> list[list[int]]:
 def spaced_along(curve: Curve, spacing: float) -> Curve:
     """Return points (P, 3) [m] on a curve at equal distances of at most ``spacing`` [m].
 
-    The last point of a closed curve is its first one and is left out.
+    The last point of a closed curve equals its first one and is left out.
     """
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
     closed = bool(np.all(curve[0] == curve[-1]))

@@ -23,20 +23,20 @@ Bodies = Hand | Surface | Sequence[Hand | Surface] | Mapping[str, Hand | Surface
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Points of skin and what does not change while it moves.
+    """Points of skin, and the properties that do not change when the skin moves.
 
     ``skin_of`` builds it from a hand. For a moving hand build it once and call ``moved``.
 
     Attributes
     ----------
-    points : (N, 3) [m].
+    points : (N, 3) positions [m].
     normals : (N, 3) outward unit normals.
-    areas : (N,) area that belongs to each point [m²].
+    areas : (N,) area that each point represents [m²].
     triangles : (T, 3) point indices.
     places : names of fingers and other parts.
     place : (N,) index of the part of each point.
-    neighbours : (N, K) points at the other ends of each point's edges, filled up with its own
-        index; by default found from the triangles.
+    neighbours : (N, K) points at the other ends of each point's edges, padded with its own index;
+        by default found from the triangles.
     bodies : true surface of the body of each part, or None if it is unknown.
     """
 
@@ -75,14 +75,14 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     Parameters
     ----------
     bodies : a ``Hand``, a ``Surface``, a list of them, or a mapping from names to them.
-    longest_edge : longest distance of neighbours [m]. With the default a fingertip 2 mm deep in a
-        ball has several points inside. A hand has about 6,000 points, and 1,600 with 10 mm, which
-        are as dense at the pads of the fingers; they serve a live loop.
+    longest_edge : longest distance between neighbours [m]. With the default, a fingertip 2 mm deep
+        in a ball has several points inside, and a hand has about 6,000 points. With 10 mm a hand
+        has 1,600, equally dense at the finger pads, which suit a live loop.
 
     Returns
     -------
     Points of the skin with their neighbours. The parts of a hand are its fingers, "palm" and
-    "back", with two hands "left.index" and so on. A surface is one part, named as in the mapping.
+    "back"; two hands have "left.index" and so on. A surface is one part, named as in the mapping.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
         place = np.zeros(len(vertices), dtype=np.int64)
         names = [name]
         if isinstance(body, Hand):
-            # The part of a hand is that of the nearest hull: a phalanx, or one of the palm.
+            # A point belongs to the part of its nearest hull: a phalanx or the palm.
             hulls = body.shape.hulls.each(body.shape.pose.inverse().apply(vertices))
             hull = hulls.argmin(axis=1)
             phalanx = hull < FREE
@@ -152,7 +152,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
 def _fine_mesh(
     surface: Surface, longest_edge: float
 ) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
-    """Cut the triangles of a surface in four until their edges are short enough."""
+    """Divide the triangles of a surface into four until their edges are short enough."""
     vertices = np.asarray(surface.vertices)
     triangles = np.asarray(surface.triangles)
     while longest_edges(vertices[triangles]).max() > longest_edge:
@@ -161,7 +161,7 @@ def _fine_mesh(
         if len(vertices) + len(edges) > MAX_POINTS:
             raise InvalidInput(
                 f"the surface needs more than {MAX_POINTS:,} skin points at most "
-                f"{1e3 * longest_edge:g} mm apart: give the part that touches.",
+                f"{1e3 * longest_edge:g} mm apart: give only the part that touches.",
                 code="too_many",
             )
         middles = surface.shape.project(vertices[edges].mean(axis=1))

@@ -31,7 +31,7 @@ class Solid(ABC):
         """Distance to the surface [m] of points (P, 3) [m], positive inside."""
 
     def exact_depth(self, points: Points) -> PointLengths:
-        """Return the same as ``depth``, without interpolation."""
+        """Return the depth as ``depth`` does, but without interpolation."""
         return self.depth(points)
 
     @abstractmethod
@@ -98,13 +98,13 @@ class Cylinder(Solid):
     Attributes
     ----------
     start, end : (3,) ends of the axis [m].
-    radius : [m].
+    radius : radius of the cylinder [m].
 
     Raises
     ------
     InvalidInput
-        If the radius or the length is not above zero, it is over 2 m large, or over 2 m from the
-        origin.
+        If the radius or the length is not above zero, or the cylinder is more than 2 m large or
+        more than 2 m from the origin.
 
     Examples
     --------
@@ -204,14 +204,14 @@ class HalfSpace(Solid):
 
 @dataclass(frozen=True, eq=False)
 class Button(Solid):
-    """A disc that is pressed down; it resists fully at the end of its travel.
+    """A disc that can be pressed down; the touch reaches full strength at the end of its travel.
 
     Attributes
     ----------
     centre : (3,) centre of the disc at rest [m].
     radius : radius of the disc [m].
-    travel : distance that it can be pressed [m].
-    normal : (3,) direction from which it is pressed, out of the button.
+    travel : distance by which it can be pressed [m].
+    normal : (3,) direction out of the button, against which it is pressed.
 
     Raises
     ------
@@ -241,7 +241,7 @@ class Button(Solid):
 
     @cached_property
     def _body(self) -> Cylinder:
-        # A finger pressed through the disc keeps touching it until it is another finger deeper.
+        # A finger pressed through the disc keeps touching it for the depth of another finger.
         below = (self.travel + 20e-3) * np.asarray(self.normal)
         return Cylinder(np.asarray(self.centre) - below, self.centre, self.radius)
 
@@ -277,7 +277,7 @@ class SurfaceSolid(Solid):
         # The grid ends 2 mm around the mesh.
         return self.surface.vertices.min(axis=0) - 2e-3
 
-    # 40 steps make 69,000 nodes at most. Their depths take one to two seconds, once per mesh.
+    # 40 steps give at most 69,000 nodes. Computing their depths takes one to two seconds per mesh.
     @cached_property
     def _step(self) -> float:
         longest = float(np.ptp(self.surface.vertices, axis=0).max()) + 4e-3
@@ -311,7 +311,7 @@ class SurfaceSolid(Solid):
         last = np.array(self._depths.shape) - 1.0
         cells = (points - self._lowest) / self._step
         nearest = np.clip(cells, 0.0, last)
-        # Beyond the grid the distance to it is added, a distance that is at most too small.
+        # Beyond the grid, add the distance to it; the sum is at most too small.
         beyond = self._step * np.linalg.norm(cells - nearest, axis=1)
         return map_coordinates(self._depths, nearest.T, order=1) - beyond
 
@@ -338,7 +338,7 @@ def solid_of(surface: Surface) -> SurfaceSolid:
 
 
 def near_point(vector: Vector, what: str) -> Vector3:
-    """Return a point within 2 m of the origin; raise "out_of_range", or as ``point_of``."""
+    """Check that a point is finite and within 2 m of the origin, and return it."""
     point = point_of(vector, what)
     distance = float(np.linalg.norm(point))
     if distance > 2.0:

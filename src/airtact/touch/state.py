@@ -15,7 +15,7 @@ from airtact.touch.skin import Skin
 
 @dataclass(eq=False)
 class _Focus:
-    """A focus that plays; its contact is -1 while it fades."""
+    """A focus that is emitted; its contact is -1 while it fades."""
 
     number: int
     thing: str
@@ -30,22 +30,22 @@ class _Focus:
 class TouchState:
     """Foci of a moving skin at virtual objects.
 
-    A contact begins when skin is inside an object and ends when it is 1 mm outside, so that noise
-    does not make it flicker. The level of a focus rises and falls by at most 1 in 20 ms.
+    A contact begins when skin enters an object and ends when the skin is 1 mm outside, so that
+    noise does not make it flicker. The level of a focus rises or falls by at most 1 in 20 ms.
 
     Parameters
     ----------
     objects : the virtual objects; assign ``objects`` to move, add or remove some.
     offset : distance of foci from the skin [m].
-    most : largest number of foci, with those that fade.
-    wavelength : of the sound [m].
+    most : largest number of foci, including those that fade.
+    wavelength : wavelength of the sound [m].
     release : distance outside an object at which a contact ends [m].
     ramp : time from silence to full level [s].
 
     Raises
     ------
     InvalidInput
-        As ``at.contact``, or if a length or time is out of range.
+        As for ``at.contact``, or if a length or time is out of range.
 
     Examples
     --------
@@ -89,7 +89,7 @@ class TouchState:
 
     @property
     def numbers(self) -> Int64[np.ndarray, "foci"]:
-        """(F,) number of each focus of the last update; a focus keeps it while it plays."""
+        """(F,) number of each focus of the last update; it stays the same until the focus ends."""
         return np.array([focus.number for focus in self._playing], dtype=np.int64)
 
     def update(self, skin: Skin, time: float) -> TouchFoci:
@@ -98,19 +98,19 @@ class TouchState:
         Parameters
         ----------
         skin : the skin at this time, with the same triangles in all frames.
-        time : of the frame [s]; an earlier time than before changes no level.
+        time : time of the frame [s]; levels do not change if it is earlier than the previous one.
 
         Returns
         -------
-        Foci with their strengths at this time. Those that fade keep their place on the skin and
-        have the contact -1.
+        Foci with their strengths at this time. Fading foci keep their place on the skin and have
+        the contact -1.
         """
         time = number(time, "the time of a frame", "s")
-        # The first frame has no duration, so new foci start silent.
+        # No time has passed at the first frame, so new foci start silent.
         elapsed = 0.0 if self._time is None else max(time - self._time, 0.0)
         self._time = time
         found = find(skin, self._objects, self.release)
-        # Skin just outside an object counts if a focus is held there already.
+        # Skin just outside an object counts as a contact if a focus is already there.
         held = {(focus.thing, focus.place) for focus in self._playing if focus.contact >= 0}
         names = [self._objects[index].name for index in found.objects]
         begun = [
@@ -127,7 +127,7 @@ class TouchState:
             focus.level += float(np.clip(goal - focus.level, -change, change))
         playing = [focus for focus in self._playing if focus.contact >= 0 or focus.level > 0.0]
         self._playing = playing
-        # A focus that fades rides on its skin point.
+        # A fading focus moves with its skin point.
         at_skin = np.array([focus.skin_point for focus in playing], dtype=np.int64)
         shifts = np.array([focus.shift for focus in playing]).reshape(-1, 3)
         return replace(
@@ -146,7 +146,7 @@ class TouchState:
         things: list[str],
         places: Int64[np.ndarray, "contacts"],
     ) -> None:
-        """Update the playing foci to new ones, given the object and place of each contact."""
+        """Match the current foci with new ones, given the object and place of each contact."""
         unmatched = list(self._playing)
         for focus in unmatched:
             focus.contact = -1
@@ -173,7 +173,7 @@ class TouchState:
             focus.shift = shift
             focus.strength = strength
             focus.contact = contact
-        # New foci wait until there is room beside those that fade.
+        # New foci wait until the fading ones leave room for them.
         for focus in new[: max(self.most - len(self._playing), 0)]:
             self._count += 1
             focus.number = self._count

@@ -1,4 +1,4 @@
-"""Textures: strength of a touch by the position on an object."""
+"""Textures: strength of a touch as a function of the position on an object."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ Points = Real[np.ndarray, "points 3"]
 
 @dataclass(frozen=True, eq=False)
 class Grating:
-    """Parallel ridges, a sine of the position.
+    """Parallel ridges with a sinusoidal profile.
 
     Attributes
     ----------
@@ -62,7 +62,8 @@ class HeightMap:
     Raises
     ------
     InvalidInput
-        If the values are no picture or not from 0 to 1, or the width is out of range.
+        If the values are not an (R, C) array of at least 2 by 2 or not from 0 to 1, or the width is
+        out of range.
 
     Examples
     --------
@@ -101,5 +102,5 @@ class HeightMap:
         rows, columns = self.values.shape
         step = self.width / (columns - 1)
         cells = points[:, [1, 0]] / step + 0.5 * (np.array([rows, columns]) - 1.0)
-        # Beyond the picture the height of its edge continues.
+        # Beyond the picture, the heights at its edge continue.
         return map_coordinates(self.values, cells.T, order=1, mode="nearest")

@@ -47,8 +47,7 @@ def curved(
 ) -> tuple[EdgeVectors, EdgeMask]:
     """Points of the curved surface at the edge middles of a closed mesh [m], and the sharp edges.
 
-    Caps close bodies that were cut off, such as a hand at the wrist. They remain flat with sharp
-    rims.
+    Caps that close a cut body, such as a hand cut at the wrist, remain flat with sharp rims.
     """
     corners = vertices[triangles]
     twins = edge_twins(triangles)
@@ -78,7 +77,7 @@ def _rises(
     flat: TriangleVectors,
     sharp: EdgeMask,
 ) -> EdgeVectors:
-    """Displacement of the middle of each edge onto an arc with the tangents at its ends [m]."""
+    """Displacement of each edge's middle onto an arc with the given tangents at its ends [m]."""
     along = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(along, axis=2, keepdims=True)
     along = along / length
@@ -115,7 +114,7 @@ def _caps(
     flat: TriangleVectors,
     bent: EdgeMask,
 ) -> tuple[TriangleMask, EdgeMask]:
-    """Triangles of caps and the edges of their rims.
+    """Find the triangles of caps and the edges of their rims.
 
     A cap is a patch of at least six triangles with nearly the same normal between bent edges. All
     its vertices are on its rim.
@@ -158,7 +157,7 @@ def _corner_normals(
     twins: Twins,
     sharp: EdgeMask,
 ) -> EdgeVectors:
-    """Mean normal at each corner over the sector between sharp edges around its vertex."""
+    """Mean normal at each corner, over its sector between the sharp edges around the vertex."""
     weighted = (corner_angles(along)[:, :, None] * flat[:, None, :]).reshape(-1, 3)
     sector = _sectors(triangles, twins, sharp)
     sums = np.stack([np.bincount(sector, weights=weighted[:, axis]) for axis in range(3)], axis=1)

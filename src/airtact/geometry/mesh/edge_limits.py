@@ -1,7 +1,7 @@
 """Upper limits of the edge length at each vertex when larger triangles replace a fine mesh.
 
 Each function finds one kind of detail that large triangles would lose, and returns a limit [m] for
-each vertex, at most ``largest``, the edge length wanted elsewhere:
+each vertex, at most ``largest``, the edge length used elsewhere:
 
 - ``bend_sizes``: tight bends, across which a large triangle would cut;
 - ``tip_sizes``: rounded tips, which bend in both directions;
@@ -38,7 +38,7 @@ def bend_sizes(
     patch = smooth_patches(edge_twins(triangles), are_among(edge_ends(triangles), ridges))
 
     # MMG itself refines wide bends, so only bends with a radius below largest / (1.4 factor) limit
-    # the edges. The search radius is the chord that 75 degrees span on the widest of them.
+    # the edges. The search radius is the chord of 75 degrees on the widest of these bends.
     reach = 2 * np.sin(np.radians(75.0) / 2) / (factor * 1.4) * largest
     first, second = KDTree(centres).query_pairs(reach, output_type="ndarray").T
 
@@ -90,7 +90,7 @@ def tip_sizes(
     defect[ridges] = 0.0
     thirds = np.linalg.norm(area_vectors(corners), axis=1) / 6
     area = np.bincount(start, np.repeat(thirds, 3), count)
-    # A vertex and its neighbours together are less rough than the vertex alone.
+    # The mean over a vertex and its neighbours is less rough than the value at the vertex.
     defect += np.bincount(start, defect[end], count)
     area += np.bincount(start, area[end], count)
     return np.minimum(largest, turn * np.sqrt(area / np.maximum(defect, 1e-9)))
@@ -121,8 +121,8 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
 def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSizes:
     """Longest edge at each vertex: twice the distance from its sharp edge to the next one.
 
-    Vertices off sharp edges get ``largest``. Near a corner the limit falls too, as the other edge
-    of the corner is close.
+    Vertices that are not on sharp edges get ``largest``. Near a corner the limit also decreases,
+    because the other edge of the corner is close.
     """
     width = np.full(len(vertices), largest / 2.0)
     if not len(ridges):

@@ -28,7 +28,7 @@ class PanelTree:
     def closest(
         self, points: Points, within: PointLengths | None = None
     ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 2"], PointLengths]:
-        """Closest panel of points (P, 3) [m], reference coordinates there, and distances [m].
+        """Panel closest to each point (P, 3) [m], reference coordinates there, and distance [m].
 
         If no panel is closer than ``within`` [m], the panel is arbitrary and the distance infinite.
         """

@@ -30,7 +30,7 @@ def shape_functions(points: References) -> NodeWeights:
 
 
 def shape_gradients(points: References) -> tuple[NodeWeights, NodeWeights]:
-    """Differentiate the shape functions along u and along v."""
+    """Return the derivatives of the shape functions by u and by v at reference points (P, 2)."""
     u, v = points.T
     w = 1 - u - v
     zero = np.zeros_like(u)
@@ -64,7 +64,7 @@ def normals_at(panels: QuadraticTriangles, reference: Real[np.ndarray, "2"]) -> 
 def with_middles(
     corners: Float64[np.ndarray, "triangles 3 axes"],
 ) -> Float64[np.ndarray, "triangles 6 axes"]:
-    """Add the middles of edges 01, 12, 20 to the corners of straight triangles."""
+    """Append the middles of edges 01, 12, 20 to the corners of flat triangles."""
     return np.concatenate([corners, 0.5 * (corners + corners[:, [1, 2, 0]])], axis=1)
 
 
@@ -109,7 +109,7 @@ def smallest_angles(panels: QuadraticTriangles) -> PanelSizes:
 def cut(
     panels: QuadraticTriangles, parts: Int[np.ndarray, "panels"]
 ) -> tuple[Pieces, Int64[np.ndarray, "_"]]:
-    """Cut each panel into ``parts``² pieces; also return the panel of each piece."""
+    """Divide each panel into ``parts``² pieces; also return the index of each piece's panel."""
     parents = np.repeat(np.arange(len(parts)), parts * parts)
     pieces = panels[parents]
     for count in np.flatnonzero(np.bincount(parts)).tolist():
@@ -137,7 +137,7 @@ def _piece_shapes(count: int) -> Float64[np.ndarray, "pieces 6 6"]:
 def gauss_square(
     points: int,
 ) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points"]]:
-    """Points and weights of a collapsed Gauss rule of points² on the unit triangle."""
+    """Points and weights of a collapsed Gauss rule with points² nodes on the unit triangle."""
     x, weights = np.polynomial.legendre.leggauss(points)
     u, v = (grid.ravel() for grid in np.meshgrid(0.5 * (x + 1), 0.5 * (x + 1)))
     return np.stack([u, v * (1 - u)], axis=1), np.outer(weights, weights).ravel() / 4 * (1 - u)

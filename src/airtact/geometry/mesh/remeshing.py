@@ -59,7 +59,7 @@ def coarsened(mesh: RidgedMesh, edge: float, wall: float = np.inf) -> RidgedMesh
 def remeshed(
     mesh: RidgedMesh, sizes: VertexSizes, edge: float, expected: float, wall: float = np.inf
 ) -> RidgedMesh:
-    """Remesh a closed surface with triangles as large as equilateral ones of a given edge.
+    """Remesh a closed surface with triangles as large as equilateral ones of an edge length.
 
     The vertices of the result are near the curved surface, not on it.
 
@@ -67,9 +67,9 @@ def remeshed(
     ----------
     mesh : the surface.
     sizes : (V,) longest edge allowed at each vertex [m].
-    edge : edge of the equilateral triangles [m].
+    edge : edge length of the equilateral triangles [m].
     expected : expected number of triangles.
-    wall : as in ``coarsened``.
+    wall : thickness of the thinnest wall, as for ``coarsened`` [m].
     """
     deviation = min(0.15, 0.3 * wall / edge)
     # MMG makes fewer triangles than expected from the largest edge, so the edge is shortened until
@@ -102,7 +102,7 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
             hmin=MIN_EDGE,
             hausd=deviation,
             hgrad=1.5,  # largest ratio between neighbouring edges
-            angle=0,  # MMG does not detect sharp edges itself
+            angle=0,  # the sharp edges are given; MMG must not detect others
             verbose=-1,
         )
     except RuntimeError as fault:
@@ -134,7 +134,7 @@ def with_short_edges(
 
 
 def near_surface(panels: QuadraticTriangles, triangles: Triangles, away: float) -> FlatMesh:
-    """Flat triangles at most ``away`` [m] off the curved panels of a closed mesh."""
+    """Flat triangles at most ``away`` [m] from the curved panels of a closed mesh."""
     sharp = np.zeros(triangles.shape, dtype=bool)
     while True:
         straight = with_middles(panels[:, :3])
@@ -158,7 +158,7 @@ def _split_edges(
 ) -> tuple[
     Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces 3"], Bool[np.ndarray, "pieces 3"]
 ]:
-    """Halve some edges: the panels, vertex indices and sharp edges of the pieces."""
+    """Halve some edges; return the panels, vertex indices and sharp edges of the pieces."""
     directed = np.arange(3 * len(triangles)).reshape(-1, 3)
     edge = np.minimum(directed, edge_twins(triangles))  # the same for both triangles
     middle = int(triangles.max()) + 1 + np.searchsorted(np.unique(edge[split]), edge)

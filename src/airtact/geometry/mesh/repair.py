@@ -1,6 +1,6 @@
 """Repair of damaged triangle meshes; meshes with ambiguous damage are rejected.
 
-Each step leaves an intact mesh unchanged, and notes its repairs in one sentence with their number
+Each step leaves an intact mesh unchanged, and describes its repairs in a sentence with their number
 and the position of the first. The order matters: vertices are merged before triangles are compared,
 holes are filled after triangles are oriented, and slivers are removed from closed meshes. Source
 for the kinds of damage and the order: M. Attene, M. Campen, L. Kobbelt, "Polygon mesh
@@ -45,7 +45,7 @@ MAX_CRACK = 5e-6
 
 @dataclass(frozen=True, eq=False)
 class RepairedMesh:
-    """A closed mesh whose pieces face outward, with a sentence for each kind of damage repaired."""
+    """A closed mesh with outward normals, and a sentence for each kind of damage repaired."""
 
     vertices: Vertices
     triangles: Triangles
@@ -71,10 +71,10 @@ def repaired(
     Raises
     ------
     InvalidInput
-        With the position, for indices out of range, NaN in a used vertex, an extent over 2 m or
-        under 0.5 mm, edges of more than two triangles, one-sided surfaces, wider holes, parts that
-        touch in one vertex, and triangles or pieces that remain flat. Self-intersections are
-        checked by ``check_surface``.
+        For indices out of range, NaN in a used vertex, an extent over 2 m or under 0.5 mm, edges of
+        more than two triangles, one-sided surfaces, wider holes, parts that touch in one vertex,
+        and triangles or pieces that remain flat. The message states the position.
+        ``check_surface`` checks for self-intersections.
 
     Examples
     --------
@@ -144,7 +144,7 @@ def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[st
         neighbours = vertices[triangles[(triangles == wrong[0]).any(axis=1)]].reshape(-1, 3)
         finite = neighbours[np.isfinite(neighbours).all(axis=1)]
         where = finite.mean(axis=0) if len(finite) else None
-        beside = "" if where is None else f" beside {in_mm(where)}"
+        beside = "" if where is None else f" near {in_mm(where)}"
         are = counted(len(wrong), "vertex of the surface is", "vertices of the surface are")
         raise InvalidInput(
             f"{are} NaN or infinite, the first is vertex {wrong[0]}{beside}; give it a position "
@@ -189,7 +189,7 @@ def _with_merged_vertices(
 
 
 def _without_collapsed(vertices: Vertices, triangles: Triangles, notes: list[str]) -> NewTriangles:
-    """Remove triangles that use a vertex twice; their other neighbours already share an edge."""
+    """Remove triangles that use a vertex twice; the neighbours of each already share an edge."""
     collapsed = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
     if not collapsed.any():
         return triangles
@@ -202,7 +202,7 @@ def _without_collapsed(vertices: Vertices, triangles: Triangles, notes: list[str
     )
     if collapsed.all():
         raise InvalidInput(
-            "no triangle of the surface has an area; check its unit and its scale.", code="empty"
+            "all triangles of the surface have zero area; check its unit and scale.", code="empty"
         )
     return triangles[~collapsed]
 
@@ -266,8 +266,8 @@ def _without_holes(
     """Close the holes of a consistently oriented mesh by triangles over their vertices.
 
     A lid is triangulated in projection along its normal. It may cross a surface that extends over
-    the hole, which ``check_not_crossed`` detects. Raise ``InvalidInput`` for holes wider than
-    ``largest`` [m], except for cracks, which enclose no area.
+    the hole, which ``check_not_crossed`` detects. The function raises ``InvalidInput`` for holes
+    wider than ``largest`` [m], except for cracks, which enclose no area.
     """
     from manifold3d import triangulate
 
@@ -290,7 +290,7 @@ def _without_holes(
                 code="mesh_faulty",
             )
         widest = max(widest, width)
-        # The plane of the lid holds the two main directions of its points.
+        # The plane of the lid contains the two principal directions of its points.
         along = np.linalg.svd(points - middle, full_matrices=False)[2][0]
         across = np.cross(unit(area), along)
         lids.append(rim[triangulate([(points - middle) @ np.stack([along, across], axis=1)])])
@@ -303,7 +303,7 @@ def _without_holes(
 def _rims(triangles: Triangles) -> list[Indices]:
     """Vertices around each hole, in the direction of the lid's triangles."""
     border = np.flatnonzero(edge_twins(triangles).ravel() == -1)
-    # The rim runs opposite to the triangles beside it. Holes that meet in a vertex are separated.
+    # The rim runs against the edges of adjacent triangles. Holes that meet in a vertex are split.
     starts = np.roll(triangles, -1, axis=1).ravel()[border].tolist()
     ends = triangles.ravel()[border].tolist()
     after: dict[int, list[int]] = {}

@@ -65,7 +65,7 @@ def are_among(
 
 
 def shells(triangles: AnyTriangles, twins: Twins | None = None) -> TriangleLabels:
-    """Label the connected pieces of a closed mesh (T,), in the order of their first triangles."""
+    """Label the triangles (T,) of a closed mesh by connected piece, numbered by first triangle."""
     twins = edge_twins(triangles) if twins is None else twins
     count = len(twins)
     graph = csr_array(
@@ -90,13 +90,13 @@ def smooth_patches(twins: Twins, borders: EdgeMask) -> TriangleLabels:
 
 
 def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
-    """Signed volume between each triangle and the mean corner [m³]; the sum is the mesh volume."""
+    """Signed volume between each triangle and the mean corner [m³]; they add up to the volume."""
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     return np.einsum("ti,ti->t", a, np.cross(b, c)) / 6.0
 
 
 def check_size(extent: float) -> None:
-    """Raise ``InvalidInput`` for an extent [m] outside 0.5 mm to 2 m, probably in a wrong unit."""
+    """Raise ``InvalidInput`` for an extent [m] outside 0.5 mm to 2 m, a sign of a wrong unit."""
     largest = 2.0
     smallest = 0.5e-3
     if extent > largest * (1.0 + 1e-9):
@@ -127,7 +127,7 @@ def check_indices(count: int, triangles: AnyTriangles) -> None:
 
 
 def check_not_degenerate(vertices: AnyVertices, triangles: AnyTriangles) -> None:
-    """Raise ``InvalidInput`` for triangles of a height below a millionth of their longest edge."""
+    """Raise ``InvalidInput`` for triangles whose height is below 1e-6 of their longest edge."""
     corners = vertices[triangles]
     edges = np.roll(corners, -1, axis=1) - corners
     twice_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
@@ -143,7 +143,7 @@ def check_not_degenerate(vertices: AnyVertices, triangles: AnyTriangles) -> None
 
 
 def check_closed(vertices: AnyVertices, triangles: AnyTriangles) -> Twins:
-    """Return ``edge_twins``; raise unless each edge has one neighbour of opposite direction."""
+    """Return ``edge_twins``; raise unless each edge has exactly one reverse edge."""
     twins = edge_twins(triangles)
     for mark, singular, plural, fault, code in (
         (

@@ -20,14 +20,15 @@ def united_parts(
 ) -> tuple[Float64[np.ndarray, "nodes 3"], Int64[np.ndarray, "faces 3"], str]:
     """Return the surface of the union of all parts of a mesh, and a note with its precision.
 
-    The winding number is counted along the lines of a grid in three directions, and two of the
-    three decide; so a hole or an edge of three triangles spoils single lines only. Faces keep their
-    position, but edges are cut off on the scale of a cell, and walls thinner than two cells go.
+    The winding number is counted along the lines of a grid in three directions, and the majority of
+    the three decides. A hole or an edge of three triangles therefore only spoils single lines.
+    Faces keep their position, but edges are cut off on the scale of a cell, and walls thinner than
+    two cells disappear.
 
     Parameters
     ----------
-    vertices : [m].
-    triangles : with normals that point out of each part.
+    vertices : (V, 3) positions [m].
+    triangles : (T, 3) vertex indices, with normals that point out of each part.
     """
     # Imported here because few files need the union.
     from manifold3d import Manifold, Mesh
@@ -37,7 +38,7 @@ def united_parts(
     low = vertices.min(axis=0)
     extent = vertices.max(axis=0) - low
     cell = float(extent.max()) / CELLS
-    # Two cells of margin close the surface; the odd fraction keeps nodes off faces and edges.
+    # A margin of two cells closes the surface; the odd fraction keeps nodes off faces and edges.
     origin = low - 2.3819 * cell
     shape = tuple(np.ceil(extent / cell).astype(int) + 6)
     corners = ((vertices - origin) / cell)[triangles]
@@ -54,10 +55,11 @@ def united_parts(
         votes += np.transpose(winding > 0, np.argsort(order))
         hits.append((points[:, np.argsort(order)], owner, axis))
     inside = votes >= 2
-    # Walls of one or two cells cannot be resolved: they go, rather than leave fins and needles.
+    # Walls of one or two cells cannot be resolved. They are removed, or fins and needles would
+    # remain.
     inside = binary_opening(inside)
 
-    # Only crossings between the inside and the outside bound the union.
+    # Only crossings between inside and outside are on the boundary of the union.
     bounding = []
     owners = []
     for points, owner, axis in hits:
@@ -84,7 +86,7 @@ def united_parts(
 def _crossings(
     corners: Float[np.ndarray, "triangles 3 3"],
 ) -> tuple[Float[np.ndarray, "hits 3"], Int[np.ndarray, "hits"], Int[np.ndarray, "hits"]]:
-    """Points where vertical lines through integer (x, y) meet triangles, +1 or -1, and triangle."""
+    """Points where vertical lines through integer (x, y) meet triangles, with sign and triangle."""
     flat = corners[:, :, :2]
     first = np.ceil(flat.min(axis=1)).astype(int)
     sides = np.maximum(np.floor(flat.max(axis=1)).astype(int) - first + 1, 0)
@@ -118,7 +120,7 @@ def _distances(
     points: Float[np.ndarray, "points 3"],
     corners: Float[np.ndarray, "points 3 3"],
 ) -> Float[np.ndarray, "x y z"]:
-    """Signed distance [cells] of each node, exact beside flat faces and 1 away from the surface."""
+    """Signed distance [cells] of each node, exact next to flat faces and 1 farther away."""
     from scipy.ndimage import binary_dilation, binary_erosion
     from scipy.spatial import KDTree
 
