@@ -121,7 +121,7 @@ class DriveFile:
     modulation: AmplitudeModulation | None = None
 
     def frame_rate(self, rate: float | None = None) -> float | None:
-        """Return the rate if given, else the file's; None for a drive.
+        """Return ``rate`` if given, else the rate in the file, which is None for a drive.
 
         It raises ``InvalidInput`` ("data_missing") if there are several frames but no rate.
         """
@@ -146,7 +146,7 @@ def save_drives(
     texts: Mapping[str, str] | None,
     modulation: AmplitudeModulation | None = None,
 ) -> None:
-    """Write a sequence, or a drive, which has one frame and no rate."""
+    """Write a sequence, or a drive as one frame without a rate."""
     of_kind(path, str | Path, "the file of a drive", 'its path, such as "drive.h5"')
     of_kind(levels, Levels, "the levels of a drive", "Levels.even(256, 256)")
     of_kind(modulation, AmplitudeModulation | None, "the modulation", "AmplitudeModulation(200.0)")

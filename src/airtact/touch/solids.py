@@ -311,7 +311,7 @@ class SurfaceSolid(Solid):
         last = np.array(self._depths.shape) - 1.0
         cells = (points - self._lowest) / self._step
         nearest = np.clip(cells, 0.0, last)
-        # Beyond the grid, add the distance to it; the sum is at most too small.
+        # Beyond the grid, subtract the distance to it, which gives a lower bound of the depth.
         beyond = self._step * np.linalg.norm(cells - nearest, axis=1)
         return map_coordinates(self._depths, nearest.T, order=1) - beyond
 
