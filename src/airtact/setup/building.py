@@ -219,7 +219,7 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
                 raise InvalidInput(f"{table.layout} has no transducers.", code="empty")
             columns = np.stack([file.numbers(name) for name in names], axis=1)
             orders = [file.order(name) for name in ("index", "element") if name in file.names]
-            if len(orders) == 2 and not np.array_equal(*orders):
+            if len(orders) == 2 and not np.array_equal(orders[0], orders[1]):
                 raise InvalidInput(
                     f"the columns index and element of {table.layout} differ; keep one of them.",
                     code="does_not_match",
