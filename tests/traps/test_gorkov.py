@@ -138,6 +138,23 @@ def test_boundary_elements_and_the_series_agree_beside_a_ball(ball) -> None:
     assert (np.abs(matrix - exact).max(axis=(1, 2)) < 0.01 * largest).all()
 
 
+@pytest.mark.slow
+def test_boundary_and_finite_elements_agree_beside_two_fingers() -> None:
+    fingers = [
+        at.sound_hard(at.capsule((side * 0.012, 0, 0), (side * 0.032, 0, 0), 6e-3, 2e-3))
+        for side in (-1, 1)
+    ]
+    scene = at.Scene(AIR, fingers)
+    points = np.array([[0.0, 2.82e-3, 0.0], [2e-3, 3e-3, 1e-3]])
+    alone = at.traps.force(OPEN_AIR, tinylev(), IN_PHASE, points)
+    pull = at.traps.force(scene, tinylev(), IN_PHASE, points)
+    finite = at.traps.force(scene, tinylev(), IN_PHASE, points, solver=at.FiniteElement())
+    size = np.linalg.norm(finite, axis=1)
+    assert (np.linalg.norm(pull - finite, axis=1) < 0.005 * size).all()
+    # The fingers change it.
+    assert (np.linalg.norm(pull - alone, axis=1) > 0.01 * size).all()
+
+
 def test_a_plane_is_the_image_of_the_array() -> None:
     board = at.autd3_board(at.Pose.turn((1, 0, 0), np.pi, (0, 0, 0.15)))
     image = at.PhasedArray(board.positions * [1, 1, -1], board.normals * [1, 1, -1], board.element)
@@ -157,8 +174,9 @@ def test_impossible_beads_are_rejected(ball) -> None:
     scene, array, drive, points = ball
     with raises_code("out_of_range", "0.0012"):
         at.traps.force(scene, array, drive, points, radius=1.2e-3)
-    with raises_code("bodies_overlap", "bead 0"):
-        at.traps.force(scene, array, drive, heights(8.3e-3), solver=at.SphereSeries())
+    for radius in (0.65e-3, 0.2e-3):
+        with raises_code("bodies_overlap", "0.4"):
+            at.traps.force(scene, array, drive, heights(8.4e-3), radius, solver=at.SphereSeries())
     with raises_code("inside_body"):
         at.traps.force(scene, array, drive, heights(0.0), solver=at.SphereSeries())
     with raises_code("behind_faces"):

@@ -45,6 +45,12 @@ class Bead:
         """Mass [kg]."""
         return 4.0 / 3.0 * np.pi * self.radius**3 * self.material.density
 
+    def room(self, scene: Scene) -> float:
+        """Distance from bodies, planes and elements that the centre of the bead needs [m]."""
+        # Derivatives amplify the field's error on small spheres. At a sixteenth of a wavelength
+        # from a ball the stiffness from boundary elements is off by 2.5 %, at half of it by 25 %.
+        return max(self.radius, scene.wavelength / 16.0)
+
     def factors(self, scene: Scene) -> tuple[float, float]:
         """Return a and b of the potential U = a|p|² − b|∇p|², by peak values of the pressure.
 
@@ -131,8 +137,9 @@ def force(
     Raises
     ------
     InvalidInput
-        If a bead touches a body, a plane or an element, or is behind the face of a directional
-        element; a number is out of range; or as ``at.field_map``.
+        If a bead is closer to a body, a plane or an element than its radius or a sixteenth of a
+        wavelength, or is behind the face of a directional element; a number is out of range; or as
+        ``at.field_map``.
 
     Examples
     --------
@@ -207,11 +214,12 @@ def derivatives(
     wavenumber = field.scene.wavenumber
     clearance = clearances(field, points)
     nearest = int(clearance.argmin())
-    if clearance[nearest] < bead.radius:
+    room = bead.room(field.scene)
+    if clearance[nearest] < room:
         raise InvalidInput(
-            f"bead {nearest} at {in_mm(points[nearest])} is {1e3 * clearance[nearest]:.3g} mm from "
-            f"a body, plane or element, less than its radius of {1e3 * bead.radius:.3g} mm. Move "
-            "it away.",
+            f"the centre of bead {nearest} at {in_mm(points[nearest])} is "
+            f"{1e3 * clearance[nearest]:.3g} mm from a body, plane or element, but must be at "
+            f"least {1e3 * room:.3g} mm away. Move it.",
             points[nearest],
             code="bodies_overlap",
         )

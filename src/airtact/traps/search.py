@@ -20,9 +20,6 @@ from airtact.traps.gorkov import (
     trap_field,
 )
 
-GRAVITY = 9.80665
-"""Standard acceleration of free fall [m/s²]."""
-
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
@@ -86,8 +83,11 @@ class Verdict:
                 f"along {np.round(ways[:, 0], 2).tolist()} the stiffness is {values[0]:.2g} N/m"
             )
         if not self.balanced:
-            distance = 1e3 * np.linalg.norm(self.shift)
-            reasons.append(f"the equilibrium is about {distance:.2g} mm away")
+            # The estimate is linear, so it means nothing farther away.
+            distance = np.linalg.norm(self.shift)
+            near = distance < self.wavelength / 4.0
+            place = f"about {1e3 * distance:.2g} mm" if near else "over a quarter of a wavelength"
+            reasons.append(f"the equilibrium is {place} away")
         if self.stable:
             reasons.append(f"holds {self.holds:.2g} times the weight of the bead")
         reasons.append(f"forces are overestimated by about {self.excess:.0%}")
@@ -127,7 +127,7 @@ def verdict(
     for point, pull, matrix in zip(points, forces, matrices, strict=True):
         # The pseudo-inverse leaves out directions in which the force does not vary.
         shift = np.linalg.pinv(matrix, rcond=1e-6) @ pull
-        holds = _largest_hold(field, point, bead) / (GRAVITY * bead.mass)
+        holds = _largest_hold(field, point, bead) / (9.80665 * bead.mass)  # standard gravity
         # Measured against the exact force on polystyrene in air
         excess = 0.55 * (scene.wavenumber.real * radius) ** 2
         verdicts.append(Verdict(point, pull, matrix, shift, holds, excess, scene.wavelength))
@@ -139,7 +139,7 @@ def _largest_hold(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: B
     distances = field.scene.wavelength / 4.0 * np.linspace(0.1, 1.0, 10)
     ways = np.concatenate([np.eye(3), -np.eye(3)])
     points = point + distances[:, None, None] * ways
-    free = clearances(field, points.reshape(-1, 3)) >= bead.radius
+    free = clearances(field, points.reshape(-1, 3)) >= bead.room(field.scene)
     restoring = np.zeros(len(free))
     if free.any():
         sound = derivatives(field, points.reshape(-1, 3)[free], bead)
@@ -177,7 +177,7 @@ def _descend(
     point = np.array(start)
     for _ in range(100):
         far = np.linalg.norm(point - start) > 0.5 * scene.wavelength
-        if far or clearances(field, point[None])[0] < bead.radius:
+        if far or clearances(field, point[None])[0] < bead.room(scene):
             break
         sound = derivatives(field, point[None], bead)
         # Newton's method with the magnitudes of the curvatures goes downhill at saddles, too.
