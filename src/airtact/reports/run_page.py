@@ -217,20 +217,25 @@ def _foci(run: Rendering) -> dict[str, Any]:
         "focus_rows": list(zip(*columns, strict=True)),
         "amplitude": f"{run.drive.peak:.2f}",
         "comparison_header": ["focus", *(f"{name} [Pa]" for name in run.drives), "ratio"],
-        "comparisons": {
-            f"{held_equal.capitalize()}: {HELD_EQUAL[held_equal]}": [
-                (
-                    name,
-                    _pascal(first),
-                    _pascal(second),
-                    f"{first / second:.3f}" if second > 0.0 else "–",
-                )
-                for name, (first, second) in zip(run.setup.foci, pressures.T, strict=True)
-            ]
-            for held_equal, pressures in run.verification.pressures.items()
-            if run.setup.bodies
-        },
+        "comparisons": _comparisons(run) if run.setup.bodies else {},
     }
+
+
+def _comparisons(run: Rendering) -> dict[str, list[tuple[str, ...]]]:
+    """Rows of the pressures under both drives, by caption; one table if all are the same."""
+    tables = {}
+    for held_equal, pressures in run.verification.pressures.items():
+        rows = []
+        for name, (first, second) in zip(run.setup.foci, pressures.T, strict=True):
+            ratio = f"{first / second:.3f}" if second > 0.0 else "–"
+            rows.append((name, _pascal(first), _pascal(second), ratio))
+        tables[f"{held_equal.capitalize()}: {HELD_EQUAL[held_equal]}"] = rows
+    first, *others = tables.values()
+    if all(rows == first for rows in others):
+        return {
+            "With equal peak, equal energy or phases alone the pressures are the same.": first
+        }
+    return tables
 
 
 def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:

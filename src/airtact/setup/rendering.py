@@ -303,10 +303,10 @@ def render(
         robustness=robustness,
         headline=headline(comparison, drive, body_word(setup.bodies), setup.foci),
         remarks=(
-            *in_real_air(pressures, steepening),
             *touches(setup),
             *remarks,
             share_of_bound(setup, transfer, drive),
+            *in_real_air(pressures, steepening),
         ),
         # Where the estimate is invalid, the linear pressure is far above the threshold.
         sensation=sensations(
