@@ -249,7 +249,7 @@ class HandStream:
                 # Silence does not wake this thread, so check for it.
                 self._changed.wait(min(left, self._silence / 4))
 
-    def _continued(self, frame: HandFrame, source: object) -> HandFrame:
+    def _continued(self, frame: HandFrame, source: str) -> HandFrame:
         """Return a frame whose time continues from the earlier ones, or raise its fault."""
         hand = self._hands[frame.side]
         newest = hand.newest
