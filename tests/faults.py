@@ -1,6 +1,7 @@
 """Assert that bad input raises the fault of one kind, with the values that are wrong in its sentence."""
 
 import re
+import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -25,3 +26,14 @@ def raises_code(
     assert caught.value.code == code, str(caught.value)
     sentence = str(caught.value)
     assert [fact for text in texts for fact in facts(text) if fact not in sentence] == [], sentence
+
+
+@contextmanager
+def full_disk(room: int):
+    """Let no file grow over a number of bytes, as on a disk with this much room."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

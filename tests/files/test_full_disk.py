@@ -1,10 +1,8 @@
 """On a full disk no command crashes, the sentence names the file, and the earlier file stays."""
 
 import os
-import resource
 import subprocess
 import sys
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -13,18 +11,7 @@ from airtact.drives.drive_file import DriveFile, write_drive_file
 from airtact.files.atomic import whole_file, whole_hdf5
 from airtact.reports.page import write_picture
 from airtact.transducers.levels import EIGHT_BITS
-from faults import raises_code
-
-
-@contextmanager
-def full_disk(room: int):
-    """Let no file grow over a number of bytes, as on a disk with this much room."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+from faults import full_disk, raises_code
 
 
 def _drive(path):

@@ -35,9 +35,10 @@ def test_sound_follows_a_hand_and_the_session_holds_what_was_done(example_scene,
     assert done.frames == 60
     assert 60 <= done.rate <= 121
     np.testing.assert_allclose(session.frame_time, [frame.time for frame in frames])
-    np.testing.assert_allclose(session.landmarks, [frame.landmarks for frame in frames], atol=1e-12)
-    np.testing.assert_allclose(session.amplitudes, output.sent, rtol=1e-6, atol=1e-12)
-    assert np.abs(session.amplitudes).max() == pytest.approx(1.0, abs=1e-6)
+    np.testing.assert_allclose(session.landmarks, [frame.landmarks for frame in frames], atol=1e-6)
+    error = np.abs(session.amplitudes - output.sent).max(axis=1)
+    assert (error <= 0.063 * loudness(output)).all()  # steps of 1/11 at most
+    assert np.abs(session.amplitudes).max() == pytest.approx(1.0, abs=0.063)
     assert not session.amplitudes[-1].any()
     assert session.states[-1] == "silent"
     assert (np.diff(session.time_in_air) > 0.0).all()
@@ -51,7 +52,7 @@ def test_sound_follows_a_hand_and_the_session_holds_what_was_done(example_scene,
     drive = at.weighted_gerchberg_saxton(transfer, foci).amplitudes
     sent = session.amplitudes[index]
     norms = np.linalg.norm(sent) * np.linalg.norm(drive)
-    assert abs(np.vdot(sent, drive)) == pytest.approx(norms, rel=1e-6)
+    assert abs(np.vdot(sent, drive)) == pytest.approx(norms, rel=3e-3)
     np.testing.assert_array_equal(session.scene.array.positions, scene.array.positions)
     assert session.scene.array.element.same_as(scene.array.element)
     assert session.scene.places == scene.places == ("thumb.pad", "index.pad")

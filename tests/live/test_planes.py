@@ -102,7 +102,9 @@ def test_foci_that_move_know_the_table() -> None:
 
 def test_a_session_keeps_its_table(tmp_path) -> None:
     for scene, version in ((OVER, 2), (BEFORE, 1)):
-        at.live.SessionWriter(tmp_path / "session.h5", scene).close()
+        writer = at.live.SessionWriter(tmp_path / "session.h5", scene)
+        writer.begin()
+        writer.close()
         read = at.live.read_session(tmp_path / "session.h5").scene
         assert len(read.planes) == len(scene.planes)
         for one, other in zip(read.planes, scene.planes, strict=True):

@@ -1,11 +1,14 @@
 """A session's file is checked as a whole before anything is built from it."""
 
+import time
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
 
 import airtact as at
-from faults import raises_code
+from faults import full_disk, raises_code
 from live.live_scenes import one_board, playing
 
 
@@ -37,6 +40,65 @@ def test_a_session_is_read(path) -> None:
     assert session.amplitudes.shape == (3, 249)
     assert np.isfinite(session.foci).all()
     assert len(at.live.recording_of(path).frames) == 2
+
+
+def test_an_earlier_session_stays_until_the_loop_begins(path) -> None:
+    before = path.read_bytes()
+    at.live.SessionWriter(path, one_board()).close()
+    assert path.read_bytes() == before
+
+
+def test_a_second_run_into_one_folder_is_turned_away(path) -> None:
+    writer = at.live.SessionWriter(path, one_board())
+    with raises_code("not_writable"):
+        at.live.SessionWriter(path, one_board())
+    writer.close()
+    at.live.SessionWriter(path, one_board()).close()
+
+
+@pytest.mark.parametrize("room", [0, 60_000, 900_000])
+def test_a_full_disk_keeps_what_was_recorded_and_says_what_is_missing(path, room) -> None:
+    """No file may grow over some room: nothing fits, or the header, or some hundred drives."""
+    scene = one_board()
+    with full_disk(room):
+        writer = at.live.SessionWriter(path, scene)
+        writer.begin()
+    end = time.monotonic() + 120.0
+    count = 0
+    while writer.fault is None and time.monotonic() < end:
+        noise = np.exp(2j * np.pi * np.random.default_rng(count).random(249))
+        writer.drive(replace(playing(scene, 0.01 * count), amplitudes=noise), 0.01 * count)
+        count += 1
+        time.sleep(0.0005)
+    writer.close()
+    assert "too large" in (writer.fault or "")
+    kept = len(at.live.read_session(path).time_in_air)
+    assert kept == 3 if room == 0 else kept < count
+    if room == 900_000:
+        assert kept > 100
+
+
+def test_a_writer_that_hangs_or_is_killed_does_not_stop_the_loop(path) -> None:
+    writer = at.live.SessionWriter(path, one_board())
+    writer.begin()
+    writer._process.kill()
+    writer.drive(playing(one_board(), 0.0), 0.0)
+    writer.close()
+    assert "lost" in (writer.fault or "")
+
+
+def test_a_session_of_an_hour_is_small(tmp_path) -> None:
+    """Random phases, which compress worst, take a quarter of the memory of complex numbers."""
+    scene = one_board()
+    writer = at.live.SessionWriter(tmp_path / "session.h5", scene)
+    random = np.random.default_rng(1)
+    for count in range(1024):
+        noise = np.exp(2j * np.pi * random.random(249))
+        writer.drive(replace(playing(scene, 0.01 * count), amplitudes=noise), 0.01 * count)
+    writer.close()
+    with h5py.File(tmp_path / "session.h5") as file:
+        assert file["drives/amplitudes"].dtype == np.complex64
+        assert file["drives/amplitudes"].id.get_storage_size() < 2.2 * 249 * 1024
 
 
 def replaced(file: h5py.File, name: str, values) -> None:

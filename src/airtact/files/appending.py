@@ -1,58 +1,96 @@
 """Process that appends rows to an HDF5 file, unaffected by slow disks and killed programs.
 
 ``python -m airtact.files.appending FILE`` reads messages from its standard input: pickled mappings
-from names to values. The values of ``"attributes"`` become
-attributes of the file. A name that begins with ``+`` is a dataset to which rows are appended; every
-other name is a complete dataset. The file is closed when the input ends.
+from names to values. In the first message, the values of ``"attributes"`` become attributes of the
+file, a name that begins with ``+`` is a dataset to which rows are appended, and every other name is
+a complete dataset. Further messages have rows of datasets. The file is closed when the input ends.
+If it cannot be written, for example on a full disk, the rows until then are kept and the reason is
+printed.
 """
 
-import math
+import os
 import pickle
 import signal
 import sys
-import time
+from pathlib import Path
 from typing import Any, BinaryIO
 
+import numpy as np
+
+from airtact.errors import InvalidInput
+from airtact.files.atomic import whole_hdf5
 from airtact.timing import give_way
+
+# Rows per chunk. Only complete chunks are written, because a compressed chunk that is written twice
+# leaves its first place in the file unused.
+CHUNK = 128
 
 
 def main(path: str, messages: BinaryIO) -> None:
     """Write messages to a file until the input ends."""
-    import h5py
-
     give_way(5)
     for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(kind, signal.SIG_IGN)  # the input ends with the parent process
+    try:
+        _write(Path(path), messages)
+    except (InvalidInput, OSError, RuntimeError) as error:
+        number = getattr(error, "errno", None)
+        print(os.strerror(number) if number else str(error)[:200], flush=True)
+        os._exit(1)  # HDF5 crashes if it closes a file on a full disk
 
-    with h5py.File(path, "w") as file:
-        flushed = 0.0
+
+def _write(path: Path, messages: BinaryIO) -> None:
+    import h5py
+
+    # An earlier file stays until this one has its first values.
+    with whole_hdf5(path) as file:
+        for name, value in pickle.load(messages).items():
+            if name == "attributes":
+                file.attrs.update(value)
+            elif name.startswith("+"):
+                file.create_dataset(
+                    name[1:],
+                    data=value,
+                    maxshape=(None, *value.shape[1:]),
+                    chunks=(CHUNK, *value.shape[1:]),
+                    compression="gzip",
+                    compression_opts=6,
+                    shuffle=True,
+                )
+            else:
+                file[name] = value
+    waiting: dict[str, Any] = {}
+    with h5py.File(path, "r+") as file:
         while True:
             try:
                 message = pickle.load(messages)
             except (EOFError, pickle.UnpicklingError):  # the input ended, maybe within a message
-                return
-            for name, value in message.items():
-                if name == "attributes":
-                    file.attrs.update(value)
-                elif name.startswith("+"):
-                    _append(file, name[1:], value)
-                else:
-                    file[name] = value
-            if time.monotonic() - flushed > 1.0:
-                file.flush()
-                flushed = time.monotonic()
+                break
+            for name, rows in message.items():
+                rows = np.concatenate([waiting[name], rows]) if name in waiting else rows
+                complete = len(rows) // CHUNK * CHUNK
+                waiting[name] = rows[complete:]
+                if complete:
+                    _append(file, name[1:], rows[:complete])
+        for name, rows in waiting.items():
+            _append(file, name[1:], rows)
 
 
 def _append(file: Any, name: str, rows: Any) -> None:
-    if name not in file:
-        row = rows.itemsize * math.prod(rows.shape[1:])
-        chunks = (max(1, min(2**18 // row, 4096)), *rows.shape[1:])
-        file.create_dataset(name, data=rows, maxshape=(None, *rows.shape[1:]), chunks=chunks)
-        return
+    # A failed write damages an HDF5 file. So the file is extended first, to try whether the rows
+    # fit, which take at most a third when compressed, and 200 kB of tables.
+    if hasattr(os, "posix_fallocate"):
+        with open(file.filename, "r+b") as whole:
+            size = os.fstat(whole.fileno()).st_size
+            try:
+                os.posix_fallocate(whole.fileno(), size, rows.nbytes // 2 + 200_000)
+            finally:
+                whole.truncate(size)
     dataset = file[name]
     before = len(dataset)
     dataset.resize(before + len(rows), axis=0)
     dataset[before:] = rows
+    file.flush()
 
 
 if __name__ == "__main__":

@@ -43,6 +43,7 @@ class Status:
     rate : drives per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without drives.
     kept : median expected share of the attainable pressure; NaN if unknown.
+    unrecorded : what is missing in the session, and why; None if it is complete.
     """
 
     state: str
@@ -50,6 +51,7 @@ class Status:
     rate: float
     age: float
     kept: float
+    unrecorded: str | None = None
 
     def __str__(self) -> str:
         """Status in one line."""
@@ -58,6 +60,8 @@ class Status:
             parts += [f"{self.rate:.0f} drives/s", f"latency {1e3 * self.age:.0f} ms"]
         if np.isfinite(self.kept):
             parts.append(f"{self.kept:.0%} of attainable pressure")
+        if self.unrecorded is not None:
+            parts.append(f"not recorded: {self.unrecorded}")
         return ", ".join(parts)
 
 
@@ -82,6 +86,7 @@ class Followed:
     stopped : whether the emergency stop was pressed.
     state : state at the end, with the reason for silence.
     processes : processes that ended during the run; empty if none.
+    unrecorded : what is missing in the session, and why; None if it is complete.
     """
 
     seconds: float
@@ -98,6 +103,7 @@ class Followed:
     stopped: bool = False
     state: str = "playing"
     processes: str = ""
+    unrecorded: str | None = None
 
     def facts(self) -> list[tuple[str, str]]:
         """Return names and values for a table."""
@@ -121,6 +127,8 @@ class Followed:
             facts.append(("processes", self.processes))
         if self.dropped:
             facts.append(("not recorded", f"{self.dropped} rows: the disk was too slow"))
+        if self.unrecorded is not None:
+            facts.append(("not recorded", self.unrecorded))
         return facts
 
     def record(self) -> dict[str, float | str | dict[str, int] | None]:
@@ -185,8 +193,12 @@ def follow(
             closing.callback(session.close)
         closing.callback(hands.close)
         closing.enter_context(output)
+        if session is not None:
+            session.begin()
         loop = _Loop(scene, maker, output, clock, session, cap, controls or Controls(), page)
-        return loop.run(hands, duration, report)
+        done = loop.run(hands, duration, report)
+    # Closing the session may fail, too.
+    return done if session is None else replace(done, unrecorded=session.fault)
 
 
 def capped(
@@ -471,6 +483,7 @@ class _Loop:
             len(recent) / span,
             _median([played["age"] for played in recent]),
             _median([played["kept"] for played in recent]),
+            None if self.session is None else self.session.fault,
         )
 
     def _ended_processes(self) -> str:
@@ -480,8 +493,6 @@ class _Loop:
             ended.append(f"solvers ended and restarted: {restarts}")
         if self.page is not None and self.page.ended:
             ended.append("the page ended")
-        if self.session is not None and self.session.ended:
-            ended.append("the writer of the session ended: not recorded")
         return ", ".join(ended)
 
     def summary(self, seconds: float, health: StreamHealth, status: Status) -> Followed:

@@ -1,8 +1,11 @@
 """The session file of a run, ``session.h5``: written while the loop runs and read afterwards."""
 
+import os
 import subprocess
+import time
 from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread
@@ -23,6 +26,7 @@ from airtact.errors import (
     fixed,
     in_short,
 )
+from airtact.files.atomic import writable_folder
 from airtact.files.bounded import datasets_of
 from airtact.hands.hand import PLACES
 from airtact.hands.joints import joints_of
@@ -90,46 +94,55 @@ class Session:
 class SessionWriter:
     """Writes a session while it runs; ``frame`` and ``drive`` return at once.
 
-    A separate process appends the rows, so that a slow disk does not delay the loop and a killed
-    loop does not damage the file.
+    A separate process appends the rows, so that a slow disk does not delay the loop, and a killed
+    loop or a full disk does not damage the file. An earlier file is replaced once the loop begins.
+    Real and imaginary parts of amplitudes are rounded to about 1/16 of the drive's largest
+    amplitude, which changes pressures at foci by about 0.1 %, and lengths to 1 µm.
 
     Parameters
     ----------
-    path : file to write; an existing one is replaced.
+    path : file to write.
     scene : the fixed part of the scene.
     text : the scene file's text.
 
+    Attributes
+    ----------
+    dropped : number of rows left out because the disk was too slow.
+    fault : why nothing more is recorded, and since when; None without a fault.
+
     Raises
     ------
-    OSError
-        If the file cannot be written.
+    InvalidInput
+        "not_writable", if the folder cannot be made or another run records into it.
     """
 
     def __init__(self, path: Path, scene: LiveScene, text: str = "") -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("wb").close()
         self.path = path
         self.dropped: int = 0
-        self._foci = len(scene.places)
+        self.fault: str | None = None
+        self._scene = scene
+        self._text = text
         self._rows: deque[tuple[str, dict[str, Any]]] = deque()
         self._done = Event()
+        self._begun = 0.0
+        self._process: subprocess.Popen[bytes] | None = None
+        self._lock = lock_folder(writable_folder(path.parent))
+
+    def begin(self) -> None:
+        """Replace an earlier file; the loop calls it when its boards are open."""
+        self._begun = time.monotonic()
         self._process = start_python(
             "-m",
             "airtact.files.appending",
-            str(path.resolve()),
+            str(self.path.resolve()),
             stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,  # HDF5 fills it on a full disk
         )
         self._thread = Thread(
-            target=self._send, args=(_header(scene, text),), name="airtact session", daemon=True
+            target=self._send, args=(self._process,), name="airtact session", daemon=True
         )
         self._thread.start()
-
-    @property
-    def ended(self) -> bool:
-        """Whether the process that writes the file has ended."""
-        return self._process.poll() is not None
 
     def frame(self, frame: HandFrame) -> None:
         """Record a frame of the hand, in scene coordinates."""
@@ -154,46 +167,48 @@ class SessionWriter:
         )
 
     def close(self) -> None:
-        """Write the remaining rows and close the file.
-
-        Raises
-        ------
-        OSError
-            If rows could not be written, for example on a full disk.
-        """
+        """Write the remaining rows and close the file; ``fault`` says what is missing."""
+        if self._process is None and self._rows:
+            self.begin()
         self._done.set()
-        self._thread.join()
-        fault = self._process.communicate()[1]
-        if self._process.returncode:
-            reason = fault.decode(errors="replace").strip().rpartition("\n")[2]
-            reason = reason or f"its writer ended with code {self._process.returncode}"
-            raise OSError(None, f"the file is incomplete: {reason}", str(self.path))
+        if self._process is not None:
+            # A disk that hangs must not keep the program from ending.
+            self._thread.join(30.0)
+            self._process.kill()
+            self._thread.join(5.0)
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
     def _take(self, group: str, row: dict[str, Any]) -> None:
         if len(self._rows) >= 4096:  # half a minute of drives: the disk is too slow
             self.dropped += 1
-        else:
+        elif self.fault is None:
             self._rows.append((group, row))
 
-    def _send(self, header: dict[str, Any]) -> None:
+    def _send(self, process: "subprocess.Popen[bytes]") -> None:
         """Send the rows to the writer in a thread, so that a full pipe does not delay the loop."""
-        pipe = self._process.stdin
-        assert pipe is not None
-        try:
-            dump(header, pipe)
-            while True:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        with suppress(OSError), process.stdin as pipe:  # the writer has ended
+            dump(_header(self._scene, self._text), pipe)
+            last = False
+            while process.poll() is None and not (last and not self._rows):
                 last = self._done.wait(0.1)
                 rows = [self._rows.popleft() for _ in range(len(self._rows))]
                 if rows:
                     dump(self._columns(rows), pipe)
-                if last and not self._rows:
-                    break
-        except OSError:  # the writer ended; ``close`` reports why
+        seconds = time.monotonic() - self._begun
+        with process.stdout as answer:
+            reason = answer.read().decode(errors="replace").strip().rstrip(".")
+        if process.wait():
+            reason = reason or "the process that writes it was lost"
+            self.fault = f"nothing after {seconds:.0f} s: {reason}"
             self._rows.clear()
 
     def _columns(self, rows: list[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
         """Stack rows into the columns to append; unknown values become NaN."""
-        shapes = {"foci": (self._foci, 3), "joints": (25, 3), "landmarks": (25, 3)}
+        shapes = {"foci": (len(self._scene.places), 3), "joints": (25, 3), "landmarks": (25, 3)}
         types = {"rule": np.uint8, "state": np.uint8}
         columns = {}
         for group in ("frames", "drives"):
@@ -201,8 +216,45 @@ class SessionWriter:
             for key in of_group[0] if of_group else []:
                 unknown = np.full(shapes.get(key, ()), np.nan)
                 values = [unknown if row[key] is None else row[key] for row in of_group]
-                columns[f"+{group}/{key}"] = np.array(values, dtype=types.get(key))
+                column = np.array(values, dtype=types.get(key))
+                if key == "amplitudes":
+                    column = _rounded(column)
+                elif key in shapes:
+                    column = (np.round(2.0**20 * column) / 2.0**20).astype(np.float32)
+                columns[f"+{group}/{key}"] = column
         return columns
+
+
+def _rounded(amplitudes: Complex64[np.ndarray, "drives elements"]) -> np.ndarray:
+    """Round parts of amplitudes to about 1/16 of the drive's largest, so that they compress."""
+    largest = np.abs(amplitudes).max(axis=1, keepdims=True, initial=1e-12)
+    # Numbers with few binary digits compress best, so the steps are powers of two.
+    step = 2.0 ** np.round(np.log2(largest)) / 16.0
+    rounded = np.round(amplitudes.real / step) + 1j * np.round(amplitudes.imag / step)
+    return (step * rounded).astype(np.complex64)
+
+
+def lock_folder(folder: Path) -> int | None:
+    """Lock a folder until the returned file is closed; return None on systems without locks.
+
+    Raises
+    ------
+    InvalidInput
+        "not_writable": another run records into the folder.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    file = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(file)
+        raise InvalidInput(
+            f"another run records into {folder}: name another folder.", code="not_writable"
+        ) from None
+    return file
 
 
 def _header(scene: LiveScene, text: str) -> dict[str, Any]:
@@ -241,7 +293,7 @@ def _header(scene: LiveScene, text: str) -> dict[str, Any]:
         "array/face_weights": np.asarray(element.weights),
         # A session without frames or drives has these columns, too.
         "+frames/time": np.zeros(0),
-        "+frames/landmarks": np.zeros((0, 25, 3)),
+        "+frames/landmarks": np.zeros((0, 25, 3), dtype=np.float32),
         "+drives/amplitudes": np.zeros((0, len(array)), dtype=np.complex64),
         "+drives/time_in_air": np.zeros(0),
         "+drives/frame_time": np.zeros(0),
@@ -249,8 +301,8 @@ def _header(scene: LiveScene, text: str) -> dict[str, Any]:
         "+drives/state": np.zeros(0, dtype=np.uint8),
         "+drives/kept": np.zeros(0),
         "+drives/shape_age": np.zeros(0),
-        "+drives/foci": np.zeros((0, len(scene.places), 3)),
-        "+drives/joints": np.zeros((0, 25, 3)),
+        "+drives/foci": np.zeros((0, len(scene.places), 3), dtype=np.float32),
+        "+drives/joints": np.zeros((0, 25, 3), dtype=np.float32),
     }
     if scene.radii is not None:
         header["hand/radii"] = np.asarray(scene.radii)
@@ -369,7 +421,7 @@ def _read(path: str | Path, layout: Mapping[str, str]) -> dict[str, Any]:
     path = Path(path)
     path = path / FILE if path.is_dir() else path
     # A session may be hours long, but a file whose numbers unpack to far more bytes is none.
-    largest = max(LARGEST_DATA, 8 * path.stat().st_size) if path.is_file() else LARGEST_DATA
+    largest = max(LARGEST_DATA, 16 * path.stat().st_size) if path.is_file() else LARGEST_DATA
     raw = datasets_of(path, layout, newest=2, largest=largest)
     with about(path.name):
         check_choice(raw["format"], "its format", ["airtact session"])
