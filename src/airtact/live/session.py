@@ -230,7 +230,7 @@ def _rounded(amplitudes: Complex64[np.ndarray, "drives elements"]) -> np.ndarray
     largest = np.abs(amplitudes).max(axis=1, keepdims=True, initial=1e-12)
     # Numbers with few binary digits compress best, so the steps are powers of two.
     step = 2.0 ** np.round(np.log2(largest)) / 16.0
-    rounded = np.round(amplitudes.real / step) + 1j * np.round(amplitudes.imag / step)
+    rounded = np.round(np.real(amplitudes) / step) + 1j * np.round(np.imag(amplitudes) / step)
     return (step * rounded).astype(np.complex64)
 
 
