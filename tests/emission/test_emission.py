@@ -98,6 +98,24 @@ def test_boards_are_silenced_when_no_call_came_for_the_patience(monkeypatch, res
     assert ended(link)
 
 
+@pytest.mark.parametrize("resumes", [False, True])
+def test_boards_are_silenced_after_a_suspend(monkeypatch, resumes) -> None:
+    """The clock of the watchdog stands still meanwhile, and a call of the feeder may come first."""
+    clock = VirtualTime(monkeypatch)
+    link = RecordingLink()
+    player = clock.player(link, patience=0.5, resumes=resumes)
+    clock.send(player, tone().amplitudes)
+    monkeypatch.setattr("airtact.emission.player.suspended", lambda: 3600.0)
+    if resumes:
+        player.beat()
+    else:
+        with pytest.raises(LinkFailed) as over:
+            player.beat()
+        assert over.value.code == "emission_over"
+    assert ended(link)
+    assert len(link.frames) == 2
+
+
 def test_two_signals_in_a_row_end_in_silence() -> None:
     for _ in range(FEW):
         link = RecordingLink()

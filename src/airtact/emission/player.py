@@ -17,6 +17,17 @@ from airtact.emission.link import Link, LinkFailed
 STALL = 0.6
 
 
+def suspended() -> float:
+    """Return for how long the computer was suspended since it started [s], or less; 0 if unknown.
+
+    ``time.monotonic`` does not count this time.
+    """
+    if not hasattr(time, "CLOCK_BOOTTIME"):
+        return 0.0
+    # In this order, so that a pause between the two calls cannot look like a suspend.
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - time.monotonic()
+
+
 @dataclass(frozen=True)
 class Settings:
     """Ramp, watchdog timeout and time for which failed silence is retried [s], and the log file."""
@@ -79,6 +90,7 @@ class Player:
         self._emitting = False
         self._fed = time.monotonic()
         self._looked = self._fed
+        self._suspended = suspended()
 
     # --- commands ---
 
@@ -238,13 +250,9 @@ class Player:
             self._looked = time.monotonic()
 
     def _step(self, now: float) -> None:
+        self._check_suspend()
         if self._emitting and now - self._fed >= self._settings.patience:
-            why = f"no call came for {self._settings.patience:g} s"
-            if self._settings.resumes:
-                self._write(why)
-                self._silence()
-            else:
-                self.finish(why)
+            self._starve(f"no call came for {self._settings.patience:g} s")
             return
         if self._trouble is not None:
             return
@@ -261,6 +269,21 @@ class Player:
         if self._emitting and now - self._looked > 0.1:
             self._looked = now
             self.link.probe()
+
+    def _starve(self, why: str) -> None:
+        """Silence the boards, for good unless the emission resumes."""
+        if self._settings.resumes:
+            self._write(why)
+            self._silence()
+        else:
+            self.finish(why)
+
+    def _check_suspend(self) -> None:
+        """Silence the boards after a suspend of the computer, during which they play on."""
+        now = suspended()
+        if self._emitting and now - self._suspended > 0.1:
+            self._starve("the computer was suspended")
+        self._suspended = max(now, self._suspended)
 
     @property
     def _paced(self) -> Cycle | None:
@@ -339,6 +362,7 @@ class Player:
     def _feed(self) -> None:
         if self._failure is not None:
             raise self._failure
+        self._check_suspend()
         if self.over is not None:
             raise self.link.emission_over(self.over)
         self._fed = time.monotonic()
