@@ -236,7 +236,7 @@ def _write_table(path: Path, contents: DriveFile) -> None:
 def _datasets(contents: DriveFile) -> dict[str, Any]:
     """Return the datasets of a file by name, leaving out missing ones."""
     drives = contents.drives
-    # A drive is one frame without a rate, and has no axis of frames in the file.
+    # A drive is one frame without a rate; in the file its arrays have no axis of frames.
     if contents.rate is None and len(drives) == 1:
         drives = drives[0]
     datasets = {

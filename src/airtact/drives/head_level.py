@@ -165,7 +165,7 @@ class HeadLevel:
         Raises
         ------
         InvalidInput
-            "out_of_range": the lowest level of the boards exceeds the limit.
+            "out_of_range": the boards cannot be turned down far enough.
         """
         if self.full <= MAX_HEAD_LEVEL:
             return 1.0

@@ -262,7 +262,7 @@ def _joined_skins(
     near = gap < 0.3e-3
     touching = np.zeros(hulls.blend.shape, dtype=bool)
     touching[tuple(pairs[near].T)] = True
-    # Pairs beside a touching pair: each hull belongs to that pair or is connected to it.
+    # Pairs next to a touching pair: each hull belongs to that pair or is connected to it.
     joined = (hulls.blend > 0.0).astype(np.int64) + np.eye(len(PARTS), dtype=np.int64)
     beside = joined @ (touching | touching.T).astype(np.int64) @ joined > 0
     order = np.argsort(gap, kind="stable")

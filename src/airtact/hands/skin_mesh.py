@@ -210,7 +210,7 @@ def _distance_grid(
     corners = side * _grid_indices(shape // side)
     while True:
         middles = low + step * (corners + (side - 1) / 2)
-        # Cut separate fingers back by a little more than a step.
+        # Cut separate fingers back by slightly more than a grid step.
         distance = hulls.look(middles, carve=1.15 * step).distance
         blocks = values.reshape(np.stack([shape // side, [side] * 3], axis=1).ravel())
         x, y, z = (corners // side).T

@@ -55,7 +55,8 @@ class Box(Solid):
     Raises
     ------
     InvalidInput
-        If a length is not above zero or over 2 m, or the centre is over 2 m from the origin.
+        If a length is not above zero or exceeds 2 m, or the centre is more than 2 m from the
+        origin.
 
     Examples
     --------
@@ -168,7 +169,7 @@ class HalfSpace(Solid):
     Raises
     ------
     InvalidInput
-        If the point is over 2 m from the origin or the normal is zero.
+        If the point is more than 2 m from the origin or the normal is zero.
 
     Examples
     --------
@@ -216,7 +217,7 @@ class Button(Solid):
     Raises
     ------
     InvalidInput
-        If a length is not above zero, the centre is over 2 m from the origin, or the normal is
+        If a length is not above zero, the centre is more than 2 m from the origin, or the normal is
         zero.
 
     Examples

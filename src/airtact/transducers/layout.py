@@ -432,7 +432,7 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
     """
     of_kind(arrays, list | tuple, "the arrays to join", "a list of arrays")
     if len(arrays) == 0:
-        raise InvalidInput("there is no array to join.", code="empty")
+        raise InvalidInput("there is no array to join; give at least one.", code="empty")
     for index, array in enumerate(arrays):
         of_kind(array, PhasedArray, f"array {index}", "such as autd3_board(pose)")
         if not array.element.same_as(arrays[0].element):

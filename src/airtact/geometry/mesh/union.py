@@ -1,8 +1,8 @@
 """The union of the overlapping parts of a mesh, by winding number on a grid.
 
 CAD programs export unions whose parts still cross each other, and edges of three triangles. Such a
-mesh has no inside by its topology, but it has one by its winding number: the number of times that
-the surface encloses a point. The body is where this number is positive.
+mesh has no inside by its topology. Its inside follows from the winding number: the number of times
+that the surface encloses a point. The body is where this number is positive.
 """
 
 import numpy as np
