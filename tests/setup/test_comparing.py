@@ -12,7 +12,7 @@ from faults import raises_code
 from paths import SCENES
 
 BALL = SCENES / "ball.toml"
-CONTROL = "without the object"
+CONTROL = "object ignored"
 
 
 @pytest.fixture(scope="module")

@@ -109,7 +109,10 @@ def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[
         facts.append(("dead elements", ", ".join(str(element) for element in calibrated.dead[:20])))
     if error is not None:
         facts.append(
-            ("off the simulated truth by", f"{1e3 * error[0]:.4f} mm and {error[1]:.4f} m/s")
+            (
+                "errors of the worst board and the sound speed",
+                f"{1e3 * error[0]:.4f} mm and {error[1]:.4f} m/s",
+            )
         )
     return facts
 

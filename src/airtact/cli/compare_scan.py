@@ -73,7 +73,7 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
             overlay = at.evaluation.overlay_scan(measured, predicted)
         shifted = []
         if overlay.error > 0.2:
-            report_step("looking for a shift of the scan that fits better")
+            report_step("searching for a shift of the scan that fits better")
             shift, left = at.evaluation.best_shift(
                 measured, lambda points: face.read(field, points)[:, 0]
             )

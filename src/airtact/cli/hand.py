@@ -130,7 +130,7 @@ def _skin(
     else:
         posed = at.load_hand(path, gap)
     writable_folder(file.parent)
-    report_step(f"making triangles of {1e3 * edge:.3g} mm")
+    report_step(f"meshing the skin with triangles of {1e3 * edge:.3g} mm")
     triangles = posed.shape.panels(edge)
     lines = _write(triangles, file, draw_panels(triangles), report_step)
     places = {name: point for name, (point, _) in posed.places.items()}
@@ -160,7 +160,7 @@ def _fit(
     writable_folder(file.parent)
     eye = None if camera is None else np.array(camera, dtype=np.float64)
     fitted = at.fit_hand(points, joints, side, eye, progress=report_step)
-    report_step("moving its skin to the points")
+    report_step("moving the skin of the hand to the points")
     surface = fitted.surface if edge is None else fitted.skin(edge)
     shape = cast("HandShape | MeshShape", surface.shape)
     if isinstance(shape, MeshShape):

@@ -63,7 +63,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None
         wavelength = at.air(celsius=20.0).wavelength(40e3)
         edge = usual_edge(wavelength) if edge is None else _checked_edge(edge, loaded)
         writable_folder(file.parent)
-        report_step(f"making panels of {1e3 * edge:.3g} mm")
+        report_step(f"meshing the surface with panels of {1e3 * edge:.3g} mm")
         panels = loaded.panelled(edge)
         report_step(f"writing {file.name}")
         triangles = panels.quadratic_triangles

@@ -140,7 +140,7 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
     before = sensed.before.min()
     after = sensed.after.min()
     facts = [
-        ("hand off the scene's pose by", motion(*sensed.sizes[0])),
+        ("offset of the hand from the scene's pose", motion(*sensed.sizes[0])),
         ("standard deviation", motion(*located.deviation)),
     ]
     if sensed.gap is not None and located.opening is not None:
@@ -149,19 +149,22 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
         facts.append(("its standard deviation", f"{1e3 * located.opening_deviation:.3f} mm"))
         if sensed.true_gap is not None:
             error = 1e3 * abs(located.opening - sensed.true_gap)
-            facts.append(("gap off the simulated truth by", f"{error:.3f} mm"))
+            facts.append(("error of the gap", f"{error:.3f} mm"))
     facts += [
         (
             "not explained",
             f"{located.residual:.1%} of the echoes, {located.misfit:.1%} beyond noise",
         ),
         ("weakest focus, drive for the scene's pose", f"{before:,.0f} Pa"),
-        ("weakest focus, drive for the pose found", f"{after:,.0f} Pa, {after / before:.2f} times"),
+        (
+            "weakest focus, drive for the estimated pose",
+            f"{after:,.0f} Pa, {after / before:.2f} times",
+        ),
     ]
     if len(located.left_out):
         facts.append(
             ("receivers left out", ", ".join(str(receiver) for receiver in located.left_out[:20]))
         )
     if len(sensed.sizes) > 1:
-        facts.append(("pose off the simulated truth by", motion(*sensed.sizes[1])))
+        facts.append(("error of the pose", motion(*sensed.sizes[1])))
     return facts

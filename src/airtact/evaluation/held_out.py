@@ -46,7 +46,7 @@ class HeldOut:
         left_out = f"; {self.left_out} samples are impossible" if self.left_out else ""
         return (
             "With the given uncertainty the weakest focus gets at least "
-            f"{pascals(first)} 9 of 10 times, and {pascals(self.expected[0])} without "
+            f"{pascals(first)} in 9 of 10 cases, and {pascals(self.expected[0])} without "
             f"deviations{compared}{left_out}."
         )
 

@@ -205,7 +205,7 @@ def verify(
     steepened = steepening(field, target.points, exact[:foci])
     rounding = steepening(field, target.points, quantised[:foci], 1)
     skin = radiation_of(field, 0) if scene.obstacles else None
-    progress("looking for side lobes")
+    progress("searching for side lobes")
     return Verification(
         evaluation=Evaluation(target, exact[:foci], report, steepening=steepened),
         levels=levels,

@@ -47,7 +47,7 @@ def write_methods_page(
             (best.name, _standing(contest)),
             (_digits(contest.worst(best)), f"{unit} at the weakest focus"),
             (f"{contest.of_the_bound(best):.0%}", "of the upper bound, at full scale"),
-            (f"{1e3 * best.seconds:.3g} ms", "to make that drive"),
+            (f"{1e3 * best.seconds:.3g} ms", "to compute that drive"),
         ],
         warnings=contest.warnings,
         not_modelled=not_modelled(contest.report),
@@ -65,7 +65,7 @@ def write_methods_page(
 def _standing(contest: MethodComparison) -> str:
     equal = _equal_to_best(contest)
     if not equal:
-        return "gives the weakest focus most"
+        return "gives the highest pressure at the weakest focus"
     return f"and {equal} are best, equal within {contest.tolerance:.1%}"
 
 
@@ -104,7 +104,7 @@ def _tables(contest: MethodComparison, unit: str) -> dict[str, Any]:
     if len(contest.setup.target.suppression_points):
         header.append("suppression points [dB]")
     if contest.contenders[0].kept is not None:
-        header.append("9 of 10 times, with the uncertainty [Pa]")
+        header.append("in 9 of 10 cases, with the uncertainty [Pa]")
     return {
         "header": header,
         "rows": rows,

@@ -93,7 +93,7 @@ def _summary(run: Rendering) -> dict[str, Any]:
         "bodies": " and ".join(run.setup.bodies),
         "facts": [
             (pascals(run.pressures.min()), "at the weakest focus"),
-            (f"{solve:.2f} s", "to solve and make the drive"),
+            (f"{solve:.2f} s", "to solve and compute the drive"),
             (_percent(run.estimated_error), "estimated error of these pressures"),
         ],
         # Several steps may give the same warning.
@@ -149,10 +149,10 @@ def _doubt(run: Rendering) -> Markup:
             dict(zip(doubt.names, doubt.expected, strict=True)),
         ),
         f"Share of {count} of the uncertain scene in which the pressure at the weakest focus is "
-        "below a value. The drives were not made for these samples. Dots: pressure without "
+        "below a value. The drives were not computed from these samples. Dots: pressure without "
         "deviations. All drives have equal energy.",
         "; ".join(
-            f"{name}: at least {low:.0f} Pa 9 of 10 times"
+            f"{name}: at least {low:.0f} Pa in 9 of 10 cases"
             for name, low in zip(doubt.names, doubt.lowest_tenth, strict=True)
         ),
     )

@@ -40,7 +40,7 @@ def write_sense_page(path: Path, sensed: Sensed) -> None:
     write_page(
         path,
         "sense.html.j2",
-        title=f"airtact: where the hand of {sensed.setup.title} is",
+        title=f"airtact: pose of the hand of {sensed.setup.title}",
         sensed=sensed,
         simulated=len(sensed.shifts) > 1,
         transmissions=counted(transmissions, "coded transmission", "coded transmissions"),

@@ -105,8 +105,8 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
         count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
     if count < 2:
         raise InvalidInput(
-            f"cannot tell which boards the {len(array)} elements belong to; give the number of "
-            "boards (2 or more).",
+            f"the boards of the {len(array)} elements are unknown; give the number of boards (2 or "
+            "more).",
             code="unknown_name",
         )
     if len(array) % count:

@@ -253,7 +253,7 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
     drives: dict[str, Drive] = {}
     warnings: list[str] = []
     times = Clock()
-    with clock.step("drives", f"making the drive by {len(methods)} methods"):
+    with clock.step("drives", f"computing the drive by {len(methods)} methods"):
         for method in methods:
             words = method.replace("_", " ")
             try:
@@ -262,9 +262,9 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
                 warnings += stalled
             # A method may fail, for instance on foci that are too close, without stopping the rest.
             except InvalidInput as fault:
-                warnings.append(f"{words} made no drive: {fault}")
+                warnings.append(f"{words} returned no drive: {fault}")
         if not drives:
-            raise InvalidInput(f"no method makes a drive; {warnings[0]}", code="empty")
+            raise InvalidInput(f"no method returns a drive; {warnings[0]}", code="empty")
         name = drive_names(setup.bodies)[-1]
         # The control is the best drive that ignores the bodies.
         with times.step(name):

@@ -240,7 +240,7 @@ def render(
     store = None if store is None else Path(store)
     field = solve_beacons(setup, clock, store)
     transfer, beacons = transfer_to_array(setup, field, clock)
-    with clock.step("drive", f"making the drive by {method_words(setup)}"):
+    with clock.step("drive", f"computing the drive by {method_words(setup)}"):
         drive, notes = synthesise(setup.synthesise, transfer, setup.target)
     sequence = None
     if setup.motion is not None:

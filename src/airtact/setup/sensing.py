@@ -170,7 +170,7 @@ def sense(
         if gap is not None:
             true_gap = max(gap + simulation.opened, 0.25 * gap)
             actual_setup = _with_gap(setup, true_gap)
-        with clock.step("echoes", "simulating echoes of 16 codes by smaller panels"):
+        with clock.step("echoes", "simulating echoes of 16 codes with smaller panels"):
             echoes = simulate_echoes(
                 BoundaryElement(accuracy=0.01, estimate=False),
                 actual_setup.scene,
@@ -197,7 +197,7 @@ def sense(
             code="pose_not_found",
         )
     fitted = setup if located.opening is None else _with_gap(setup, located.opening)
-    with clock.step("drives", "making the drives for both poses"):
+    with clock.step("drives", "computing the drives for both poses"):
 
         @cache  # without a gap all setups have the same scene
         def waves(setup: Setup) -> RadiatedField:
@@ -288,9 +288,7 @@ def calibrate_array(
     if echoes_file is not None:
         echoes = load_echoes(echoes_file)
     else:
-        with clock.step(
-            "transmissions", "simulating transmissions of an array that is a little off"
-        ):
+        with clock.step("transmissions", "simulating transmissions of an array with small errors"):
             true = _simulated_array(array, medium, seed)
             echoes = simulate_transmissions(
                 *true,

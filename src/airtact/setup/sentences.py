@@ -60,7 +60,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     points = setup.target.points
     cautions = [
         f"the plane {1e3 * plane.height(setup.array.positions).min():.3g} mm behind the boards is "
-        "left out: they radiate forwards only, so no sound reaches it."
+        "left out: the boards radiate forwards only, so no sound reaches it."
         for plane in setup.left_out
     ]
     if setup.objects and setup.contacts is None:
@@ -73,8 +73,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     if overlap is not None:
         first, second, point = overlap
         cautions.append(
-            f"boards {first} and {second} overlap around {in_mm(point)}: two boards cannot be at "
-            "one place; move one of them."
+            f"boards {first} and {second} overlap around {in_mm(point)}: move one of them."
         )
     if len(setup.target.suppression_points) and not METHODS[setup.method].heeds_suppression_points:
         cautions.append(
@@ -102,7 +101,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         if apart < MIN_FOCUS_DISTANCE * scene.wavelength:
             cautions.append(
                 f"{setup.foci[first]} and {setup.foci[second]} are {1e3 * apart:.2g} mm apart, "
-                "under a tenth of the wavelength. Most methods cannot separate them and make no "
+                "under a tenth of the wavelength. Most methods cannot separate them and return no "
                 "drive: leave one out."
             )
     bounds = open_air_bound(setup.array, points, scene.wavenumber.real)
@@ -153,7 +152,8 @@ def sensations(
         )
     if moving is not None:
         return (
-            f"The foci move in {len(moving)} frames. The weakest focus has {moving.min():,.0f} Pa.",
+            f"The foci move in {len(moving)} frames. The pressure at the weakest focus is "
+            f"{moving.min():,.0f} Pa.",
             sensation(float(moving.min()), "spatiotemporal"),
         )
     weakest = float(pressures[skin].min())

@@ -76,7 +76,7 @@ def moving_drive(
         return drive
 
     points = len(target.points)
-    with clock.step("sequence", f"making the drives of foci at {points} positions"):
+    with clock.step("sequence", f"computing the drives of foci at {points} positions"):
         sequence = moving_foci(transfer, target, together, turns, method, clock=setup.frequency)
     pressures = np.abs(sequence.pressure(transfer))[:, :points]
     # The foci of one position are `together` neighbouring columns.

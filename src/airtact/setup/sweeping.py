@@ -256,7 +256,7 @@ def process_count(points: int, limit: int | None = None, memory: float = 0.0) ->
     if memory > free:
         raise InvalidInput(
             f"one point takes about {memory / 1e9:.2g} GB, and {free / 1e9:.2g} GB are available: "
-            "end other programs, or request less accuracy.",
+            "close other programs, or request less accuracy.",
             code="too_little_memory",
         )
     fitting = 0.8 * free / memory if memory else np.inf
