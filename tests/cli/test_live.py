@@ -77,9 +77,9 @@ class Running:
 def test_it_runs_at_once_with_what_comes_along(tmp_path, live):
     code, found, said = live(*QUICK, *AUDIT, "--out", tmp_path, seconds=1.5)
     assert code == 0, said
-    assert found["frames"] > 3
+    assert found["frames"] > 0
     session = at.live.read_session(tmp_path)
-    assert len(session.time_in_air) == found["drives"] > 3
+    assert len(session.time_in_air) == found["drives"] > 0
     assert np.abs(session.amplitudes).max() == pytest.approx(0.5, abs=0.04)
     assert not session.amplitudes[-1].any()
     assert session.text == at.example("live_pinch").read_text()
