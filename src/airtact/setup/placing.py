@@ -1,9 +1,9 @@
-"""Search for the places of boards whose weakest focus is strongest, in all poses of the hand.
+"""Search for the places of boards with the strongest weakest focus over all poses of the hand.
 
-A beacon at each focus is solved once per pose of the hand, and its field is expanded in outgoing
-waves. A candidate layout then costs an evaluation at its transducers and the choice of a drive.
-Candidates come from a low-discrepancy sequence and face the foci; the best ones are refined board
-by board (Nelder-Mead), which also tilts them.
+A beacon at each focus is solved for once per pose of the hand, and its field is expanded in
+outgoing waves. Each candidate layout then costs only an evaluation at its transducers and the
+choice of a drive. Candidates come from a low-discrepancy sequence and face the foci. The best ones
+are refined board by board (Nelder-Mead), which also tilts them.
 """
 
 import re
@@ -51,7 +51,7 @@ from airtact.transducers.layout import PhasedArray, board_array, join
 from airtact.transducers.placement import check_placement
 
 Points = Float64[np.ndarray, "points 3"]
-# Two opposite corners of a box, or a function that is True at the points where a board may be
+# Two opposite corners of a box, or a function that returns True for points where a board may be
 Region = (
     Real[np.ndarray, "2 3"] | tuple[Vector, Vector] | Callable[[Points], Bool[np.ndarray, "points"]]
 )
@@ -66,7 +66,7 @@ class Layout:
     poses : pose of each board, from the board's frame to the obstacles'.
     weakest : peak pressure at the weakest focus over all poses of the hand, with every element at
         full scale [Pa]. If the foci have shares, the pressure divided by the share.
-    single : one board in its own frame.
+    single : a single board in its own frame.
     """
 
     poses: tuple[Pose, ...]
@@ -91,7 +91,7 @@ class Layout:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Placement:
-    """Layouts of boards for a setup, and what they are worth.
+    """Layouts of boards for a setup, and their performance.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class Placement:
         Raises
         ------
         InvalidInput
-            "data_missing": the setup was not read from a scene file.
+            If the setup was not read from a scene file.
         """
         if self.setup.path is None:
             raise InvalidInput(
@@ -149,7 +149,7 @@ class Placement:
             file = folder / f"layout_{index + 1}.toml"
             text = _with_array(self.setup.text, self._array_table(layout))
 
-            # Files are named relative to the scene file, which is in another folder now.
+            # Paths in the scene file are relative to it, and the new file is in another folder.
             def moved(match: re.Match) -> str:
                 if not (source / match[2]).is_file():
                     return match[0]
@@ -178,7 +178,7 @@ class Placement:
 
 
 def _with_array(text: str, table: str) -> str:
-    """Replace the table [array] and its parts in the text of a scene file."""
+    """Replace the table [array] and its subtables in the text of a scene file."""
     kept = []
     inside = False
     top = True
@@ -205,7 +205,7 @@ class _HandPose:
 
     @cached_property
     def shares(self) -> Float64[np.ndarray, "asked"]:
-        """Requests of the foci that have one, the largest 1."""
+        """Requests of the foci that have one, scaled so that the largest is 1."""
         weights = self.target.weights
         return weights[weights > 0.0] / weights.max()
 
@@ -213,22 +213,22 @@ class _HandPose:
         """Pressure at each focus per unit drive of each element, divided by the share."""
         seen = board.seen_from(self.motion)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a layout in the shadow of the hand is just weak
+            warnings.simplefilter("ignore")  # a layout in the shadow of the hand is merely weak
             matrix = transfer_to(self.beacons, seen).matrix
         return matrix[self.target.weights > 0.0] / self.shares[:, None]
 
 
 def _drive(rows: FociRows) -> Complex128[np.ndarray, "elements"]:
-    """Return the drive with every element at full scale whose weakest row is strongest."""
+    """Return the drive, with every element at full scale, whose weakest row is strongest."""
     if len(rows) == 1:
         return phase(rows[0].conj())
     equal = np.ones(len(rows))
-    # 100 iterations come within 1 % of max_min, at a tenth of its time.
+    # 100 iterations come within 1 % of max_min in a tenth of its time.
     return phase(rows.conj().T @ best_sources(rows, equal, starting_sources(rows, equal), 100))
 
 
-# A board's place: a turn about the foci of a board that faces them, from 0 for the smallest to 1
-# for the largest distance, and tilts about its own x and y axes [rad].
+# The place of a board that faces the foci: a rotation about them, a distance from 0 (smallest) to 1
+# (largest), and tilts about the board's x and y axes [rad].
 Place = tuple[Float64[np.ndarray, "3 3"], float, float, float]
 
 
@@ -250,20 +250,20 @@ class _Search:
     @cached_property
     def skin(self) -> Points:
         """Foci, points of the bodies a few millimetres apart, and their images in planes [m]."""
-        import trimesh  # imported here because this takes as long as importing airtact
+        import trimesh  # imported here because the import takes as long as that of airtact
 
         points = [self.foci]
         for hand in self.hands:
             for obstacle in hand.scene.obstacles:
                 corners = hand.motion.apply(obstacle.surface.corners)
-                # A flat side may have corners only at its ends.
+                # A flat side may have corners only at its ends, so it is divided.
                 fine = trimesh.remesh.subdivide_to_size(
                     corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), 8e-3
                 )[0]
                 _, first = np.unique(np.round(fine / 3e-3), axis=0, return_index=True)
                 points.append(fine[first])
         skin = np.concatenate(points)
-        # Elements radiate forwards only, so images must be in front of them as the bodies are.
+        # Elements radiate forwards only, so images must be in front of them like the bodies.
         images = [plane.image(skin) for plane in self.hands[0].scene.planes]
         return np.concatenate([skin, *images])
 
@@ -315,7 +315,7 @@ class _Search:
             beside = np.abs(points[:, :2]) - self.half
             if ((beside < 5e-3).all(axis=1) & (np.abs(points[:, 2]) < 10e-3)).any():
                 return True
-            # The straight way from a point behind the other board to a focus crosses its plane.
+            # The straight line from a point behind the other board to a focus crosses its plane.
             back = points[points[:, 2] < 0.0]
             share = back[:, 2, None] / (back[:, 2, None] - foci[:, 2])
             crossing = back[:, None] + share[:, :, None] * (foci - back[:, None])
@@ -337,11 +337,12 @@ class _Search:
         return weakest
 
     def places(self, seed: int) -> Iterator[tuple[Place, Pose | None]]:
-        """Yield places of one board that faces the foci, evenly over turns and distances."""
+        """Yield places of a board that faces the foci, evenly over rotations and distances."""
         sequence = qmc.Halton(4, rng=np.random.default_rng(seed))
         order = np.random.default_rng(seed)
         while True:
-            # Neighbours of the sequence lie in opposite halves, so boards of a layout would too.
+            # Shuffled, because neighbours in the sequence lie in opposite halves, and a layout's
+            # boards would too.
             for first, second, third, depth in order.permutation(sequence.random(1000)):
                 # Uniform over all rotations (K. Shoemake, Graphics Gems III (1992) 124).
                 angles = 2.0 * np.pi * np.array([second, third])
@@ -359,7 +360,7 @@ class _Search:
         found: list[tuple[float, list[Place]]] = []
         layout: list[tuple[Place, Pose]] = []
         for index, (place, pose) in enumerate(self.places(seed)):
-            # Where few places are allowed, there are fewer layouts than requested.
+            # If few places are allowed, there are fewer layouts than requested.
             if index >= 5000 * boards + 100 * len(found):
                 break
             if pose is None:
@@ -492,9 +493,8 @@ def place(
     Raises
     ------
     InvalidInput
-        "out_of_range": no layout fits, or a number is not above zero; "unknown_name": no such
-        board; "not_supported": the boards of the scene reflect, a plane is behind them, or a hand
-        cannot replace the setup's body.
+        If no layout fits, a number is not above zero, the board is unknown, the boards of the scene
+        reflect, a plane is behind them, or a hand cannot replace the setup's body.
 
     Examples
     --------
@@ -531,13 +531,13 @@ def place(
     # The same boards keep their transducers, such as those of a scene file.
     single = board_array(board, element=setup.array.element if board == setup.board else None)
     sides = at.transducers.board_named(board).outline
-    # 10 mm are the pitch of transducers.
+    # The pitch of transducers is 10 mm.
     spread = np.ptp(single.positions[:, :2], axis=0) + 10e-3
     report = progress or (lambda step: None)
     solved = []
     for index, (scene, target, motion) in enumerate(_hand_poses(setup, hands)):
         report(f"solving for a beacon in each focus of hand {index + 1}")
-        # Hands that only move share one solve.
+        # Hands that only move share a solve.
         same = [hand for hand in solved if hand.scene is scene]
         beacons = same[0].beacons if same else _beacons(setup.solver, scene, target)
         solved.append(_HandPose(scene, target, motion, beacons))
@@ -557,7 +557,7 @@ def place(
         weakest, places = search.refined(*found[index])
         best.append(Layout(tuple(search.poses(places)), weakest, single))
     rest = [layout for index, layout in enumerate(layouts) if index not in starts]
-    # Two starts may lead to one layout.
+    # Two starts may lead to the same layout.
     best.sort(key=lambda layout: -layout.weakest)
     best = [
         layout
@@ -611,7 +611,7 @@ def _hand_poses(
 def _beacons(solver: Solver, scene: Scene, target: Target) -> RadiatedField:
     """Solve for a beacon at each focus, as accurately as a search needs."""
     if isinstance(solver, BoundaryElement):
-        # Errors of 4 % move layouts of almost equal pressure only; the winner is verified.
+        # Errors of 4 % only reorder layouts of almost equal pressure; the winner is verified.
         solver = replace(solver, accuracy=max(solver.accuracy, 0.04), estimate=False)
     field = solver.radiate(scene, target.beacons())
     return at.multipole_expansion(field) if scene.obstacles else field
@@ -635,7 +635,7 @@ def _allowed(region: Region | None, scene: Scene) -> Callable[[Points], Bool[np.
 
 
 def _apart(first: Layout, second: Layout) -> float:
-    """Largest distance of a board's middle from the nearest one of another layout [m]."""
+    """Largest distance of a board's middle from the nearest middle in another layout [m]."""
     return float(cdist(first.middles, second.middles).min(axis=1).max())
 
 
@@ -644,7 +644,7 @@ def _middle(single: PhasedArray) -> Float64[np.ndarray, "3"]:
 
 
 def _present(search: _Search, array: PhasedArray) -> float:
-    """Weakest focus of the setup's own array over all poses of the hand [Pa]; NaN without."""
+    """Weakest focus of the setup's own array over all poses [Pa]; NaN if the array does not fit."""
     try:
         for hand in search.hands:
             check_placement(hand.scene, array.seen_from(hand.motion), hand.target.points)
@@ -676,7 +676,7 @@ def hands_of(setup: Setup, recording: Path, count: int) -> "list[at.Hand]":
     Raises
     ------
     InvalidInput
-        "not_supported": the setup does not have exactly one hand; "empty": no frame has a hand.
+        If the setup does not have exactly one hand, or no frame has a hand.
     """
     from airtact.hands.joints import joints_of
     from airtact.hands.tracking.recordings import load_recording
