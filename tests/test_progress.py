@@ -57,7 +57,7 @@ def test_a_store_reports_what_it_solves(tmp_path) -> None:
         ),
         (
             lambda drive, **words: at.evaluation.verify(SCENE, BOARD, drive, TARGET, **words),
-            [*SOLVE, "estimating", "evaluating", "looking"],
+            [*SOLVE, "estimating", "evaluating", "searching"],
         ),
     ],
 )
