@@ -15,7 +15,7 @@ MAX_FRAME_AGE = 0.15
 
 # Duration of a fade from full amplitude to silence, or back [s].
 FADE = 0.085
-# Together, the sound is silent within 0.1 s of the last good frame.
+# Together, the sound is silent 0.24 s after the last good frame.
 
 
 class Workspace:

@@ -232,9 +232,7 @@ def _comparisons(run: Rendering) -> dict[str, list[tuple[str, ...]]]:
         tables[f"{held_equal.capitalize()}: {HELD_EQUAL[held_equal]}"] = rows
     first, *others = tables.values()
     if all(rows == first for rows in others):
-        return {
-            "With equal peak, equal energy or phases alone the pressures are the same.": first
-        }
+        return {"With equal peak, equal energy or phases alone the pressures are the same.": first}
     return tables
 
 
