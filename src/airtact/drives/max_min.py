@@ -39,7 +39,8 @@ class UpperBound:
     Attributes
     ----------
     worst : √Σ_e y_e, an upper bound of the smallest fraction of the requested pressures. If the
-        target requests relative pressures or none, it bounds the smallest pressure [Pa].
+        target requests shares or nothing, it bounds the smallest pressure divided by its share
+        [Pa].
     relaxed : value reached in the relaxation; no multipliers bring ``worst`` below it.
     multipliers : (F,) μ_f, 0 for foci without a request.
     elements : (E,) y_e.
@@ -90,8 +91,8 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
 
     Returns
     -------
-    The bound and its certificate. The bound is a fraction of the requested pressures, or a pressure
-    [Pa] if no pressures are requested.
+    The bound and its certificate. The bound is a fraction of the requested pressures, or, without
+    them, the pressure of a focus divided by its share [Pa].
 
     Raises
     ------

@@ -1,4 +1,7 @@
-"""Drives for uncertain hands: the best for many sampled transfer matrices at once (``robust``).
+"""Drives for a hand whose position is uncertain (``robust``).
+
+The hand scatters the sound, so each possible hand has its own transfer matrix, a sample. The drive
+is the best one over many samples.
 
 The value of a sample is the smallest ratio of pressure to request among its foci. A goal is a
 statistic of these values: their mean, the value that 9 of 10 samples exceed ("lowest tenth"), or
@@ -12,8 +15,9 @@ the few samples at the quantile.
 
 1. Balance the foci of the nominal matrix (``balanced``). If nothing is uncertain, this is the
    result.
-2. From there, maximise the power mean by L-BFGS, with exponents ever closer to the goal. At equal
-   energy Σ|d|² the best drive is a sum of conjugated rows, so the search has one complex unknown
+2. From there, maximise the power mean by L-BFGS, with exponents that approach the goal in steps.
+   If only the energy Σ|d|² is limited, the best drive is a weighted sum of the conjugated rows,
+   because any other part costs energy without adding pressure. The search has one complex unknown
    per row, however many elements there are (``_climb_at_equal_energy``). With every element at full
    scale, the unknowns are the phases of all elements (``_climb_at_full_scale``).
 """
@@ -256,9 +260,10 @@ def _climb_at_equal_energy(
     # them exactly Hermitian.
     products = 0.5 * (products + products.conj().T)
     count = len(products)
-    # Samples of nearly the same hand have nearly dependent rows.
-    ridge = 1e-10 * np.trace(products).real / count
-    lower = cholesky(products + ridge * np.eye(count), lower=True)
+    # Similar hands give nearly dependent rows, so the products may be singular to rounding. A small
+    # diagonal term lets the factorisation succeed.
+    regularisation = 1e-10 * np.trace(products).real / count
+    lower = cholesky(products + regularisation * np.eye(count), lower=True)
 
     def objective(
         coordinates: Float64[np.ndarray, "coordinates"], exponent: float

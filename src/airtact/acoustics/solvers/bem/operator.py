@@ -139,8 +139,8 @@ def assemble(
         stored_whole = near_blocks(len(nodes.centres), beside, *corrected)
     layer = nodes.layer(surface.wavenumber)
 
-    # The allowed error, error · ‖I/2‖ = error · ½ √(blocks · lanes), is shared evenly (in squares)
-    # among the blocks² blocks.
+    # The matrix has block_rows² blocks of ``lanes`` rows each, so ‖I/2‖ = ½ √(block_rows · lanes).
+    # The squared error is shared evenly among all blocks.
     tolerance = 0.5 * (error or 0.0) * math.sqrt(_kernels.lanes / block_rows)
     # Low-rank terms come first, because their number is known only once they are filled. A block
     # has about 12 terms of two factors each. There is room for 24 on average; if that is not
