@@ -1,6 +1,6 @@
 """Ways to lose a link, its feeder or the room on a disk: how often something is loud, crashes, hangs or is lost.
 
-Run as ``python -m benchmarks.ends [TRIALS] [FOLDER]``. The rows of full disks need root, to mount a small disk.
+Run as ``python -m benchmarks.ends [TRIALS] [ends|render|live|sweep|sense ...]``. The rows of full disks need root, to mount a small disk.
 """
 
 import os
