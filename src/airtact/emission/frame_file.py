@@ -20,9 +20,6 @@ from airtact.files.atomic import whole_file
 from airtact.transducers.boards import boards_needed
 from airtact.transducers.modulation import AmplitudeModulation
 
-# File name extensions: drives, and bytes of the boards.
-ENDINGS = (".h5", ".bin")
-
 
 def load_drive(path: str | Path, *, rate: float | None = None) -> Drive | Sequence:
     """Read a drive or a sequence from a file.
@@ -86,7 +83,7 @@ def write_frames(
         above 0 and at most 1, or the file cannot be written.
     """
     path = Path(of_kind(path, str | Path, "the file of frames", "its path"))
-    ending = checked_ending(path, ENDINGS, "frame")
+    ending = checked_ending(path, (".h5", ".bin"), "frame")
     of_kind(sound, Drive | Sequence, "the sound to write", "Drive(amplitudes)")
     codec = codec_of(board)
     drives = sound.drives if isinstance(sound, Sequence) else sound.amplitudes[None]

@@ -18,8 +18,6 @@ from airtact.touch.textures import Grating, HeightMap
 MAX_OBJECTS = 64
 """Largest number of virtual objects."""
 
-STYLES = ("points", "outline", "texture")
-
 FIRST_STRENGTH = 0.2
 """Strength at the first touch, as a share of full strength."""
 
@@ -72,7 +70,7 @@ class VirtualObject:
         if self.pose is not None:
             of_kind(self.pose, Pose, "the pose of a virtual object", "Pose(rotation, translation)")
         of_kind(self.name, str, "the name of a virtual object", 'a text such as "ball"')
-        check_choice(self.style, "the style of a virtual object", STYLES)
+        check_choice(self.style, "the style of a virtual object", ("points", "outline", "texture"))
         near_point(self.ball[0], f"the middle of the object {self.name}".rstrip())
         if self.stiffness is not None:
             positive(self.stiffness, "the stiffness of a virtual object", "1/m")

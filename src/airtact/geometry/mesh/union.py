@@ -11,9 +11,6 @@ from jaxtyping import Bool, Float, Float64, Int, Int64
 from airtact.errors import counted
 from airtact.geometry.mesh.arrays import Triangles, Vertices
 
-CELLS = 256
-"""Cells along the longest side. A cap of 110 mm gets 0.43 mm, 1/20 of the wavelength at 40 kHz."""
-
 
 def united_parts(
     vertices: Vertices, triangles: Triangles
@@ -37,7 +34,8 @@ def united_parts(
 
     low = vertices.min(axis=0)
     extent = vertices.max(axis=0) - low
-    cell = float(extent.max()) / CELLS
+    # A cap of 110 mm gets cells of 0.43 mm, 1/20 of the wavelength at 40 kHz.
+    cell = float(extent.max()) / 256
     # A margin of two cells closes the surface; the odd fraction keeps nodes off faces and edges.
     origin = low - 2.3819 * cell
     shape = tuple(np.ceil(extent / cell).astype(int) + 6)
