@@ -1,7 +1,8 @@
 """A drive of the live loop, its controls, and the interface of drive makers."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from airtact.drives.methods import FOR_SAMPLES, METHODS
 from airtact.errors import between, check_choice, in_short, of_kind
 from airtact.hands.tracking.frame import HandFrame
 from airtact.live.scene import Amplitudes, Foci, Frames, Joints, LiveScene
+from airtact.touch.objects import VirtualObject
 
 # Basis of a drive: distances, without the hand; a solution of the last phalanges or of the whole
 # hand; or a solution of the whole hand, carried from an earlier pose with the bones.
@@ -38,6 +40,12 @@ class Moment:
     kept : expected share of the attainable pressure at the weakest focus, or None.
     state : state of the loop.
     frames : (N, E) drives played in turn instead of ``amplitudes`` if the foci move, or None.
+    other : (25, 3) joints predicted for the hand of the other side [m], or None.
+    names : a name for each focus; empty for those of the scene's places.
+    strengths : (F,) strengths of the foci, from 0 to 1; None if all are equal.
+    contacts : (C, 3) points of the skin that touch an object [m], or None without objects.
+    depths : (C,) their depths in the objects [m], or None.
+    objects : the virtual objects.
     """
 
     time: float
@@ -51,6 +59,12 @@ class Moment:
     kept: float | None = None
     state: State = "playing"
     frames: Frames | None = None
+    other: Joints | None = None
+    names: tuple[str, ...] = ()
+    strengths: Float64[np.ndarray, "foci"] | None = None
+    contacts: Float64[np.ndarray, "contacts 3"] | None = None
+    depths: Float64[np.ndarray, "contacts"] | None = None
+    objects: tuple[VirtualObject, ...] = ()
 
     __repr__ = in_short
 
@@ -73,6 +87,7 @@ class Controls:
     offset : distance of all foci from the skin [m]; None for the scene's.
     modulated : whether the amplitude is modulated or the foci move.
     playing : whether there is sound.
+    levels : strengths of single foci by their names, from 0 (off) to 1; all others have 1.
 
     Raises
     ------
@@ -86,6 +101,7 @@ class Controls:
     offset: float | None = None
     modulated: bool = True
     playing: bool = True
+    levels: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         # Programs other than a browser can send any value to the page.
@@ -94,6 +110,8 @@ class Controls:
         between(self.cap, 0.0, 1.0, "the cap", "of full scale", "30 per cent is 0.3.")
         if self.offset is not None:
             between(self.offset, 0.0, 0.1, "the offset", "m", "is it in millimetres?")
+        for name, level in self.levels.items():
+            between(level, 0.0, 1.0, f"the level of {name}", "", "it is a share of 1.")
         # Robust methods need samples of an uncertain scene.
         if self.method is not None:
             methods = [name for name in METHODS if name not in FOR_SAMPLES]
