@@ -11,7 +11,7 @@ Names are listed in ``__init__.pyi`` and imported when first used.
 
 import os
 
-import lazy_loader
+from airtact.lazy import attached
 
 # By default OpenMP threads spin for milliseconds after each loop and keep NumPy's threads off the
 # cores. A few microseconds of spinning are enough to reach the next loop without waking them. The
@@ -21,4 +21,4 @@ os.environ.setdefault("GOMP_SPINCOUNT", "3000")
 
 __version__ = "0.2.0"
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attached(__name__, __file__)

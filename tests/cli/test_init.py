@@ -40,7 +40,11 @@ def test_the_hand_lies_over_the_middle_of_the_board_with_its_palm_down(tmp_path,
     assert setup.foci == (PLACES if board == "nano16" else ALL)
     np.testing.assert_allclose(setup.array.positions.mean(axis=0), 0.0, atol=1e-3)
     facing = setup.target.points[[setup.foci.index(place) for place in PLACES]]
-    np.testing.assert_allclose(facing[:, :2].mean(axis=0), 0.0, atol=2e-3)
+    # Half way between palm and fingertips, which point along x, the longer side of the board.
+    fingers = facing[:2, :2].mean(axis=0)
+    np.testing.assert_allclose(fingers, -facing[2, :2], atol=2e-3)
+    assert fingers[0] == pytest.approx(0.055, abs=2e-3)
+    assert fingers[1] == pytest.approx(0.0, abs=2e-3)
     lowest = 0.06 if board == "nano16" else 0.15
     assert facing[:, 2].min() == pytest.approx(lowest, abs=2e-3)
     # Half a millimetre off the skin; a centimetre further down there is air, up the hand.
@@ -71,6 +75,18 @@ def test_another_hand_is_named_by_the_scene_and_turned_to_the_board(tmp_path):
     assert setup.target.points[facing, 2].min() == pytest.approx(0.15, abs=2e-3)
     (obstacle,) = tomllib.loads(scene.read_text(encoding="utf-8"))["obstacles"]
     assert obstacle["hand"] == "../poses/mine.json"
+
+
+def test_a_right_hand_is_the_left_one_mirrored(tmp_path):
+    command = ["init", str(tmp_path / "right"), "--right"]
+    assert main(command) == 0
+    left, right = (
+        at.read_scene(file).target.points
+        for file in (init(tmp_path / "left"), tmp_path / "right/scene.toml")
+    )
+    np.testing.assert_allclose(right * [1, -1, 1], left, atol=2e-3)
+    assert at.load_hand(tmp_path / "right/hand.json").side == "right"
+    assert main([*command, "--hand", str(HANDS / "pinch.json")]) == 2
 
 
 def test_nothing_is_overwritten(tmp_path, capsys):

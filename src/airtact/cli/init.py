@@ -1,7 +1,7 @@
 """``airtact init``: write a first scene to render and to modify."""
 
+import json
 import os
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,14 +33,17 @@ PLACES = ("index.pad", "middle.pad", "palm")
     help="Kind of board; autd3 by default.",
 )
 @click.option(
-    "--hand", type=INPUT, help="Pose of a hand, .json; the relaxed hand of airtact by default."
+    "--hand", type=INPUT, help="Pose of a hand, .json; the relaxed left hand of airtact by default."
 )
+@click.option("--right", is_flag=True, help="Take the hand of airtact as a right one.")
 @quiet
-def init(place: Path, board: str, hand: Path | None) -> None:
+def init(place: Path, board: str, hand: Path | None, right: bool) -> None:
     """Write scene.toml, with comments, for one board and a hand above it.
 
     The file is written into this folder, into FOLDER, or to FILE.toml. No file is overwritten.
     """
+    import numpy as np
+
     from airtact.files.atomic import whole_file, writable_folder
 
     scene = place if place.suffix == ".toml" else place / "scene.toml"
@@ -48,11 +51,21 @@ def init(place: Path, board: str, hand: Path | None) -> None:
     copied = {}
     if hand is None:
         pose = at.example("relaxed.json")
-        licence = pose.with_name("LICENSE-poses")
-        copied = {folder / "hand.json": pose, folder / "hand-LICENSE.txt": licence}
+        content = json.loads(pose.read_text("utf-8"))
+        if right:
+            content["positions_m"] = [[-x, y, z] for x, y, z in content["positions_m"]]
+        licence = pose.with_name("LICENSE-poses").read_text("utf-8")
+        copied = {
+            folder / "hand.json": json.dumps(content, indent=1) + "\n",
+            folder / "hand-LICENSE.txt": licence,
+        }
+        positions, radii = (np.array(content[key]) for key in ("positions_m", "radii_m"))
+        over = at.hand_from_joints(positions, radii)
         name = "hand.json"
     else:
-        pose = hand
+        if right:
+            raise click.UsageError("--right is for the hand of airtact, not for --hand.")
+        over = at.load_hand(hand)
         try:
             name = Path(os.path.relpath(hand, folder)).as_posix()
         except ValueError:  # Windows has no relative paths between drives
@@ -63,13 +76,11 @@ def init(place: Path, board: str, hand: Path | None) -> None:
                 f"{file} exists already and is not overwritten: name another folder or file.",
                 code="would_overwrite",
             )
-    text = _scene_text(scene.name, at.transducers.board_named(board), at.load_hand(pose), name)
+    text = _scene_text(scene.name, at.transducers.board_named(board), over, name)
     writable_folder(folder)
-    for file, source in copied.items():
+    for file, written in {**copied, scene: text}.items():
         with whole_file(file) as partial:
-            shutil.copyfile(source, partial)
-    with whole_file(scene) as partial:
-        partial.write_text(text, "utf-8")
+            partial.write_text(written, "utf-8")
     named = "" if scene == Path("scene.toml") else f" {scene}"
     show(
         lines=[
@@ -93,7 +104,7 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
     # A small board can focus only near itself.
     large = len(board) >= 100
     height = 0.15 if large else 0.06
-    axis, degrees, translation = _over_board(hand, height)
+    axis, degrees, translation = _over_board(hand, board, height)
     # A focus needs air in front of the skin.
     places = list(hand.places) if large else PLACES
     points, normals = _places_of(hand, places)
@@ -118,23 +129,31 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
     )
 
 
-def _over_board(hand: "Hand", height: float) -> "tuple[np.ndarray, float, np.ndarray]":
-    """Return axis, degrees and translation [m] that put ``PLACES`` face down at a height [m]."""
+def _over_board(
+    hand: "Hand", board: "Board", height: float
+) -> "tuple[np.ndarray, float, np.ndarray]":
+    """Return axis, degrees and translation [m] that put the hand face down over a board.
+
+    The lowest of ``PLACES`` is at ``height`` [m]. The hand points along the longer side of the
+    board, and the middle between its palm and its fingertips is over the middle of the board.
+    """
     import numpy as np
+    from scipy.spatial.transform import Rotation
 
     points, normals = _places_of(hand, PLACES)
     facing = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
-    down = np.array([0.0, 0.0, -1.0])
-    across = np.cross(facing, down)
-    length = np.linalg.norm(across)
-    # A hand that already faces down is rotated by 0° about any axis.
-    axis = across / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
+    face_down = at.Pose.between(facing, np.array([0.0, 0.0, -1.0]))
+    x, y, _ = face_down.rotation @ (points[:2].mean(axis=0) - points[2])
+    width, depth, _ = np.ptp(board.positions, axis=0)
+    along = np.arctan2(y, x) if width >= depth else np.arctan2(-x, y)
+    turned = at.Pose.turn((0.0, 0.0, 1.0), -along).rotation @ face_down.rotation
+    turn = Rotation.from_matrix(turned).as_rotvec()
     # People read and change these numbers, so they are rounded.
-    axis = axis.round(3)
-    degrees = float(round(np.degrees(np.arccos(np.clip(facing @ down, -1.0, 1.0)))))
-    turned = at.Pose.turn(axis, np.radians(degrees)).apply(points)
-    translation = np.array([0.0, 0.0, height]) - [*turned[:, :2].mean(axis=0), turned[:, 2].min()]
-    return axis, degrees, translation.round(3)
+    degrees = float(round(np.degrees(np.linalg.norm(turn))))
+    axis = (turn / np.linalg.norm(turn)).round(3) if degrees else np.array([1.0, 0.0, 0.0])
+    placed = at.Pose.turn(axis, np.radians(degrees)).apply(points)
+    x, y, _ = 0.5 * (placed[:2].mean(axis=0) + placed[2])
+    return axis, degrees, np.array([-x, -y, height - placed[:, 2].min()]).round(3)
 
 
 def _places_of(hand: "Hand", places: "list[str] | tuple[str, ...]") -> "list[np.ndarray]":

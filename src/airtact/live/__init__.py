@@ -5,6 +5,6 @@
 records the run, and ``read_session`` reads it.
 """
 
-import lazy_loader
+from airtact.lazy import attached
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attached(__name__, __file__)
