@@ -1,7 +1,7 @@
 """Pressure in planes around the foci and on the surfaces of bodies, for the 3-D viewer."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Inexact, Int64, Real
@@ -25,7 +25,6 @@ class Slices:
     ----------
     axes : (3, 3) unit vectors in rows: right, up, and the normal of the planes, each along an axis
         of the frame.
-        the frame.
     steps : (3,) distance between neighbouring points along each axis [m].
     pressures : (planes, rows, columns, S) peak pressure [Pa], continued into hard bodies.
     depth : (planes, rows, columns) depth in a body [m], negative outside.
@@ -81,9 +80,10 @@ def slices_around(
     # Points behind a plane are hidden like points inside bodies.
     for plane in field.scene.planes:
         depth = np.maximum(depth, -plane.height(points).reshape(depth.shape))
-    fine = (2, 2, 2) if any_axis else (1, 2, 2)
-    if len(columns) > 3:  # limits the size of the page
-        fine = (1, 1, 1)
+    fine = grid.shape[:3]
+    if len(columns) <= 3:  # limits the size of the page
+        planes, rows, across = fine
+        fine = (2 * planes - 1 if any_axis else planes, 2 * rows - 1, 2 * across - 1)
     excitations = np.moveaxis(pressure, -1, 0)
     # Interpolate complex values, since magnitudes have kinks at their zeros.
     pressures = np.stack([np.abs(_finer(part, fine)) for part in excitations], axis=-1)
@@ -108,17 +108,45 @@ def _counts(size: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
 
 
 def _finer(
-    values: Inexact[np.ndarray, "planes rows columns"], times: tuple[int, int, int]
+    values: Inexact[np.ndarray, "planes rows columns"], counts: Sequence[int]
 ) -> Complex128[np.ndarray, "more_planes more_rows more_columns"]:
-    # Interpolate ``times`` − 1 values between neighbours along each axis by cubic splines.
+    # Interpolate to more points between the first and the last along each axis by cubic splines.
     from scipy.interpolate import make_interp_spline
 
     out = np.asarray(values, dtype=np.complex128)
-    for axis, (count, factor) in enumerate(zip(values.shape, times, strict=True)):
-        if factor > 1:
+    for axis, (count, more) in enumerate(zip(values.shape, counts, strict=True)):
+        if more > count:
             spline = make_interp_spline(np.arange(count), out, k=3, axis=axis)
-            out = spline(np.linspace(0.0, count - 1.0, factor * (count - 1) + 1))
+            out = spline(np.linspace(0.0, count - 1.0, more))
     return out
+
+
+def window_pressure(
+    field: RadiatedField, window: Window
+) -> Complex128[np.ndarray, "points excitations"]:
+    """Evaluate a field at the points of a window; in large ones every second one is interpolated.
+
+    Parameters
+    ----------
+    field : field of a solver.
+    window : the points of a picture.
+
+    Returns
+    -------
+    (P, S) complex pressure [Pa] of each excitation, NaN in bodies and behind planes.
+    """
+    coarse = replace(window, step=2.0 * window.step)
+    hard = all(obstacle.boundary == "sound_hard" for obstacle in field.scene.obstacles)
+    # Small windows have few points, and the others need four per wavelength.
+    if not hard or not 0.2 < coarse.step / field.scene.wavelength < 0.26:
+        return field.at(window.points)
+    points = coarse.points
+    pressure = _pressure(field, points, field.scene.depth(points))
+    pressure = _carried_inside(pressure.reshape(1, *coarse.shape, -1))
+    columns = [_finer(part, (1, *window.shape)) for part in np.moveaxis(pressure, -1, 0)]
+    pressure = np.stack(columns, axis=-1).reshape(len(window.points), -1)
+    pressure[~field.valid(window.points)] = np.nan
+    return pressure
 
 
 def _pressure(
@@ -231,14 +259,14 @@ def pressure_on_surfaces(
 
     Returns
     -------
-    (P, S) complex pressure [Pa] of each excitation, interpolated by kriging from the nearest 16
+    (P, S) complex pressure [Pa] of each excitation, interpolated by kriging from the nearest 10
     solved points, with the covariance sin(kr)/kr of a diffuse field.
     """
     from scipy.spatial import KDTree
 
     surface = field.on_surface
     wavenumber = field.scene.wavenumber
-    neighbours = min(16, len(surface.points))
+    neighbours = min(10, len(surface.points))
     distances, nearest = KDTree(surface.points).query(points, k=neighbours)
     normals = surface.normals[nearest]
     around = surface.points[nearest]

@@ -11,6 +11,7 @@ from airtact.drives.reach import fraction
 from airtact.errors import counted, in_mm
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.metrics import not_modelled, pascals
+from airtact.evaluation.slices import window_pressure
 from airtact.evaluation.windows import box_around, plane_of_scene
 from airtact.reports.array_figures import draw_phases, draw_scene, is_uniform
 from airtact.reports.field_figure import (
@@ -46,7 +47,8 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
     files = (folder / "field.vtkhdf", folder / "report.html")
     with clock.step("field", "computing the field around the foci"):
         box = box_around(setup.target.points, scene.wavelength)
-        pressure = run.drive.peak * run.verification.at(box.points)[run.verification.names[0]]
+        # The drive is the first excitation.
+        pressure = run.drive.peak * run.verification.field.for_pictures.at(box.points)[:, 0]
         write_field(files[0], box, pressure, [obstacle.surface for obstacle in scene.obstacles])
     cut, view = fields_of(run, clock)
     progress("drawing the report")
@@ -71,11 +73,10 @@ def fields_of(run: Rendering, clock: Clock) -> tuple[Cut, SceneView]:
     scales = [drive.factor_to_match(run.drive) for drive in run.drives.values()]
     plane = plane_of_scene(setup.scene, setup.target.points)
     with clock.step("cuts", "computing the field in the pictures"):
+        pressure = window_pressure(run.verification.field.for_pictures, plane)
         pressures = {
-            name: pressure * scale
-            for (name, pressure), scale in zip(
-                run.verification.at(plane.points).items(), scales, strict=True
-            )
+            name: scale * pressure[:, run.verification.column(name)]
+            for name, scale in zip(run.drives, scales, strict=True)
         }
         cut = Cut(plane, pressures, solid_depth(setup.scene, plane.points))
     with clock.step("3-D scene", "computing the field in the 3-D scene"):
@@ -163,10 +164,18 @@ def _fields(run: Rendering, cut: Cut, view: SceneView) -> list[Markup]:
     peak = view.peak
     points = run.setup.target.points
     got = view.reached
-    outside = cut.window.points[cut.depth < 0.0]
+    outside = np.flatnonzero(cut.depth < 0.0)
     # At most about 300 points, which limits the time for the estimate.
     sample = outside[:: max(1, len(outside) // 300)]
-    error = float(np.max(run.verification.field.error_at(sample), initial=0.0))
+    field = run.verification.field
+    error = float(np.max(field.error_at(cut.window.points[sample]), initial=0.0))
+    if error > 0.0:
+        # The pictured pressure is less exact than the field.
+        scale = run.drives[names[0]].factor_to_match(run.drive)
+        exact = scale * field.at(cut.window.points[sample])[:, 0]
+        gap = cut.pressures[names[0]][sample] - exact
+        known = np.isfinite(gap)
+        error = float(np.hypot(error, np.linalg.norm(gap[known]) / np.linalg.norm(exact[known])))
     estimate = f" Their estimated error is {100 * error:.1g} %." if error > 0.0 else ""
     # Foci of more than two pads rarely lie in one plane.
     off = 1e3 * np.abs(cut.window.height_of(points)).max()

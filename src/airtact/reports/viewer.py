@@ -101,7 +101,7 @@ def scene_view(
     held_equal : the quantity that the scales make the same for all drives, in words.
     """
     columns = list(range(len(drives)))
-    slices = slices_around(field, columns, setup.target.points, window)
+    slices = slices_around(field.for_pictures, columns, setup.target.points, window)
     surfaces = surface_pressure(field, columns)
     if surfaces is not None:
         surfaces = replace(surfaces, pressures=surfaces.pressures * scales)

@@ -1,5 +1,6 @@
 """Steps of a rendering: beacons, transfer matrix, drive, control and verification."""
 
+import math
 import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -208,9 +209,14 @@ def _verification_accuracy(setup: Setup) -> float:
 
     # Each count meshes all bodies, so few trials are better. The unknowns grow like
     # accuracy^(−2/3) or slower, so a third of the error is usually right.
+    enough = 1.8 * unknowns(setup.accuracy)
+    if enough > MOST_UNKNOWNS:
+        # The finest step of 1.2 that surely stays below the limit, but at least one
+        growth = MOST_UNKNOWNS / enough * 1.8
+        steps = max(1, math.floor(1.5 * math.log(growth, 1.2)))
+        return max(setup.accuracy / 1.2**steps, finest)
     accuracy = max(setup.accuracy / 1.2**6, finest)
     count = unknowns(accuracy)
-    enough = 1.8 * unknowns(setup.accuracy)
     while count < enough and accuracy > finest:
         accuracy = max(accuracy / 1.2, finest)
         count = unknowns(accuracy)

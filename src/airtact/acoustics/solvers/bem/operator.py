@@ -43,7 +43,7 @@ from airtact.acoustics.solvers.bem.layer_potentials import (
 )
 from airtact.acoustics.solvers.bem.quadrature import Nodes, near_lists, thickness
 from airtact.acoustics.solvers.open_air import monopole_pressure
-from airtact.acoustics.sources import Monopoles
+from airtact.acoustics.sources import Monopoles, nearest_source
 from airtact.errors import in_short
 
 # Bodies thicker than this get x' at 0.2 λ = 0.3 · 2/3 λ; the thickness is measured only up to
@@ -179,8 +179,15 @@ def direct_right_side(
 ) -> NodeValues:
     """Right-hand side p_inc(x) − i p_inc(x') of monopoles; the caller adds their images."""
     collocation_points = np.concatenate([surface.nodes.points, surface.shifted])
+    # The hundreds of sources of an array are far from the bodies, so float32 suffices for them.
+    precision = "float64"
+    if len(positions) > 256:
+        wavelength = 2 * np.pi / surface.wavenumber.real
+        sources = Monopoles(positions, strengths)
+        if nearest_source(collocation_points, sources, wavelength)[0].min() > wavelength:
+            precision = surface.precision
     pressure = monopole_pressure(
-        collocation_points, positions, strengths, surface.wavenumber, "float64"
+        collocation_points, positions, strengths, surface.wavenumber, precision
     )
     count = len(surface.nodes.points)
     return pressure[:count] - 1j * np.repeat(pressure[count:], _kernels.sharing, axis=0)

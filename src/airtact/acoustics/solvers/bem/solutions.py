@@ -51,6 +51,7 @@ class DirectSolution:
         on_surface: NodalPressure | None = None,
         cells: Cells | None = None,
         nodal: bool = False,
+        coarse: bool = False,
     ) -> Pressures:
         """Total or scattered pressure [Pa].
 
@@ -62,6 +63,7 @@ class DirectSolution:
         on_surface : nodes and pressure on the surface; by default those of the solution.
         cells : the points sorted into cells, if that is faster.
         nodal : whether all points are on panels and away from their edges.
+        coarse : whether single precision suffices for all sums.
         """
         nodes, pressure = on_surface or (self.surface.nodes, self.pressure)
         layer = double_layer_pressure(
@@ -74,6 +76,7 @@ class DirectSolution:
             cells=cells,
             nodal=nodal,
             contact=None if nodal else contact,
+            coarse=coarse,
         )
         factor = np.where(contact, 2, 1)[:, None]
         if total:
