@@ -227,7 +227,7 @@ THUMB_AND_INDEX_SWAPPED = [0, 9, 8, 7, 6, 5, 4, 3, 2, 1, *range(10, 25)]
         ("not_finite", np.where(np.arange(25)[:, None] == 7, np.nan, PINCH), {}),
         ("bone_length", PINCH[THUMB_AND_INDEX_SWAPPED], {}),
         ("bone_length", PINCH + np.where(np.arange(25)[:, None] == 19, 0.06, 0.0), {}),
-        ("bone_length", 0.1 * PINCH, {}),
+        ("not_in_metres", 0.1 * PINCH, {}),
         ("out_of_range", PINCH, {"radii": 1e3 * RADII}),
         ("not_finite", PINCH, {"radii": np.where(np.arange(25) == 3, math.nan, RADII)}),
         ("wrong_shape", PINCH, {"radii": RADII[:24]}),

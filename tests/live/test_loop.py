@@ -1,7 +1,9 @@
 """The live loop on a virtual clock: sound follows, fades and rises, and what is not safe is silent."""
 
+import json
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from itertools import pairwise
 
@@ -13,7 +15,7 @@ from airtact.hands.tracking.clock import FrameClock
 from airtact.live.loop import MIN_INTERVAL
 from airtact.live.safety import FADE, MAX_FRAME_AGE, Gain
 from live.live_scenes import Kept, Scheduled, distances
-from references.motions import reaching_recording, still
+from references.motions import JOINTS, reaching_recording, still
 
 
 def followed(scene, clock, frames, output=None, maker=distances, due=None, **settings):
@@ -281,12 +283,64 @@ def test_odd_times_and_places_never_leave_the_sound_behind(
     assert (loudness(output)[1:] == 0.0).sum() == silences
 
 
-def test_why_frames_are_rejected_is_told(example_scene, clock):
-    hands = Scheduled(clock, [still(0, 0.55)])
-    hands.stream.feed_json(at.hands.to_json(still(0)).replace(b"left", b"right"))
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"side": "right"}, "mirrored"),
+        ({"landmarks": (1e3 * JOINTS).tolist()}, "not in metres"),
+        ({"landmarks": (2.5 * JOINTS).tolist()}, "not in metres"),
+        ({"landmarks": [None] * 25}, "half lost"),
+        ({"landmarks": JOINTS[:20].tolist()}, "unknown count"),
+        ({"landmarks": (JOINTS[::-1]).tolist()}, "impossible"),
+        ({"side": "both"}, "unreadable"),
+        ({"time": None}, "unreadable"),
+    ],
+)
+def test_why_frames_are_rejected_is_told_within_a_second(example_scene, clock, changed, words):
+    hands = Scheduled(clock, [still(0)], due=[10.0])
+    message = json.loads(at.hands.to_json(still(0)))
+    for number in range(43):
+        hands.stream.feed_json(json.dumps(message | {"sequence": number} | changed))
     told = []
-    at.live.follow(example_scene, hands, distances(example_scene), seconds=0.52, report=told.append)
-    assert "1 frame rejected: mirrored" in told[-1].state
+    output = Kept(clock)
+    at.live.follow(
+        example_scene,
+        hands,
+        distances(example_scene),
+        output=output,
+        seconds=0.52,
+        report=told.append,
+    )
+    assert told[0].state == f"waiting for a hand; 43 frames rejected: {words}"
+    assert not np.any(output.sent)
+
+
+def test_a_second_tracker_is_told_while_the_first_one_plays(example_scene, clock):
+    frames = reaching_recording()[:90]
+    hands = Scheduled(clock, frames)
+    told = []
+
+    def report(status):
+        told.append(status.state)
+        hands.stream.feed(still(len(told)), "second")
+
+    at.live.follow(example_scene, hands, distances(example_scene), report=report)
+    assert told[0] == "playing"
+    assert told[1] == "playing; 1 frame rejected: second tracker"
+
+
+def test_a_tracker_that_sends_nothing_is_asked_for(monkeypatch):
+    hands = at.live.ReceivedHands(0)
+    try:
+        assert hands.remark() == ""
+        now = time.monotonic()
+        monkeypatch.setattr(hands.stream, "_clock", lambda: now + 6.0)
+        port = hands.words.rpartition(":")[2]
+        assert hands.remark() == f"no frames at port {port}; is the tracker's program running?"
+        hands.stream.feed_json("rubbish")
+        assert hands.remark() == ""
+    finally:
+        hands.close()
 
 
 def test_the_cap_holds_at_the_boards(example_setup):

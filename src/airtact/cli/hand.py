@@ -53,16 +53,17 @@ def hand(
     A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb,
     or as curved triangles to .vtkhdf for ParaView, with a picture .png beside it.
 
-    A recording is a .jsonl file, of which one frame is used. A point cloud is a .ply or .xyz file
+    A recording is a .jsonl file, or one of IWER, vuer, VisionProTeleop (.json) or
+    hand-tracking-streamer (.txt), of which one frame is used. A point cloud is a .ply or .xyz file
     and needs rough --landmarks. A hand is fitted to the cloud, and the picture shows the distances
     of the points from its skin.
     """
     from airtact.errors import within
     from airtact.hands.files import CLOUD_ENDINGS
-    from airtact.hands.tracking.recordings import ENDING
+    from airtact.hands.tracking.recordings import is_recording
     from airtact.setup.exports import check_output
 
-    kind = "recording" if path.suffix == ENDING else "pose"
+    kind = "recording" if is_recording(path) else "pose"
     if landmarks is not None:
         kind = "cloud"
     elif kind == "pose" and path.suffix.lower() in CLOUD_ENDINGS:
@@ -107,14 +108,16 @@ def _skin(
 ) -> Shown:
     """Write the skin of a pose, or of a frame of a recording."""
     from airtact.files.atomic import writable_folder
-    from airtact.hands.tracking.recordings import ENDING, load_recording
+    from airtact.hands.tracking.recordings import is_recording, load_recording
     from airtact.reports.body_figure import draw_panels
 
     report_step(f"reading {path.name}")
     messages = []
-    if path.suffix == ENDING:
+    if is_recording(path):
         recording = load_recording(path, leave_out)
         messages = [("messages", str(recording.health))]
+        if recording.note:
+            messages.append(("format", recording.note))
         # Frames without landmarks have no skin.
         frames = {item.sequence: item for item in recording.frames if item.landmarks is not None}
         if number is None:

@@ -13,7 +13,7 @@ from airtact.errors import InvalidInput, about, of_kind, points_of, positive
 from airtact.files.bounded import json_of, text_of
 from airtact.files.meshes import read_node_positions, read_vertices
 from airtact.hands.hand import Hand, hand_from_joints
-from airtact.hands.joints import NAMES, Points, Side
+from airtact.hands.joints import NAMES, Points, Side, side_named
 
 # Largest distance of a focus from a named position of a hand [m].
 ROOM = 0.2
@@ -28,7 +28,7 @@ class Pose(msgspec.Struct, forbid_unknown_fields=True):
     positions_m: list[tuple[float, float, float]]
     joints: list[str] | None = None
     radii_m: list[float] | None = None
-    side: Side | None = None
+    side: str | None = None
 
 
 def load_hand(path: str | Path, gap: float | None = None) -> Hand:
@@ -36,9 +36,9 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
 
     Parameters
     ----------
-    path : a file with ``positions_m``, 25 points in the order of WebXR or 21 in the order of
-        MediaPipe [m]. Optional are ``radii_m``, one for each point [m], ``side``, and ``joints``,
-        the 25 names of WebXR in its order.
+    path : a file with ``positions_m``, 25 points in the order of WebXR, 26 in that of OpenXR or 21
+        in that of MediaPipe [m]. Optional are ``radii_m``, one for each point [m], ``side``, and
+        ``joints``, the 25 names of WebXR in its order.
     gap : gap to set between the last phalanges of thumb and index finger [m], above 0 and at most
         0.15; both fingers are turned to reach it. None leaves the pose unchanged.
 
@@ -52,11 +52,11 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
     with about(path.name or str(path)):
         pose = _read_pose(path)
         radii = None if pose.radii_m is None else np.array(pose.radii_m)
-        hand = hand_from_joints(np.array(pose.positions_m), radii, side=pose.side)
+        hand = hand_from_joints(np.array(pose.positions_m), radii, side=side_named(pose.side))
         return hand if gap is None else hand.open_to(gap)
 
 
-def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | None]:
+def load_landmarks(path: str | Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | None]:
     """Read the inaccurate joints of a tracker.
 
     Parameters
@@ -65,16 +65,17 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | 
 
     Returns
     -------
-    (25, 3) or (21, 3) joints [m], and ``"right"``, ``"left"`` or None.
+    (25, 3), (26, 3) or (21, 3) joints [m], and ``"right"``, ``"left"`` or None.
 
     Raises
     ------
     InvalidInput
         If the file is unreadable or not a pose. The message begins with the name of the file.
     """
+    path = Path(path)
     with about(path.name or str(path)):
         pose = _read_pose(path)
-        return np.array(pose.positions_m), pose.side
+        return np.array(pose.positions_m), side_named(pose.side)
 
 
 def _read_pose(path: Path) -> Pose:
@@ -134,7 +135,7 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
         return hand_from_joints(scale * np.array([nodes[name] for name in NAMES]), side=side)
 
 
-def load_cloud(path: Path) -> Points:
+def load_cloud(path: str | Path) -> Points:
     """Read a point cloud.
 
     Parameters
@@ -146,6 +147,7 @@ def load_cloud(path: Path) -> Points:
     InvalidInput
         If the file is missing, unreadable or has no points.
     """
+    path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in CLOUD_ENDINGS:
         raise InvalidInput(

@@ -279,8 +279,9 @@ def hand_from_joints(
 
     Parameters
     ----------
-    positions : (25, 3) joints in the order of WebXR, or (21, 3) in that of MediaPipe and Leap [m].
-    radii : (25,) or (21,) radius of the skin around each joint [m]; by default those of a generic
+    positions : (25, 3) joints in the order of WebXR, (26, 3) in that of OpenXR, or (21, 3) in that
+        of MediaPipe and Leap [m].
+    radii : one radius of the skin around each joint [m]; by default those of a generic
         hand of the same size.
     length : length of the hand along the bones, from the wrist to the tip of the middle finger [m].
         It scales the generic radii; by default it is measured from the joints.

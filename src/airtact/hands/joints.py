@@ -1,6 +1,6 @@
 """Joints of a hand: names, order, plausible sizes, and checks of a tracker's joints.
 
-Trackers provide 25 joints (WebXR) or 21 (MediaPipe, Leap).
+Trackers provide 25 joints (WebXR), 26 (OpenXR, the palm first) or 21 (MediaPipe, Leap).
 
 Sources
 -------
@@ -88,15 +88,18 @@ GENERIC_LENGTH = 0.1942
 def joints_of(
     joints: Real[np.ndarray, "joints 3"], tolerance: float = 0.0, word: str = "joint"
 ) -> Joints:
-    """Check 25 or 21 joints of a tracker and return the 25 of WebXR [m].
+    """Check 25, 26 or 21 joints of a tracker and return the 25 of WebXR [m].
 
     Parameters
     ----------
-    joints : (25, 3) in the order of WebXR or (21, 3) in that of MediaPipe and Leap [m].
+    joints : (25, 3) in the order of WebXR, (26, 3) in that of OpenXR, whose first is the palm, or
+        (21, 3) in that of MediaPipe and Leap [m].
     tolerance : tolerance of the lengths of bones between inaccurate joints [m].
     word : name of a joint in error messages.
     """
     points = real_numbers(joints, f"{word}s of a hand")
+    if points.shape == (26, 3):
+        points = points[1:]
     # Trackers mark lost joints with NaN: name the first of them.
     lost = np.flatnonzero(~np.isfinite(points).all(axis=-1)) if points.ndim == 2 else []
     if points.shape in ((21, 3), (25, 3)) and len(lost):
@@ -109,8 +112,8 @@ def joints_of(
     points = points_of(points, f"{word}s of a hand")
     if len(points) not in (21, 25):
         raise InvalidInput(
-            f"there are {counted(len(points), word, f'{word}s')}; give 25 (WebXR) or 21 "
-            "(MediaPipe, Leap).",
+            f"there are {counted(len(points), word, f'{word}s')}; give 25 (WebXR), 26 (OpenXR) or "
+            "21 (MediaPipe, Leap).",
             code="joint_count",
         )
     span = float(np.ptp(points, axis=0).max())
@@ -140,16 +143,31 @@ def _check_bone_lengths(joints: Joints, tolerance: float) -> None:
         return
     first = int(wrong[0])
     start, end = ends[first]
-    advice = "; give those joints again."
-    if len(wrong) > 1:
+    fault = (
+        f"the bone from {NAMES[start]} to {NAMES[end]} is {1e3 * lengths[first]:.4g} mm long, but "
+        f"such bones are {1e3 * low[first]:g} to {1e3 * high[first]:g} mm"
+    )
+    # Size of the hand relative to the middle of the limits, which are those of 0.5 to 1.5 adults.
+    size = float(np.median(lengths / np.sqrt(low * high)))
+    together = len(joints) - len(np.unique(joints, axis=0))
+    # OpenXR's 26 joints without the last one: then each joint has the place of the one before.
+    shifted = np.linalg.norm(joints[1:][ends[:-1, 0]] - joints[1:][ends[:-1, 1]], axis=1)
+    code = "bone_length"
+    if together > 2:
+        fault = f"{together + 1} joints are at one place"
+        advice = ": were matrices read by rows instead of columns?"
+    elif ((shifted >= low[:-1] - tolerance) & (shifted <= high[:-1] + tolerance)).all():
+        advice = ": are these the first 25 of OpenXR's 26? Leave out the palm, the first of them."
+    elif size > 1.8 or size < 0.5:
+        fault = f"the bones are {size:.2g} times as long as those of a hand"
+        advice = ": are these coordinates in a picture, or in another unit? Give metres."
+        code = "not_in_metres"
+    elif len(wrong) == 1:
+        advice = "; give those joints again."
+    else:
         more = counted(len(wrong) - 1, "more bone is", "more bones are")
         advice = f", and {more} out of range: are joints swapped or identical?"
-    raise InvalidInput(
-        f"the bone from {NAMES[start]} to {NAMES[end]} is {1e3 * lengths[first]:.4g} mm long, but "
-        f"such bones are {1e3 * low[first]:g} to {1e3 * high[first]:g} mm{advice}",
-        joints[ends[first]].mean(axis=0),
-        code="bone_length",
-    )
+    raise InvalidInput(fault + advice, joints[ends[first]].mean(axis=0), code=code)
 
 
 def radii_of(
@@ -168,6 +186,8 @@ def radii_of(
     if radii is None:
         return fixed(generic)
     radii = real_numbers(radii, "radii of a hand")
+    if radii.shape == (26,):
+        radii = fixed(radii[1:])  # without the palm
     if radii.shape not in ((25,), (21,)):
         raise InvalidInput(
             f"radii of a hand have shape {radii.shape}; give 25 or 21, one for each joint.",
@@ -193,6 +213,16 @@ def hand_length(joints: Joints) -> float:
     return float(np.linalg.norm(np.diff(joints[[0, 11, 12, 13, 14]], axis=0), axis=1).sum())
 
 
+def side_named(side: str | None) -> Side | None:
+    """Return "right" or "left" for a side in any case, such as MediaPipe's "Left"."""
+    lower = side.lower() if isinstance(side, str) else side
+    if lower not in ("right", "left", None):
+        raise InvalidInput(
+            f"the side of a hand is {side!r}; give 'right' or 'left'.", code="unknown_name"
+        )
+    return lower
+
+
 def checked_side(
     joints: Joints, side: str | None, word: str = "joints", min_evidence: float = 0.2
 ) -> Side:
@@ -201,38 +231,42 @@ def checked_side(
     It raises ``InvalidInput`` if they contradict ``side``, or if no side is given and the magnitude
     of ``side_evidence`` is below ``min_evidence``.
     """
-    if side not in ("right", "left", None):
-        raise InvalidInput(
-            f"the side of a hand is {side!r}; give 'right' or 'left'.", code="unknown_name"
-        )
+    known = side_named(side)
     evidence = side_evidence(joints)
     bent_as: Side = "right" if evidence > 0.0 else "left"
-    clear = abs(evidence) >= min_evidence
-    if side is None and not clear:
+    if known is None and abs(evidence) < min_evidence:
         raise InvalidInput(
             f"the {word} do not distinguish a left from a right hand ({evidence:+.2f}, at least "
             f"{min_evidence:g} in magnitude is needed): the fingers are too straight; give side.",
             code="side_unclear",
         )
-    if side is not None and side != bent_as and clear:
+    if known not in (None, bent_as) and abs(evidence) >= min_evidence:
         raise InvalidInput(
-            f"the {word} should be those of a {side} hand, but fingers and thumb bend like those "
+            f"the {word} should be those of a {known} hand, but fingers and thumb bend like those "
             f"of a {bent_as} hand ({evidence:+.2f}; positive is right): are they mirrored?",
             code="wrong_side",
         )
-    return side or bent_as
+    return known or bent_as
 
 
 def side_evidence(joints: Joints) -> float:
-    """Return the sum of the sines of all bends and the thumb's lean; positive for a right hand."""
-    # Fingers only bend towards the palm. Viewed across the palm from the little finger, all bends
-    # of a right hand turn one way, and those of a left hand the other way.
+    """Return how far fingers and thumb bend as only those of a right hand can.
+
+    It is the sum of the sines of all bends and of the thumb's lean, as far as they exceed what
+    fingers bend backwards: 30 degrees at a knuckle, 9 and 17 at the next joints. It is negative for
+    a left hand, and about 0 for straight fingers.
+    """
+    # Fingers bend towards the palm. Viewed across the palm from the little finger, all bends of a
+    # right hand turn one way, and those of a left hand the other way.
     across = unit(joints[6] - joints[21])
     back = unit(cross(joints[11] - joints[0], across))
     bones = np.diff(joints[np.array(CHAINS[1:])], axis=1)
     bones /= np.linalg.norm(bones, axis=2, keepdims=True)
     bends = np.cross(bones[:, :-1], bones[:, 1:]) @ across
-    return float(bends.sum()) - float(unit(joints[4] - joints[1]) @ back)
+    lean = -float(unit(joints[4] - joints[1]) @ back)
+    sines = np.append(bends, lean)
+    backwards = np.array([0.5, 0.15, 0.3] * 4 + [0.2])
+    return float((sines - np.clip(sines, -backwards, backwards)).sum())
 
 
 def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:

@@ -259,13 +259,13 @@ class _Loop:
                 self.advance(stream.wait(self.patience(min(now + 0.02, begun + duration))))
                 if time.monotonic() - reported >= REPORT_INTERVAL:
                     reported = time.monotonic()
-                    status = self.status(stream.health)
+                    status = self.status(stream.health, hands.remark())
                     report(status)
                     if self.page is not None:
                         self.page.tell(status)
         seconds = time.monotonic() - begun
         health = stream.health
-        status = self.status(health)
+        status = self.status(health, hands.remark())
         report(status)
         self._fade_out()
         return self.summary(seconds, health, status)
@@ -466,13 +466,12 @@ class _Loop:
                     self.delays.append(sent - arrived)
                     break
 
-    def status(self, health: StreamHealth) -> Status:
+    def status(self, health: StreamHealth, remark: str = "") -> Status:
         now = time.monotonic()
-        state = self.fault or "playing"
+        parts = [self.fault or "playing", health.rejected_since(self.healthy), remark]
+        state = "; ".join(part for part in parts if part)
         if self.fault is None:
             self.healthy = health
-        elif rejected := health.rejected_since(self.healthy):
-            state = f"{state}; {rejected}"
         span = 2.0 * REPORT_INTERVAL
         recent = [played for played in self.played if now - played["sent"] <= span]
         if self.played:  # the first drive may have been less than a second ago

@@ -116,7 +116,8 @@ def record(
     file : recording to write, ``.jsonl``, in the tracker's frame.
     source : "websocket", with ":PORT" for another port and 0 for a free one.
     seconds : duration [s]; until Ctrl-C by default.
-    report_step : called with the address once it is open.
+    report_step : called with the address once it is open, and when frames begin to be rejected or
+        to fail to arrive.
 
     Raises
     ------
@@ -138,10 +139,21 @@ def record(
     frames: list[HandFrame] = []
     stream = hands.begin(lambda frame, arrived: frames.append(frame))
     end = time.monotonic() + duration
+    before = stream.health
+    reported, trouble = time.monotonic(), ""
     try:
         report_step(f"listening at {hands.words}")
         while time.monotonic() < end:
             time.sleep(min(0.1, max(end - time.monotonic(), 0.0)))
+            if time.monotonic() - reported < 0.5:
+                continue
+            reported = time.monotonic()
+            words = stream.health.rejected_since(before) or hands.remark()
+            before = stream.health
+            # Without the number of frames, which always changes
+            if words and words.partition(" ")[2] != trouble:
+                report_step(words)
+            trouble = words.partition(" ")[2]
     except KeyboardInterrupt:
         report_step("interrupted; the frames received so far are recorded")
     finally:
@@ -191,7 +203,9 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
         return RecordedHands(recording_of(path))  # its frames are in the scene's frame
     recording = load_recording(file_or_example(source, (".jsonl",)), leave_out=True)
     frames = tuple(frame.moved(setup.tracker) for frame in recording.frames)
-    return RecordedHands(replace(recording, frames=frames))
+    hands = RecordedHands(replace(recording, frames=frames))
+    hands.words += f" ({recording.note})" if recording.note else ""
+    return hands
 
 
 def _received(source: str, setup: Setup | None) -> ReceivedHands | None:

@@ -38,7 +38,7 @@ class HandSource:
 
     def __init__(self, words: str, tracker: Pose | None = None) -> None:
         self.words: str = words
-        self.stream: HandStream = _MovedStream(tracker, self._arrived)
+        self.stream: HandStream = HandStream(on_frame=self._arrived, tracker=tracker)
         self.ended: bool = False
         # Frames that come before ``begin`` are kept, up to the newest 1024.
         self._early: deque[tuple[HandFrame, float]] = deque(maxlen=1024)
@@ -53,6 +53,10 @@ class HandSource:
                 on_frame(*self._early.popleft())
         return self.stream
 
+    def remark(self) -> str:
+        """Say what is odd about the frames, or that there are none; "" if nothing is."""
+        return self.stream.remark()
+
     def close(self) -> None:
         """Stop the source."""
 
@@ -63,19 +67,6 @@ class HandSource:
                 self._early.append((frame, now))
             else:
                 self._on_frame(frame, now)
-
-
-class _MovedStream(HandStream):
-    """A stream that transforms frames from tracker to scene coordinates."""
-
-    def __init__(self, pose: Pose | None, on_frame: Callable[[HandFrame], None]) -> None:
-        super().__init__(on_frame=on_frame)
-        self._pose = pose
-
-    def feed(self, frame, source=""):
-        if self._pose is not None and isinstance(frame, HandFrame):
-            frame = frame.moved(self._pose)
-        return super().feed(frame, source)
 
 
 class RecordedHands(HandSource):
@@ -162,6 +153,13 @@ class ReceivedHands(HandSource):
         super().__init__("websocket", tracker)
         self._receiver = WebSocketReceiver(self.stream, port)
         self.words = f"ws://127.0.0.1:{self._receiver.port}"
+
+    def remark(self) -> str:
+        """Say what is odd about the frames, or that there have been none for 5 s."""
+        if self.stream.idle > 5.0:
+            port = self._receiver.port
+            return f"no frames at port {port}; is the tracker's program running?"
+        return super().remark()
 
     def close(self) -> None:
         """Stop listening."""

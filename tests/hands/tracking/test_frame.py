@@ -27,7 +27,6 @@ LONG = JOINTS + np.where(np.arange(25)[:, None] == 14, [0.0, 0.3, 0.0], 0.0)
         ("not_in_metres", {"landmarks": 1e3 * JOINTS}),
         ("not_in_metres", {"cloud": 1e3 * JOINTS}),
         ("impossible", {"landmarks": LONG}),
-        ("mirrored", {"side": "right"}),
         ("unreadable", {"time": np.nan}),
         ("unreadable", {"sequence": -1}),
         ("unreadable", {"sequence": True}),

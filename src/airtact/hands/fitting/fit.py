@@ -167,7 +167,7 @@ def fit_hand(
     joints = joints_of(landmarks, LANDMARK_TOLERANCE)
     check_finger_order(joints, LANDMARK_TOLERANCE)
     # Inaccurate landmarks distinguish left from right only if the fingers bend clearly.
-    side = checked_side(joints, side, "landmarks", min_evidence=1.5)
+    side = checked_side(joints, side, "landmarks", min_evidence=0.8)
     if before is not None:
         of_kind(before, FittedHand, "the frame before", "a result of fit_hand")
     cloud = _checked_cloud(points, joints)

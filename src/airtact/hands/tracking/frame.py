@@ -15,7 +15,7 @@ from jaxtyping import Real
 from airtact.errors import InvalidInput, fixed, in_short, points_of
 from airtact.geometry.pose import Pose
 from airtact.hands.hand import Hand, Side, hand_from_joints
-from airtact.hands.joints import checked_side, joints_of
+from airtact.hands.joints import joints_of
 
 # Faults of rejected frames; ``StreamHealth`` describes each.
 Fault = Literal[
@@ -59,17 +59,18 @@ class HandFrame:
     Attributes
     ----------
     time : time of the tracker's clock [s].
-    side : ``"left"`` or ``"right"``.
+    side : ``"left"`` or ``"right"``, in any case.
     sequence : number of the frame, which increases by one for each frame of the same hand.
-    landmarks : (25, 3) in the order of WebXR or (21, 3) in that of MediaPipe and Leap [m], or None
-        if unknown.
+    landmarks : (25, 3) in the order of WebXR, (26, 3) in that of OpenXR, whose palm is dropped, or
+        (21, 3) in that of MediaPipe and Leap [m]; None if unknown.
     cloud : (P, 3) points of the hand's skin [m], or None.
 
     Raises
     ------
     InvalidInput
         A ``FaultyFrame``, if time, side or sequence number are invalid, or the landmarks are not
-        plausible: NaN, millimetres, a wrong count, implausible bones, or those of the other hand.
+        plausible: NaN, millimetres, a wrong count or implausible bones. ``HandStream`` recognises
+        landmarks of the other hand, over many frames.
     """
 
     time: float
@@ -83,6 +84,8 @@ class HandFrame:
     def __post_init__(self) -> None:
         integer = isinstance(self.sequence, int | np.integer) and self.sequence is not True
         real = isinstance(self.time, int | float | np.integer | np.floating)
+        if isinstance(self.side, str):
+            object.__setattr__(self, "side", self.side.lower())
         if not (
             # Nanoseconds since 1970 are below 1e19; larger numbers would overflow later.
             (real and abs(self.time) < 1e19)
@@ -99,8 +102,9 @@ class HandFrame:
         object.__setattr__(self, "sequence", int(self.sequence))
         if self.landmarks is not None:
             with _as_faulty_frame(_LANDMARK_FAULTS):
-                checked_side(joints_of(self.landmarks, word="landmark"), self.side, "landmarks")
-            object.__setattr__(self, "landmarks", fixed(self.landmarks))
+                joints_of(self.landmarks, word="landmark")
+            count = len(self.landmarks)
+            object.__setattr__(self, "landmarks", fixed(self.landmarks[1 if count == 26 else 0 :]))
         if self.cloud is not None:
             with _as_faulty_frame({}):
                 cloud = points_of(self.cloud, "points of a cloud")
@@ -157,7 +161,6 @@ _LANDMARK_FAULTS: dict[str, Fault] = {
     "empty": "unknown_count",
     "not_in_metres": "not_in_metres",
     "bone_length": "impossible",
-    "wrong_side": "mirrored",
 }
 
 

@@ -2,27 +2,28 @@
 
 A message is one object, such as ``{"time": 1.5, "side": "left", "sequence": 45, "landmarks": [[x,
 y, z], ...]}``, optionally with a ``cloud`` of points. A frame without landmarks and cloud, or with
-null for both, means that the hand is lost. A coordinate or landmark of null is lost.
+null for both, means that the hand is lost. A coordinate or landmark of null is lost. Landmarks may
+also be the 4 x 4 matrices of joints. Other keys are ignored.
 """
 
-import json
 from collections.abc import Sequence
 from typing import Annotated
 
 import msgspec
 import numpy as np
 
-from airtact.hands.joints import Side
+from airtact.files.bounded import json_of
+from airtact.hands.tracking.formats import STREAMER_LINE, foreign_format, points_of_matrices
 from airtact.hands.tracking.frame import MAX_SEQUENCE, FaultyFrame, HandFrame
 
 Coordinates = tuple[float | None, float | None, float | None]
 
 
-class Message(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+class Message(msgspec.Struct, omit_defaults=True):
     """A frame in JSON; see ``HandFrame``."""
 
     time: float
-    side: Side
+    side: str
     sequence: Annotated[int, msgspec.Meta(ge=0, le=MAX_SEQUENCE)]
     landmarks: list[Coordinates | None] | msgspec.UnsetType | None = msgspec.UNSET
     cloud: list[Coordinates] | msgspec.UnsetType | None = msgspec.UNSET
@@ -47,23 +48,41 @@ def from_json(text: bytes | str) -> HandFrame:
     InvalidInput
         A ``FaultyFrame``, if the text is not such JSON or the frame is faulty.
     """
+    raw = text.encode() if isinstance(text, str) else text
     try:
-        raw = text.encode() if isinstance(text, str) else text
-        if b"NaN" in raw or b"Infinity" in raw:  # invalid JSON that Python writes
-            message = msgspec.convert(json.loads(raw), Message)
-        else:
-            message = _decoder.decode(raw)
-        # Decoders keep the last of two equal keys; only keys and the side have quotation marks.
-        keys = 3 + (message.landmarks is not msgspec.UNSET) + (message.cloud is not msgspec.UNSET)
-        if raw.count(b'"') != 2 * keys + 2:
-            raise ValueError("a key is given twice")
+        message = _message(raw)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         reason = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
+        if STREAMER_LINE.match(raw[:40].decode(errors="replace")):
+            reason = "it is a line of hand-tracking-streamer; forward it by quest_streamer.py"
         raise FaultyFrame("unreadable", f"it is not a frame in JSON: {reason}.") from None
+    side = message.side.lower()
+    if side != "left" and side != "right":
+        raise FaultyFrame("unreadable", f"its side is {message.side!r}; give 'left' or 'right'.")
     landmarks = [point or (None, None, None) for point in message.landmarks or []]
 
     def array(points: Sequence[Coordinates]) -> np.ndarray | None:
         return np.array(points, dtype=np.float64) if points else None
 
     cloud = array(message.cloud or [])
-    return HandFrame(message.time, message.side, message.sequence, array(landmarks), cloud)
+    return HandFrame(message.time, side, message.sequence, array(landmarks), cloud)
+
+
+def _message(raw: bytes) -> Message:
+    """Parse a message; raises ``ValueError`` or ``RecursionError``."""
+    try:
+        message = _decoder.decode(raw)
+        keys = 3 + (message.landmarks is not msgspec.UNSET) + (message.cloud is not msgspec.UNSET)
+        # Only keys and the side have quotation marks, unless there are further or repeated keys.
+        if raw.count(b'"') == 2 * keys + 2:
+            return message
+    except msgspec.MsgspecError:
+        pass  # perhaps NaN, which is invalid JSON that Python writes, or matrices
+    values = json_of(raw)
+    if name := foreign_format(values):
+        raise ValueError(f"it is {name}")
+    if isinstance(values, dict):
+        points = points_of_matrices(values.get("landmarks"))
+        if points is not None:
+            values["landmarks"] = points.tolist()
+    return msgspec.convert(values, Message)

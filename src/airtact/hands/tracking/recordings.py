@@ -1,21 +1,29 @@
-"""Recordings of hands as JSON lines, and their replay."""
+"""Recordings of hands as JSON lines or in formats of other programs, and their replay."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from airtact.errors import InvalidInput, about, file_fault, in_short, positive
 from airtact.files.atomic import whole_file
-from airtact.files.bounded import check_file
+from airtact.files.bounded import check_file, json_of, text_of
+from airtact.hands.tracking.formats import (
+    Item,
+    frames_of_actions,
+    frames_of_matrices,
+    frames_of_streamer,
+)
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, to_json
 from airtact.hands.tracking.stream import HandStream, StreamHealth
 
-# File name extension of recordings.
+# File name extension of recordings, and those of recordings of other programs.
 ENDING = ".jsonl"
+OTHER_ENDINGS = (".json", ".txt")
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,20 +34,24 @@ class Recording:
     ----------
     frames : frames in the order of the file.
     health : counts of frames and of faults in the file.
+    note : what the format of the file lacks, or "".
     """
 
     frames: tuple[HandFrame, ...]
     health: StreamHealth
+    note: str = ""
 
     __repr__ = in_short
 
 
-def load_recording(path: Path, leave_out: bool = False) -> Recording:
+def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
     """Read a recording.
 
     Parameters
     ----------
-    path : a file of JSON lines, ``.jsonl``.
+    path : a file of JSON lines, ``.jsonl``; an action recording of IWER, ``.json``; matrices of
+        both hands, of vuer or VisionProTeleop, ``.json``; or lines of hand-tracking-streamer,
+        ``.txt``.
     leave_out : whether faulty frames are omitted and counted, as in a stream. Otherwise one faulty
         frame makes the file invalid.
 
@@ -49,33 +61,72 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
         If the file is unreadable, has no frames, or contains a faulty frame. The message begins
         with the name of the file and states the line.
     """
-    if path.suffix != ENDING:
+    path = Path(path)
+    if path.suffix not in (ENDING, *OTHER_ENDINGS):
         raise InvalidInput(
-            f"{path.name}: the name of a recording must end in {ENDING}, not in {path.suffix!r}.",
+            f"{path.name}: the name of a recording must end in {ENDING}, or in .json or .txt for "
+            f"those of other programs, not in {path.suffix!r}.",
             code="unknown_format",
         )
     check_file(path)
     now = 0.0
     frames: list[HandFrame] = []
     stream = HandStream(on_frame=frames.append, clock=lambda: now)
+    note = ""
     with about(path.name):
-        for number, line in _lines(path):
+        if path.suffix == ENDING:
+            items = _lines(path)
+        else:
+            items, note = _of_other_program(path)
+        for place, frame_of in items:
             # The stream counts faults like in a live run.
             try:
-                frame = from_json(line)
+                frame = frame_of()
             except FaultyFrame as unreadable:
                 fault = stream.feed(unreadable)
             else:
                 now = frame.time
                 fault = stream.feed(frame)
             if fault is not None and not leave_out:
-                raise InvalidInput(f"line {number}: {fault}", fault.position, code=fault.code)
+                raise InvalidInput(f"{place}: {fault}", fault.position, code=fault.code)
         if not frames:
             raise InvalidInput(f"it has no valid frame ({stream.health}).", code="empty")
-        return Recording(tuple(frames), stream.health)
+        return Recording(tuple(frames), stream.health, note)
 
 
-def save_recording(path: Path, frames: Iterable[HandFrame]) -> None:
+def is_recording(path: Path) -> bool:
+    """Return whether a file is a recording by its name; a ``.json`` file may also be a pose."""
+    if path.suffix != ".json":
+        return path.suffix in (ENDING, *OTHER_ENDINGS)
+    try:
+        values = json_of(text_of(path))
+    except (ValueError, RecursionError):  # the reader of poses explains the fault
+        return False
+    return isinstance(values, dict) and "positions_m" not in values and bool(values)
+
+
+def _of_other_program(path: Path) -> tuple[list[Item], str]:
+    """Read a recording of another program, and say what its format lacks."""
+    text = text_of(path)
+    try:
+        if path.suffix == ".txt":
+            note = "no times: 70 frames per second are assumed"
+            return list(frames_of_streamer(text.splitlines())), note
+        values = json_of(text)
+        if "frames" in values:
+            return list(frames_of_actions(values)), "rounded to 1 mm, which costs pressure"
+        items = list(frames_of_matrices(values if isinstance(values, list) else [values]))
+        if items:
+            return items, ""
+        problem = "it has neither frames nor matrices"
+    except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
+        problem = repr(error)
+    raise InvalidInput(
+        f"it is no recording of IWER, vuer or VisionProTeleop: {problem}.", code="unknown_format"
+    )
+
+
+def save_recording(path: str | Path, frames: Iterable[HandFrame]) -> None:
     """Write a recording; the file appears only when it is complete.
 
     Parameters
@@ -88,6 +139,7 @@ def save_recording(path: Path, frames: Iterable[HandFrame]) -> None:
     InvalidInput
         If there are no frames, or the name has another ending.
     """
+    path = Path(path)
     frames = tuple(frames)
     if path.suffix != ENDING or not frames:
         raise InvalidInput(
@@ -137,11 +189,13 @@ def replay(
         yield frame
 
 
-def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
+def _lines(path: Path) -> Iterator[Item]:
     try:
         with path.open("rb") as file:
             # Limit the line length: a file without line breaks would fill the memory.
             lines = iter(lambda: file.readline(2**26), b"")
-            yield from ((number, line) for number, line in enumerate(lines, 1) if line.strip())
+            for number, line in enumerate(lines, 1):
+                if line.strip():
+                    yield f"line {number}", partial(from_json, line)
     except OSError as error:
         raise file_fault(path, error) from None

@@ -19,7 +19,9 @@ from typing import get_args
 import numpy as np
 
 from airtact.errors import counted, positive
+from airtact.geometry.pose import Pose
 from airtact.hands.hand import Side
+from airtact.hands.joints import joints_of, side_evidence
 from airtact.hands.tracking.clock import MAX_LATENCY, FrameClock
 from airtact.hands.tracking.frame import Fault, FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json
@@ -50,7 +52,7 @@ class StreamHealth:
     unknown_count : frames with neither 25 nor 21 landmarks.
     not_in_metres : frames that span more than a metre, probably in millimetres.
     impossible : frames with implausible bone lengths.
-    mirrored : frames labelled as the other hand.
+    mirrored : frames of a hand that bends like the other hand, judged over many frames.
     repeated : duplicate frames.
     out_of_order : frames with a lower number than an earlier frame.
     backwards : frames with a higher number but not a later time.
@@ -117,6 +119,9 @@ class _TrackedHand:
     recent : numbers and tracker's times of used frames, to distinguish duplicates from frames out
         of order.
     stale : numbers, tracker's times and arrivals of successive rejected frames that are in order.
+    evidence : running mean of evidence for the side (``side_evidence``); negative if mirrored.
+    together : whether each of the newest frames arrived together with the one before.
+    at_origin : whether the wrist is exactly at the tracker's origin.
     """
 
     clock: FrameClock = field(default_factory=FrameClock)
@@ -130,6 +135,9 @@ class _TrackedHand:
     shift: float = 0.0
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=256))
     stale: list[tuple[int, float, float]] = field(default_factory=list)
+    evidence: float = 0.0
+    together: deque[bool] = field(default_factory=lambda: deque(maxlen=16))
+    at_origin: bool = False
 
 
 class HandStream:
@@ -139,6 +147,7 @@ class HandStream:
     ----------
     silence : time without frames after which a hand counts as lost [s].
     on_frame : called with every used frame, in order, in the thread that received it.
+    tracker : pose of the tracker; frames are moved from its frame of reference to the other one.
     clock : function that returns the time [s]; the system clock by default.
 
     Raises
@@ -152,10 +161,13 @@ class HandStream:
         silence: float = 0.3,
         on_frame: Callable[[HandFrame], None] = lambda frame: None,
         clock: Callable[[], float] = time.monotonic,
+        tracker: Pose | None = None,
     ) -> None:
         self._silence = positive(silence, "silence", "s")
         self._on_frame = on_frame
         self._clock = clock
+        self._tracker = tracker
+        self._received = clock()
         self._changed = Condition()
         self._counts: Counter[str] = Counter()
         self._hands: dict[Side, _TrackedHand] = {"left": _TrackedHand(), "right": _TrackedHand()}
@@ -170,6 +182,21 @@ class HandStream:
     def clock(self, side: Side) -> FrameClock:
         """Return the clock of a hand's frames."""
         return self._hands[side].clock
+
+    @property
+    def idle(self) -> float:
+        """Time since the last message, used or not, or since the stream was made [s]."""
+        return self._clock() - self._received
+
+    def remark(self) -> str:
+        """Say what is odd about frames that are used; "" if nothing is."""
+        with self._changed:
+            hands = [hand for hand in self._hands.values() if not hand.silent]
+        if any(hand.at_origin for hand in hands):
+            return "the wrist stands still at the tracker's origin: are joints relative to it?"
+        if any(sum(hand.together) > 8 for hand in hands):
+            return "frames come in bursts: does the network save power?"
+        return ""
 
     def feed_json(self, text: bytes | str, source: str = "") -> FaultyFrame | None:
         """Process a message in JSON; return its fault, or None if it is used."""
@@ -194,15 +221,22 @@ class HandStream:
         """
         with self._changed:
             self._counts["received"] += 1
+            self._received = self._clock()
             try:
                 if isinstance(frame, FaultyFrame):
                     raise frame
-                used = self._continued(frame, source)
+                used, skipped = self._continued(frame, source)
+                self._check_side(used)
+                at_origin = used.landmarks is not None and not used.landmarks[0].any()
+                if self._tracker is not None:
+                    used = used.moved(self._tracker)
                 self._check_speed(used)
             except FaultyFrame as fault:
                 self._counts[fault.fault] += 1
                 return fault
             self._hands[frame.side].recent.append((frame.sequence, frame.time))
+            self._hands[frame.side].at_origin = at_origin
+            self._counts["skipped"] += skipped
             self._use(used)
             self._on_frame(used)
             return None
@@ -249,8 +283,11 @@ class HandStream:
                 # Silence does not wake this thread, so check for it.
                 self._changed.wait(min(left, self._silence / 4))
 
-    def _continued(self, frame: HandFrame, source: str) -> HandFrame:
-        """Return a frame whose time continues from the earlier ones, or raise its fault."""
+    def _continued(self, frame: HandFrame, source: str) -> tuple[HandFrame, int]:
+        """Return a frame whose time continues from the earlier ones, and the number skipped.
+
+        It raises the frame's fault.
+        """
         hand = self._hands[frame.side]
         newest = hand.newest
         now = self._clock()
@@ -265,7 +302,7 @@ class HandStream:
             hand.source = source
             hand.unit = 1.0
         if newest is None:
-            return frame
+            return frame, 0
         time = hand.unit * frame.time + hand.shift
         later = time > newest.time
         step = frame.sequence - newest.sequence
@@ -276,9 +313,8 @@ class HandStream:
         if step > 0 and plausible:
             if step > MAX_JUMP:
                 self._counts["restarted"] += 1
-            else:
-                self._counts["skipped"] += step - 1
-            return frame if time == frame.time else replace(frame, time=time)
+            skipped = step - 1 if step <= MAX_JUMP else 0
+            return frame if time == frame.time else replace(frame, time=time), skipped
         if (frame.sequence, frame.time) in hand.recent:
             raise FaultyFrame("repeated", f"{name} was already received; send it once.")
         # A restarted tracker restarts its numbers and times. Stray old frames are rarely in order.
@@ -300,7 +336,7 @@ class HandStream:
                         hand.unit = 10.0 ** (-3.0 * power)
                 time = max(hand.clock.restart(now), newest.time + 1e-3)
                 hand.shift = time - hand.unit * frame.time
-            return replace(frame, time=time)
+            return replace(frame, time=time), 0
         if step <= 0:
             # It was already counted as skipped.
             self._counts["skipped"] = max(self._counts["skipped"] - 1, 0)
@@ -318,6 +354,26 @@ class HandStream:
             f"the time of {name} is {frame.time:g} s, not later than that of the frame before; use "
             "increasing times.",
         )
+
+    def _check_side(self, frame: HandFrame) -> None:
+        """Reject a frame if this hand bends like the other one, in this frame or on average."""
+        if frame.landmarks is None:
+            return
+        hand = self._hands[frame.side]
+        evidence = side_evidence(joints_of(frame.landmarks))
+        if frame.side == "left":
+            evidence = -evidence
+        # Straight fingers say nothing, so a judgement lasts until fingers bend again. The limit to
+        # 2 lets the judgement change within some 20 frames.
+        if abs(evidence) > 0.1:
+            hand.evidence += 0.1 * (float(np.clip(evidence, -2.0, 2.0)) - hand.evidence)
+        if hand.evidence < -0.15 or evidence < -1.0:
+            raise FaultyFrame(
+                "mirrored",
+                f"the landmarks should be those of a {frame.side} hand, but fingers and thumb bend "
+                f"like those of the other hand ({evidence:+.2f} in this frame): swap left and "
+                "right, or if the axes are left-handed, as Unity's, negate z.",
+            )
 
     def _check_speed(self, frame: HandFrame) -> None:
         """Reject a frame if the hand moved too fast since it was last seen."""
@@ -338,8 +394,11 @@ class HandStream:
         self._counts["lost"] += frame.lost and not (hand.newest is not None and hand.newest.lost)
         self._counts["used"] += 1
         self._counts["converted"] += hand.unit != 1.0
+        now = self._clock()
+        if hand.newest is not None:
+            hand.together.append(now - hand.arrived < 0.2 * (frame.time - hand.newest.time))
         hand.newest = frame
-        hand.arrived = self._clock()
+        hand.arrived = now
         hand.clock.saw(frame.time, hand.arrived)
         hand.taken = False
         hand.silent = False
