@@ -1,8 +1,10 @@
 """Ways to lose a link, its feeder or the room on a disk: how often something is loud, crashes, hangs or is lost.
 
-Run as ``python -m benchmarks.ends [TRIALS] [ends|render|live|sweep|sense ...]``. The rows of full disks need root, to mount a small disk.
+Run as ``python -m benchmarks.ends [TRIALS] [ends|udp|render|live|sweep|sense ...]``: ends on a link that records, and on AUTD3
+boards with UDP, as their emulator hears them. The rows of full disks need root, to mount a small disk.
 """
 
+import argparse
 import os
 import random
 import signal
@@ -17,40 +19,57 @@ import numpy as np
 
 import airtact as at
 from airtact.emission.link import RecordingLink
+from airtact.emission.udp_link import UDPLink
+from references.udp_boards import UDPBoards
 
-TRIALS = 20
 
+class Faulty:
+    """A link that may hang once, or refuse silence some times."""
 
-class TracedLink(RecordingLink):
-    """Appends the time and loudness of each frame to a file; may hang once, or refuse silence some times."""
-
-    def __init__(self, trace: Path, hangs: bool = False, refusals: int = 0) -> None:
-        super().__init__()
-        self.trace = trace
-        self.hangs = hangs
-        self.refusals = refusals
+    hangs = False
+    refusals = 0
 
     def _transmit(self, frame: at.drives.Frame) -> None:
         if self.hangs and self.last is not None and not frame.silent:
             time.sleep(1e6)
-        if frame.silent and self.last is not None and self.refusals:
+        super()._transmit(frame)
+
+    def _silence(self) -> None:
+        if self.last is not None and self.refusals:
             self.refusals -= 1
             raise OSError(5, "refused")
+        super()._silence()
+
+
+class TracedLink(Faulty, RecordingLink):
+    """Appends the time and loudness of each frame to a file."""
+
+    def __init__(self, trace: str) -> None:
+        super().__init__()
+        self.trace = Path(trace)
+
+    def _transmit(self, frame: at.drives.Frame) -> None:
+        super()._transmit(frame)
         with self.trace.open("a") as file:
             file.write(f"{time.monotonic():.6f} {int(frame.amplitude.max())}\n")
-        super()._transmit(frame)
+
+
+class FaultyUDP(Faulty, UDPLink):
+    def __init__(self, address: str) -> None:
+        super().__init__([at.Pose.identity()], address)
 
 
 FEEDER = """
 import sys, numpy as np, airtact as at
-from benchmarks.ends import TracedLink
-from pathlib import Path
-link = TracedLink(Path(sys.argv[1]), sys.argv[2] == "hangs", int(sys.argv[3]))
+from benchmarks import ends
+link = getattr(ends, sys.argv[1])(sys.argv[2])
+link.hangs = sys.argv[3] == "hangs"
+link.refusals = int(sys.argv[4])
 drive = at.Drive(np.exp(2j * np.pi * np.arange(249) / 7))
 with at.Emission(link, cap=1.0, ramp=0.0) as emission:
     emission.send(drive)
     print(emission.process, flush=True)
-    if sys.argv[2] == "hangs":
+    if link.hangs:
         emission.send(drive)
     emission.hold(60.0)
 """
@@ -75,21 +94,31 @@ ENDS = [
 ]  # fmt: skip
 
 
-def to_silence(folder: Path, kind: str, refusals: int, signals: list) -> float:
+def to_silence(folder: Path, on: str, kind: str, refusals: int, signals: list) -> float:
     """End an emission; return the time from the first signal, or the hang, until silence [s]."""
     trace = folder / f"{time.monotonic_ns()}.txt"
-    command = [sys.executable, "-c", FEEDER, str(trace), kind, str(refusals)]
+    boards = UDPBoards() if on == "udp" else None
+    link = ["TracedLink", str(trace)] if boards is None else ["FaultyUDP", boards.address]
+    command = [sys.executable, "-c", FEEDER, *link, kind, str(refusals)]
     nothing = subprocess.DEVNULL
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=nothing, text=True) as feeder:
         assert feeder.stdout is not None
-        link = int(feeder.stdout.readline())
+        process = int(feeder.stdout.readline())
         begun = time.monotonic()
         for whom, name, pause in signals:
             time.sleep(random.uniform(0.0, 2.0) if pause is None else pause)
             with suppress(ProcessLookupError):  # it has ended already
-                os.kill(link if whom == "link" else feeder.pid, getattr(signal, name))
+                os.kill(process if whom == "link" else feeder.pid, getattr(signal, name))
         silent = np.inf
-        while silent == np.inf and time.monotonic() < begun + 10.0:
+        if boards is not None:
+            # What comes in the next 1.5 s must not sound either.
+            ended = time.monotonic()
+            while time.monotonic() < max(boards.sounded, ended) + 1.5 < begun + 10.0:
+                time.sleep(0.05)
+            if boards.sounded < begun + 8.0:
+                silent = max(boards.sounded - begun, 0.0)
+            boards.close()
+        while boards is None and silent == np.inf and time.monotonic() < begun + 10.0:
             time.sleep(0.02)
             at_time, loudness = trace.read_text().splitlines()[-1].split()
             if loudness == "0":
@@ -140,17 +169,24 @@ def on_full_disk(folder: Path, name: str) -> tuple[str, str]:
 
 
 def main() -> None:
-    trials = int(sys.argv[1]) if len(sys.argv) > 1 else TRIALS
-    names = sys.argv[2:] or ["ends", *DISKS]
+    rows = ["ends", "udp", *DISKS]
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.ends", usage=argparse.SUPPRESS)
+    parser.add_argument("trials", type=int, nargs="?", default=20)
+    parser.add_argument("names", nargs="*")
+    asked = parser.parse_args()
+    trials, names = asked.trials, asked.names or rows
+    for name in names:
+        if name not in rows:
+            parser.error(f"there are no rows {name!r}; give some of {', '.join(rows)}.")
     random.seed(1)
     with tempfile.TemporaryDirectory() as folder:
-        if "ends" in names:
+        for on in [name for name in names if name in ("ends", "udp")]:
             print(
-                "| end | trials | not silent | over 1 s | median, longest [ms] |\n|---|---|---|---|---|"
+                f"| end on {on} | trials | not silent | over 1 s | median, longest [ms] |\n|---|---|---|---|---|"
             )
             for words, kind, refusals, signals in ENDS:
                 took = np.array(
-                    [to_silence(Path(folder), kind, refusals, signals) for _ in range(trials)]
+                    [to_silence(Path(folder), on, kind, refusals, signals) for _ in range(trials)]
                 )
                 known = 1e3 * took[np.isfinite(took)]
                 times = f"{np.median(known):.0f}, {known.max():.0f}" if len(known) else ""

@@ -16,14 +16,24 @@ from pathlib import Path
 import numpy as np
 
 import airtact as at
-from emission.odd_links import Audit, HangingLink, Interrupted, UnsilencedAudit, ZeroDivided
+from emission.odd_links import (
+    UDP,
+    Audit,
+    HangingLink,
+    HangingUDP,
+    Interrupted,
+    UnsilencedAudit,
+    UnsilencedUDP,
+    ZeroDivided,
+)
 
 DRIVE = at.Drive(np.exp(2j * np.pi * np.arange(249) / 7))
 PLAIN = {
     "recording": at.emission.RecordingLink,
     "audit": Audit,
+    "udp": UDP,
 }
-ODD = {"recording": ZeroDivided, "audit": UnsilencedAudit}
+ODD = {"recording": ZeroDivided, "audit": UnsilencedAudit, "udp": UnsilencedUDP}
 LONG = 30.0
 KEPT: list = []
 SIGNALS = (
@@ -202,6 +212,7 @@ def main() -> None:
     name, folder, trials, *ways = sys.argv[1:]
     for trial in range(int(trials)):
         for way in ways:
+            log = Path(folder) / f"{way}-{trial}.log"
             process = os.fork()
             if process == 0:
                 os.setsid()
@@ -210,7 +221,7 @@ def main() -> None:
                 )  # a run of the tests may outlive its terminal
                 made = (ODD if way.startswith("silence") else PLAIN)[name]
                 if way.startswith("hangs"):
-                    made = HangingLink
+                    made = HangingUDP if name == "udp" else HangingLink
                 link = (
                     Interrupted()
                     if way.startswith("silence") and name == "recording" and trial % 2
@@ -218,11 +229,15 @@ def main() -> None:
                 )
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
                 os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-                WAYS[way](
-                    at.Emission(link, cap=1.0, ramp=0.0, log=Path(folder) / f"{way}-{trial}.log")
-                )
+                WAYS[way](at.Emission(link, cap=1.0, ramp=0.0, log=log))
                 return  # as a script that ends
             os.waitpid(process, 0)
+            # UDP boards belong to one link process at a time.
+            end = time.monotonic() + 20.0
+            while name == "udp" and time.monotonic() < end:
+                if log.exists() and log.read_text().endswith("closed\n"):
+                    break
+                time.sleep(0.02)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import numpy as np
 
 import airtact as at
 from airtact.emission.link import RecordingLink
+from airtact.emission.udp_link import UDPLink
 
 
 class SignalledLink(RecordingLink):
@@ -22,13 +23,28 @@ class SignalledLink(RecordingLink):
         os.kill(self.feeder, signal.SIGTERM)
 
 
-class HangingLink(RecordingLink):
+class Hanging:
     """Its driver never returns from a frame that sounds after another one."""
 
     def _transmit(self, frame: at.drives.Frame) -> None:
         if self.last is not None and not frame.silent:
             time.sleep(1e6)
         super()._transmit(frame)
+
+
+class HangingLink(Hanging, RecordingLink):
+    pass
+
+
+class UDP(UDPLink):
+    """One board at an address of the environment."""
+
+    def __init__(self) -> None:
+        super().__init__([at.Pose.identity()], os.environ["UDP_BOARDS"])
+
+
+class HangingUDP(Hanging, UDP):
+    pass
 
 
 class SlowLink(RecordingLink):
@@ -82,5 +98,15 @@ class UnsilencedAudit(Unsilenced, Audit):
     def _silence(self) -> None:
         if self.last is None:  # opening
             at.AUTD3Link._silence(self)
+        else:
+            super()._silence()
+
+
+class UnsilencedUDP(Unsilenced, UDP):
+    error = ZeroDivisionError
+
+    def _silence(self) -> None:
+        if self.last is None:  # opening
+            UDPLink._silence(self)
         else:
             super()._silence()

@@ -180,7 +180,7 @@ def test_what_cannot_be_is_rejected(link, make, code: str, monkeypatch: pytest.M
 
 def test_a_missing_pyautd3_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyautd3", None)
-    with raises_code("extra_missing", "airtact[autd3]"):
+    with raises_code("extra_missing", "airtact[autd3-legacy]"):
         at.AUTD3Link([at.Pose.identity()]).open()
 
 

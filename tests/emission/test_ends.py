@@ -10,14 +10,19 @@ import pytest
 
 from emission.feeder import SIGNALS, WAYS
 from emission.sounds import events
+from references.udp_boards import UDPBoards
 
 TESTS = Path(__file__).parent.parent
 
 
 def check(link: str, folder: Path, trials: int, ways=WAYS) -> None:
     command = [sys.executable, TESTS / "emission/feeder.py", link, folder, str(trials), *ways]
-    paths = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
-    subprocess.run(command, env={**os.environ, "PYTHONPATH": paths}, check=True)
+    environment = dict(os.environ)
+    environment["PYTHONPATH"] = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
+    if link == "udp":
+        boards = UDPBoards()
+        environment["UDP_BOARDS"] = boards.address
+    subprocess.run(command, env=environment, check=True)
     wrong = []
     for way in ways:
         for trial in range(trials):
@@ -33,6 +38,10 @@ def check(link: str, folder: Path, trials: int, ways=WAYS) -> None:
             ):
                 wrong.append((way, trial, found[-3:]))
     assert not wrong
+    if link == "udp":
+        assert boards.sounded > 0.0
+        assert boards.loudest == 0
+        boards.close()
 
 
 # The system ends a process by these signals in the same way.
@@ -44,6 +53,7 @@ ALIKE = set(SIGNALS) - {"SIGKILL", "SIGSEGV"}
     [
         ("recording", sorted(set(WAYS) - ALIKE)),
         ("audit", ["exit", "SIGKILL", "link-stopped-and-killed", "silence-raises"]),
+        ("udp", ["SIGKILL", "hangs-SIGKILL", "silence-raises"]),
     ],
 )
 def test_however_the_process_ends_the_boards_are_silent(link, ways, tmp_path: Path) -> None:
@@ -51,7 +61,7 @@ def test_however_the_process_ends_the_boards_are_silent(link, ways, tmp_path: Pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("link", ["recording", "audit"])
+@pytest.mark.parametrize("link", ["recording", "audit", "udp"])
 def test_however_the_process_ends_fifty_times(link: str, tmp_path: Path) -> None:
     check(link, tmp_path, 50)
 

@@ -1,4 +1,4 @@
-"""AUTD3 boards through pyautd3, and Audit, a model of their firmware."""
+"""AUTD3 boards, and a link to those of older firmware through pyautd3 or Audit, a model of it."""
 
 import ctypes
 import importlib.metadata
@@ -22,58 +22,30 @@ THROUGH = ("audit", "ethercrab", "twincat", "remote", "simulator")
 # Periods of sound per second; a sequence's rate must divide it.
 PERIODS = 40_000
 
-INTENSITY_FADE = 250
 # Default times over which the silencer spreads a change of intensity and of phase [µs].
+INTENSITY_FADE = 250
 PHASE_FADE = 1000
 
 
-class AUTD3Link(Link):
+class AUTD3Boards(Link):
     """AUTD3 boards, in the order in which they are chained.
 
     The silencer of a board spreads changes of intensity over 0.25 ms and of phase over 1 ms, which
-    avoids audible noise; a sequence with shorter frames shortens these times to one frame. Drives
-    contain all phases, so the frames do not depend on pyautd3's speed of sound, which is set for
-    simulators only.
+    avoids audible noise; a sequence with shorter frames shortens these times to one frame.
 
     Parameters
     ----------
-    poses : pose of each board, from the board's frame to the array's, as returned by
-        ``poses_of_boards``.
-    through : "audit" (no device: the firmware's model in this process), "ethercrab" (boards on an
-        Ethernet port of this computer), "twincat" (Beckhoff's, on this or another computer),
-        "remote" (an AUTD server) or "simulator".
-    address : network interface for ethercrab (by default the first with boards), AMS net id for
-        TwinCAT on another computer, or host:port for remote and simulator.
-    sound_speed : speed of sound in the medium [m/s], for simulators.
+    poses : pose of each board, from the board's frame to the array's.
     """
 
     plays_itself = True
 
-    def __init__(
-        self,
-        poses: Sequence[Pose],
-        through: str = "audit",
-        address: str | None = None,
-        sound_speed: float | None = None,
-    ) -> None:
+    def __init__(self, poses: Sequence[Pose]) -> None:
         of_kind(poses, list | tuple, "the value of poses", "a list of Pose, one for each board")
         for index, pose in enumerate(poses):
             of_kind(pose, Pose, f"pose {index}", "Pose(rotation, translation)")
         super().__init__("autd3", len(poses))
-        if through not in THROUGH:
-            raise InvalidInput(
-                f"{through!r} is not an AUTD3 connection: give one of {', '.join(THROUGH)}.",
-                code="unknown_name",
-            )
-        if through in ("remote", "simulator") and address is None:
-            raise InvalidInput(
-                f"the {through} link needs an address, such as 127.0.0.1:8080.",
-                code="key_missing",
-            )
-        self.name = through
         self.poses = poses
-        self.address: str | None = address
-        self.sound_speed: float | None = sound_speed
         # SciPy's import takes longer than a link process takes to start: convert rotations here.
         from scipy.spatial.transform import Rotation
 
@@ -81,13 +53,9 @@ class AUTD3Link(Link):
             np.array(Rotation.from_matrix(pose.rotation).as_quat(scalar_first=True))
             for pose in poses
         ]
-        self._lost: str | None = None
         self._envelope: np.ndarray | None = None
         self._divide = 1
         self._modulating = False
-        self._smoothed: int | None = None
-        self._controller: Any = None
-        self._library: Any = None
 
     def check_sequence(self, frames: int, rate: float) -> None:
         """Check that the boards can hold a sequence and that its rate divides 40 kHz.
@@ -105,6 +73,64 @@ class AUTD3Link(Link):
             )
         # The board counts the periods of a frame in 16 bits.
         check_rate(rate, PERIODS, 0xFFFF, "AUTD3")
+
+    def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
+        """Have the boards modulate all frames that are sent from now on.
+
+        Parameters
+        ----------
+        envelope : factors on the amplitudes, from 0 to 1, for one period; None for no modulation.
+        rate : factors per second: 40 kHz divided by a whole number.
+        """
+        self._envelope = envelope
+        if envelope is not None:
+            self._divide = round(PERIODS / rate)
+        self._modulating = False
+
+
+class AUTD3Link(AUTD3Boards):
+    """AUTD3 boards with firmware before 0.10, by EtherCAT, in the order in which they are chained.
+
+    Drives contain all phases, so the frames do not depend on pyautd3's speed of sound, which is set
+    for simulators only.
+
+    Parameters
+    ----------
+    poses : pose of each board, from the board's frame to the array's, as returned by
+        ``poses_of_boards``.
+    through : "audit" (no device: the firmware's model in this process), "ethercrab" (boards on an
+        Ethernet port of this computer), "twincat" (Beckhoff's, on this or another computer),
+        "remote" (an AUTD server) or "simulator".
+    address : network interface for ethercrab (by default the first with boards), AMS net id for
+        TwinCAT on another computer, or host:port for remote and simulator.
+    sound_speed : speed of sound in the medium [m/s], for simulators.
+    """
+
+    def __init__(
+        self,
+        poses: Sequence[Pose],
+        through: str = "audit",
+        address: str | None = None,
+        sound_speed: float | None = None,
+    ) -> None:
+        super().__init__(poses)
+        if through not in THROUGH:
+            raise InvalidInput(
+                f"{through!r} is not an AUTD3 connection: give one of {', '.join(THROUGH)}.",
+                code="unknown_name",
+            )
+        if through in ("remote", "simulator") and address is None:
+            raise InvalidInput(
+                f"the {through} link needs an address, such as 127.0.0.1:8080.",
+                code="key_missing",
+            )
+        self.name = through
+        self.address: str | None = address
+        self.sound_speed: float | None = sound_speed
+        self._lost: str | None = None
+        self._smoothed: int | None = None
+        self._controller: Any = None
+        self._library: Any = None
 
     def played(self, index: int = 0) -> Frame:
         """Read frame ``index`` of the sequence that the boards play, from the firmware's model.
@@ -131,19 +157,6 @@ class AUTD3Link(Link):
         )
         intensity, phase = played.astype(np.uint8)
         return Frame(intensity, phase, EIGHT_BITS)
-
-    def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Have the boards modulate all frames that are sent from now on.
-
-        Parameters
-        ----------
-        envelope : factors on the amplitudes, from 0 to 1, for one period; None for no modulation.
-        rate : factors per second: 40 kHz divided by a whole number.
-        """
-        self._envelope = envelope
-        if envelope is not None:
-            self._divide = round(PERIODS / rate)
-        self._modulating = False
 
     def _resource(self) -> str | None:
         if self.name == "audit":
@@ -268,13 +281,13 @@ class AUTD3Link(Link):
 
 
 def _library() -> Any:
-    with extra("autd3", "AUTD3 boards need pyautd3"):
+    with extra("autd3-legacy", "AUTD3 boards with firmware before 0.10 need pyautd3"):
         import pyautd3
     version = importlib.metadata.version("pyautd3")
     # The tests run with this version only.
     if version != "36.0.2":
         raise InvalidInput(
-            f"pyautd3 {version} is not the tested version 36.0.2: pip install 'airtact[autd3]'.",
+            f"pyautd3 {version} is not the tested version 36.0.2: pip install 'airtact[autd3-legacy]'.",
             code="unsupported_version",
         )
     return pyautd3

@@ -208,13 +208,15 @@ class Emission:
         """Id of the process that holds the link; None if it is this one, or not open."""
         return None if self._link_process is None else self._link_process.process
 
-    def send(self, drive: Drive, wait: bool = True) -> Frame:
+    def send(self, drive: Drive, wait: bool = True, at: float | None = None) -> Frame:
         """Play a drive from now on; the first drive, and the first after silence, have a ramp.
 
         Parameters
         ----------
         drive : amplitude of every element.
         wait : whether to wait for the end of the ramp; otherwise ``share`` holds its progress.
+        at : when the drive is to act, by ``time.monotonic`` [s], at most the link's ``lead`` from
+            now. On a ramp, and on links without a lead, it acts at once.
 
         Returns
         -------
@@ -229,7 +231,7 @@ class Emission:
         """
         check_drive(drive, "the drive to emit")
         self.link.check_elements(len(drive))
-        return self._play(drive.amplitudes[None], np.ones(1), 0.0, wait)
+        return self._play(drive.amplitudes[None], np.ones(1), 0.0, wait, at)
 
     def cycle(self, sequence: Sequence, wait: bool = True) -> None:
         """Repeat the frames of a sequence from now on.
@@ -405,9 +407,10 @@ class Emission:
         factors: Float64[np.ndarray, "frames"],
         rate: float,
         wait: bool = True,
+        at: float | None = None,
     ) -> Frame:
         cap = self._safe_cap(drives) if self.cap is None else self.cap
-        frame, left, self.share = self._ask("play", drives, factors, rate, cap)
+        frame, left, self.share = self._ask("play", drives, factors, rate, cap, at)
         if wait:
             self._outlast(left)
         return frame

@@ -53,6 +53,8 @@ class Link(ABC):
     plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves;
         otherwise every frame must be sent in time.
     fastest : largest rate of the link [frames/s].
+    lead : longest time [s] by which a frame can be sent ahead of the time at which it acts; 0 if
+        frames act when they arrive.
     last : last frame sent, or None.
     sent : number of frames sent since it was opened.
     """
@@ -60,6 +62,7 @@ class Link(ABC):
     name: str
     plays_itself: bool = False
     fastest: float = np.inf
+    lead: float = 0.0
 
     def __init__(self, board: str, boards: int = 1) -> None:
         self.codec: Codec = codec_of(board)
@@ -127,19 +130,29 @@ class Link(ABC):
             raise
         self._open = True
 
-    def send(self, frame: Frame) -> None:
+    def send(self, frame: Frame, at: float | None = None) -> None:
         """Send one frame, which the boards play from then on.
+
+        Parameters
+        ----------
+        frame : amplitudes and phases.
+        at : when the frame is to act, by ``time.monotonic`` [s], if the link has a ``lead``. By
+            default, and if that time has passed, the frame acts when it arrives.
 
         Raises
         ------
         InvalidInput
-            If the frame has another number of elements or other levels, or the link is not open.
+            If the frame has another number of elements or other levels, the link is not open, or
+            the time is further ahead than ``lead``.
         LinkFailed
             If the link fails.
         """
         self._check(frame)
         with self._reporting("sending"):
-            self._transmit(frame)
+            if at is None or self.lead == 0.0:
+                self._transmit(frame)
+            else:
+                self._transmit_at(frame, at)
         self.last = frame
         self.sent += 1
 
@@ -267,6 +280,9 @@ class Link(ABC):
     @abstractmethod
     def _transmit(self, frame: Frame) -> None: ...
 
+    def _transmit_at(self, frame: Frame, at: float) -> None:
+        raise NotImplementedError
+
     def _upload(self, frames: Sequence[Frame], rate: float) -> None:
         raise NotImplementedError
 
@@ -301,8 +317,8 @@ class Link(ABC):
         try:
             yield
         except Exception as error:
-            # A lost terminal raises termios.error, and pyautd3 its own errors.
-            own = type(error).__module__.startswith(("termios", "pyautd3"))
+            # A lost terminal raises termios.error, and the libraries of AUTD3 their own errors.
+            own = type(error).__module__.startswith(("termios", "pyautd3", "autd3"))
             if not isinstance(error, OSError) and not own:
                 raise
             why = getattr(error, "strerror", None) or str(error).rstrip(".")

@@ -5,11 +5,13 @@ from collections.abc import Sequence
 from airtact.emission.autd3_link import THROUGH, AUTD3Link
 from airtact.emission.link import Link
 from airtact.emission.serial_link import SerialLink
+from airtact.emission.udp_link import UDPLink
 from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose
 
 # The boards of each link, in display order.
 LINKS: dict[str, tuple[str, ...]] = {
+    "udp": ("autd3",),
     **dict.fromkeys(THROUGH, ("autd3",)),
     "serial": ("sonicsurface", "nano16"),
 }
@@ -25,7 +27,7 @@ def link_to(
 ) -> Link:
     """Build a link by its name, not open yet.
 
-    ``settings`` are the ``address`` of AUTD3 boards (interface, AMS net id or host:port) or the
+    ``settings`` are the ``address`` of AUTD3 boards (interface, AMS net id, host:port or "emulator") or the
     serial ``port``.
 
     Raises
@@ -46,6 +48,8 @@ def link_to(
                 f"--{setting} {value} does not go with the {name} link: leave it out.",
                 code="options_clash",
             )
+    if name == "udp":
+        return UDPLink(poses, settings.get(key))
     if name != "serial":
         return AUTD3Link(poses, name, settings.get(key), sound_speed)
     port = settings.get("port")

@@ -109,6 +109,7 @@ class Player:
         factors: Float64[np.ndarray, "frames"],
         rate: float,
         cap: float,
+        at: float | None = None,
     ) -> tuple[Frame, float, float]:
         """Repeat drives, or one drive at several factors, from now on.
 
@@ -120,6 +121,7 @@ class Player:
         drives, factors : each frame plays one drive times one factor.
         rate : frames per second; 0 for a single drive.
         cap : largest amplitude of an element, as a share of full scale.
+        at : when a single drive is to act, as for ``Link.send``; on a ramp it acts at once.
 
         Returns
         -------
@@ -156,7 +158,7 @@ class Player:
             self._change_gain()
         # Paced frames are sent when they are due, but silence must not wait for that.
         if full.silent or self._paced is None:
-            self._show()
+            self._show(at if self._slope == 0.0 and not full.silent else None)
         self._fed = time.monotonic()
         return full, self.left(), self._gain
 
@@ -315,13 +317,13 @@ class Player:
         elif self._paced is None:
             self._show()
 
-    def _show(self) -> None:
-        """Send the sound at the present gain, unless a later frame will."""
+    def _show(self, at: float | None = None) -> None:
+        """Send the sound at the present gain, to act at a time if given."""
         sound = self._sound
         if sound is not None and sound.rate and self.link.plays_itself and self._gain == 1.0:
             self._upload([item[2] for item in sound.items], sound.rate)
         else:
-            self._transmit(self._now())
+            self._transmit(self._now(), at)
 
     def _now(self) -> Frame:
         assert self._sound is not None
@@ -338,11 +340,11 @@ class Player:
 
     # --- the link ---
 
-    def _transmit(self, frame: Frame) -> None:
+    def _transmit(self, frame: Frame, at: float | None = None) -> None:
         audible = not frame.silent or (self._paced is not None and self._gain > 0.0)
         # Set before the call, because an error during it may leave the boards emitting.
         self._emitting = self._emitting or audible
-        self.link.send(frame)
+        self.link.send(frame, at)
         self._emitting = audible
         self._note([frame])
 

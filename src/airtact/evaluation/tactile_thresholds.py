@@ -10,14 +10,29 @@ Modulation = Literal["amplitude", "spatiotemporal"]
 # From T. Howard et al. 2019.
 THRESHOLDS: dict[str, float] = {"amplitude": 557.0, "spatiotemporal": 334.0}
 
-# The note for an unmodulated drive
-CONSTANT_FORCE_NOTE = (
-    'Skin hardly feels a constant force: give [drive.modulation] with kind = "am" in the scene '
-    "file, or play the drive with --modulate am:200."
-)
+
+def constant_force_note(fastest: float = np.inf) -> str:
+    """Return the note for an unmodulated drive, for boards that modulate up to a frequency [Hz].
+
+    Examples
+    --------
+    >>> constant_force_note(44.1).partition(": ")[2]
+    'give [drive.modulation] with kind = "am" and frequency = 44 in the scene file, or play the ...
+    """
+    frequency = min(int(fastest), 200) if np.isfinite(fastest) else 200
+    keys = 'kind = "am"' if frequency == 200 else f'kind = "am" and frequency = {frequency}'
+    return (
+        f"Skin hardly feels a constant force: give [drive.modulation] with {keys} in the scene "
+        f"file, or play the drive with --modulate am:{frequency}."
+    )
 
 
-def sensation(pressure: float, modulation: Modulation | None, depth: float = 1.0) -> str:
+def sensation(
+    pressure: float,
+    modulation: Modulation | None,
+    depth: float = 1.0,
+    fastest: float = np.inf,
+) -> str:
     """Describe a focus's level relative to the detection threshold, with the threshold's source.
 
     Parameters
@@ -25,6 +40,7 @@ def sensation(pressure: float, modulation: Modulation | None, depth: float = 1.0
     pressure : peak pressure at the weakest focus [Pa].
     modulation : kind of modulation; None for a constant drive.
     depth : modulation depth of the force.
+    fastest : largest frequency with which the boards can modulate [Hz].
 
     Examples
     --------
@@ -32,7 +48,7 @@ def sensation(pressure: float, modulation: Modulation | None, depth: float = 1.0
     'The weakest focus is 20 dB above the threshold of detection'
     """
     if modulation is None:
-        return CONSTANT_FORCE_NOTE
+        return constant_force_note(fastest)
     # The depth refers to the force, which is proportional to the square of the pressure.
     felt = max(pressure * np.sqrt(depth), np.finfo(float).tiny)
     # Nine digits hide the rounding of the logarithm.

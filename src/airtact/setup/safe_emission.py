@@ -17,7 +17,7 @@ from airtact.emission.emission import Emission, Played, frames_of_period
 from airtact.emission.frame_file import write_frames
 from airtact.emission.link import Link
 from airtact.errors import InvalidInput, about
-from airtact.evaluation.tactile_thresholds import CONSTANT_FORCE_NOTE, sensation
+from airtact.evaluation.tactile_thresholds import constant_force_note, sensation
 from airtact.geometry.pose import Pose
 from airtact.timing import Progress, no_progress
 from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
@@ -129,7 +129,8 @@ class Plan:
                 f"--full-scale emits up to {self.head.full:.0f} dB; --cap sets another share."
             )
         if self.constant:
-            notes.append(CONSTANT_FORCE_NOTE)
+            fastest = codec_of(self.board).fastest_frames(len(self.poses)) / 2.0
+            notes.append(constant_force_note(fastest))
         if self.weakest is not None and self.modulation is not None:
             notes.append(sensation(self.weakest, "amplitude", self.modulation.depth))
         return notes

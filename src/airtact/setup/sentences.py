@@ -10,10 +10,12 @@ from airtact.drives.max_min import upper_bound
 from airtact.drives.methods import METHODS
 from airtact.drives.reach import MIN_FOCUS_DISTANCE, nearest_foci
 from airtact.drives.transfer import TransferMatrix
+from airtact.emission.codecs import codec_of
 from airtact.errors import counted, in_mm
 from airtact.evaluation.metrics import pascals
 from airtact.evaluation.tactile_thresholds import sensation
 from airtact.setup.setup import Setup
+from airtact.transducers.boards import kind_of_array
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.placement import (
     open_air_bound,
@@ -159,7 +161,11 @@ def sensations(
     weakest = float(pressures[skin].min())
     if isinstance(setup.modulation, AmplitudeModulation):
         return (sensation(weakest, "amplitude", setup.modulation.depth),)
-    return (sensation(weakest, None),)
+    fastest = np.inf
+    made = kind_of_array(setup.array.positions, setup.array.normals)
+    if made is not None:
+        fastest = codec_of(made[0]).fastest_frames(len(made[1])) / 2.0
+    return (sensation(weakest, None, fastest=fastest),)
 
 
 def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:

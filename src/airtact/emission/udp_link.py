@@ -1,0 +1,272 @@
+"""AUTD3 boards with firmware 0.12, which speak UDP, through the package autd3 of their makers."""
+
+import asyncio
+import importlib.metadata
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, UInt8
+
+from airtact.drives.frame import Frame
+from airtact.emission.autd3_link import INTENSITY_FADE, PERIODS, PHASE_FADE, AUTD3Boards
+from airtact.errors import InvalidInput, extra
+from airtact.geometry.pose import Pose
+
+# Number of times that a frame is sent if a board does not answer.
+TRIES = 3
+
+
+class UDPLink(AUTD3Boards):
+    """AUTD3 boards with firmware 0.12, in the order in which they are chained.
+
+    The boards silence themselves half a second after the last call of ``send``, ``play`` or
+    ``probe``; ``Emission`` probes them. A frame can be sent ahead of the time at which it acts, see
+    ``send``.
+
+    Parameters
+    ----------
+    poses : pose of each board, from the board's frame to the array's, as returned by
+        ``poses_of_boards``.
+    address : network interface of the boards, by default the first with boards; or [::1]:PORT of a
+        simulator, or "emulator": the makers' model of the boards, in the link process.
+
+    Examples
+    --------
+    >>> link = UDPLink([Pose.identity()], "emulator")
+    >>> link.devices, link.lead
+    ('1 autd3 board', 0.05)
+    """
+
+    name = "udp"
+    # The boards take frames up to 100 ms ahead. Silence waits for the frames before it.
+    lead = 0.05
+
+    def __init__(self, poses: Sequence[Pose], address: str | None = None) -> None:
+        super().__init__(poses)
+        if self.boards > 128:
+            raise InvalidInput(
+                f"the udp link drives at most 128 AUTD3 boards, not {self.boards}.",
+                code="sizes_differ",
+            )
+        self.address: str | None = address
+        self._smoothed = PHASE_FADE
+        self._bank = 0
+        self._modulated = False  # whether the boards play a modulation
+        self._answer: Any = None  # to the last frame that was sent ahead
+        self._sdk: Any = None
+        self._loop: Any = None
+        self._client: Any = None
+        self._emulator: Any = None
+
+    def _resource(self) -> str | None:
+        if self.address == "emulator":
+            return None
+        return f"udp at {self.address or 'its usual address'}"
+
+    def _begin(self) -> None:
+        self._sdk = sdk = _sdk()
+        milliseconds = sdk.Duration.from_millis
+        interface = sdk.Interface.Auto
+        if self.address == "emulator":
+            self._emulator = sdk.UdpEmulator(self.boards)
+            interface = self._emulator.option().iface
+        elif self.address is not None:
+            address = self.address.startswith("[")
+            interface = getattr(sdk.Interface, "Addr" if address else "Name")(self.address)
+        self._geometry = sdk.geometry.Geometry(
+            [
+                sdk.geometry.Autd3(1e3 * pose.translation, rotation)
+                for pose, rotation in zip(self.poses or (), self._rotations, strict=True)
+            ]
+        )
+        # The library's own thread must not keep boards playing that the player has lost: no
+        # heartbeats, and no release of boards that silenced themselves. The times are longer than
+        # the defaults, for a computer that is busy solving.
+        config = sdk.ClientConfig(
+            ack_timeout=milliseconds(100),
+            release_failsafe_on_recovery=None,
+            resynchronize_on_recovery=None,
+        )
+        option = sdk.UdpOption(
+            iface=interface, heartbeat=None, response_timeout=milliseconds(200)
+        )
+        self._answer = None
+        self._loop = asyncio.new_event_loop()
+        try:
+            self._client = self._done(lambda: sdk.Client.open(self._geometry, option, config))
+            self._check_firmware()
+        except (sdk.Autd3Error, ValueError) as error:
+            raise InvalidInput(
+                f"{self.boards} AUTD3 boards cannot be opened through udp: "
+                f"{str(error).rstrip('.')}. Boards with firmware before 0.10 need another link, "
+                "such as ethercrab.",
+                code="link_failed",
+            ) from None
+        self._silence()
+
+    def _check_firmware(self) -> None:
+        for index, version in enumerate(self._done(self._client.read_firmware_version)):
+            if not version.is_supported():
+                cpu = version.cpu
+                series = ".".join(map(str, self._sdk.FirmwareVersion.SUPPORTED_SERIES))
+                self._end()
+                raise InvalidInput(
+                    f"board {index} has the firmware {cpu.major}.{cpu.minor}.{cpu.patch}, and "
+                    f"autd3 {importlib.metadata.version('autd3')} needs {series}: update the "
+                    "board's firmware.",
+                    code="unsupported_version",
+                )
+
+    def _transmit(self, frame: Frame) -> None:
+        self._prepare()
+        self._deliver(self._pattern(frame))
+
+    def _transmit_at(self, frame: Frame, at: float) -> None:
+        self._prepare()
+        sdk = self._sdk
+        (frames,) = sdk.Frames.encode(self._geometry, self._pattern(frame))
+        ahead = round(1e9 * (at - time.monotonic()))
+        device_time = self._client.device_time_now() + sdk.Duration.from_nanos(max(ahead, 0))
+        if ahead > 1e9 * self.lead:
+            raise InvalidInput(
+                f"a frame is to act {1e-6 * ahead:.0f} ms from now; AUTD3 boards take frames up to "
+                f"{1e3 * self.lead:.0f} ms ahead.",
+                code="out_of_range",
+            )
+        self._answer = self._done(
+            lambda: self._client.send_frame_at(frames, sdk.ExecAt.At(device_time))
+        )
+
+    def _prepare(self) -> None:
+        """Have the boards play the present modulation; check the last frame sent ahead."""
+        answer = self._answer
+        if answer is not None:
+            self._answer = None
+            self._done(lambda: answer).check()
+        if self.last is None or self.last.silent:
+            # The boards silenced themselves if nothing was sent for half a second.
+            self._deliver(self._sdk.commands.ReleaseFailsafe())
+        if self._envelope is not None and not self._modulating:
+            self._smooth(self._divide)
+            self._modulate(self._envelope, self._divide)
+            self._modulating = True
+        elif self._envelope is None and self._modulated:
+            self._modulate(np.ones(2), 0xFFFF)
+            self._modulated = False
+
+    def _modulate(self, envelope: Float64[np.ndarray, "frames"], divide: int) -> None:
+        from autd3_modulation import ModulationBuffer
+
+        factors = ModulationBuffer.from_array(np.rint(255 * envelope).astype(np.uint8))
+        sampling = self._sdk.value.SamplingConfig(divide)
+        self._deliver(self._sdk.commands.Modulation(sampling, factors))
+        self._modulated = True
+
+    def _look(self) -> None:
+        for index, state in enumerate(self._done(self._client.read_fpga_state)):
+            if state.is_failsafe_active():
+                raise self._failed(
+                    "looking for the boards",
+                    f"board {index} heard nothing for half a second and silenced itself",
+                )
+
+    def _upload(self, frames: Sequence[Frame], rate: float) -> None:
+        divide = round(PERIODS / rate)
+        self._envelope = None
+        self._prepare()
+        self._smooth(divide)
+        commands = self._sdk.commands
+        buffers = [self._buffers(frame) for frame in frames]
+        phases, intensities = map(list, zip(*buffers, strict=True))
+        option = commands.PatternStmOption(bank=self._next_bank())
+        sampling = self._sdk.value.SamplingConfig(divide)
+        self._deliver(commands.PatternStm(sampling, phases, intensities, option))
+
+    def _silence(self) -> None:
+        commands = self._sdk.commands
+        self._answer = None
+        # Both banks, so that no earlier frame is left that could sound again.
+        for _ in range(2):
+            self._deliver(self._pattern(self.zero()))
+        self._modulate(np.ones(2), 0xFFFF)
+        self._modulated = False
+        self._modulating = False
+        self._smoothed = PHASE_FADE
+        self._deliver(self._silencer(INTENSITY_FADE, PHASE_FADE))
+        self._deliver(commands.ReleaseFailsafe())
+
+    def _smooth(self, divide: int) -> None:
+        """Have the boards spread changes over at most one frame of ``divide`` periods."""
+        period = divide * (1_000_000 // PERIODS)
+        # Until silence the time only becomes shorter, because boards reject times that are longer
+        # than a frame of what they still play.
+        if period < self._smoothed:
+            self._smoothed = period
+            self._deliver(self._silencer(min(INTENSITY_FADE, period), period))
+
+    def _silencer(self, intensity: int, phase: int) -> Any:
+        commands = self._sdk.commands
+        micros = self._sdk.Duration.from_micros
+        times = commands.FixedCompletionTime(intensity=micros(intensity), phase=micros(phase))
+        return commands.SetSilencer(times)
+
+    def _end(self) -> None:
+        try:
+            self._done(self._client.close)
+        finally:
+            self._loop.close()
+            self._emulator = None
+
+    def _pattern(self, frame: Frame) -> Any:
+        phases, intensities = self._buffers(frame)
+        return self._sdk.commands.Pattern(phases, intensities, bank=self._next_bank())
+
+    def _buffers(self, frame: Frame) -> tuple[Any, Any]:
+        from autd3_pattern import IntensityBuffer, PhaseBuffer
+
+        def of_boards(values: UInt8[np.ndarray, "elements"]) -> UInt8[np.ndarray, "boards 249"]:
+            return np.ascontiguousarray(values.reshape(self.boards, -1), dtype=np.uint8)
+
+        phases = PhaseBuffer.from_array(of_boards(frame.phase))
+        return phases, IntensityBuffer.from_array(of_boards(frame.amplitude))
+
+    def _next_bank(self) -> Any:
+        """Return the bank that does not play, so that no frame sounds before it is complete."""
+        banks = self._sdk.value.PatternBank
+        self._bank = 1 - self._bank
+        return (banks.B0, banks.B1)[self._bank]
+
+    def _deliver(self, command: Any) -> None:
+        for left in reversed(range(TRIES)):
+            try:
+                return self._done(lambda: self._client.send(command))
+            except self._sdk.Autd3Error as error:
+                # UDP loses packets. A command that boards reject is not sent again.
+                lost = error.code in (error.TIMEOUT, error.NETWORK)
+                if not lost or left == 0:
+                    raise
+
+    def _done(self, start: Callable[[], Awaitable[Any]]) -> Any:
+        """Start work of the library and wait for its result."""
+
+        async def work() -> Any:
+            return await start()
+
+        return self._loop.run_until_complete(work())
+
+
+def _sdk() -> Any:
+    with extra("autd3", "AUTD3 boards that speak UDP need autd3"):
+        import autd3
+        import autd3_modulation  # noqa: F401
+        import autd3_pattern  # noqa: F401
+    version = importlib.metadata.version("autd3")
+    # Before version 1, a change of the second number changes the messages.
+    if not version.startswith("0.12."):
+        raise InvalidInput(
+            f"autd3 {version} is not the tested version 0.12: pip install 'airtact[autd3]'.",
+            code="unsupported_version",
+        )
+    return autd3
