@@ -60,6 +60,7 @@ class UDPBoards:
     commands : command of every frame that board 0 got, when, and when it is to act [device's µs].
     clocks : of every answer: board, when its question and itself passed [s], and the board's time [ns].
     lose : number of the next messages to the boards that are lost.
+    cut : numbers of boards that get no messages.
     sounded : when a board last sounded [s].
     """
 
@@ -78,6 +79,7 @@ class UDPBoards:
         self.commands: list[tuple[int, float, int]] = []
         self.clocks: list[tuple[int, float, float, int]] = []
         self.lose = 0
+        self.cut: tuple[int, ...] = ()
         self.sounded = -np.inf
         self._open = True
         self._thread = threading.Thread(target=self._relay, daemon=True)
@@ -129,7 +131,10 @@ class UDPBoards:
 
     def _ask(self, one: socket.socket, data: bytes) -> None:
         if one is not self._door:
-            self._note(list(self._faces).index(one), data)
+            index = list(self._faces).index(one)
+            if self._numbers.get(index) in self.cut:
+                return
+            self._note(index, data)
         self._back.sendto(data, self._faces.get(one, self._group))
 
     def _note(self, index: int, data: bytes) -> None:

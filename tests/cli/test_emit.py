@@ -97,6 +97,35 @@ def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
     assert "9 frames were sent; the last was silence, and confirmed." in printed
 
 
+def test_a_drive_goes_by_udp(capsys, drive) -> None:
+    emulated = ("--board", "autd3", "--link", "udp", "--address", "emulator")
+    printed, _ = done(capsys, "emit", drive, *emulated, *BRIEFLY, "--yes", "--modulate", "am:200")
+    assert "4 AUTD3, 996 transducers, through udp" in printed
+    assert "the last was silence, and confirmed." in printed
+
+
+@pytest.mark.parametrize(
+    ("board", "count", "advised"),
+    [("autd3", 1, 200), ("sonicsurface", 1, 44), ("sonicsurface", 2, 22), ("nano16", 1, 87)],
+)
+def test_the_advised_modulation_is_one_that_the_boards_take(
+    capsys, tmp_path, board, count, advised
+) -> None:
+    poses = [at.Pose.turn((0, 0, 1), 0.0, (0.2 * index, 0.0, 0.0)) for index in range(count)]
+    array = at.transducers.board_array(board, poses)
+    path = write(tmp_path / "drive.h5", array)
+    to_file = ("--board", board, "--link", "file", "--out", tmp_path / "frames.h5")
+    printed, _ = done(capsys, "emit", path, *to_file)
+    words = re.search(r"--modulate am:(\d+)", printed)
+    assert words
+    assert int(words[1]) == advised
+    done(capsys, "emit", path, *to_file, "--modulate", f"am:{advised}")
+    if advised < 200:
+        assert f"frequency = {advised} in the scene" in printed
+        errors = rejected(capsys, "emit", path, *to_file, "--modulate", f"am:{advised + 1}")
+        assert f"--modulate am:{advised}." in errors
+
+
 def test_a_frame_is_judged_at_the_foci_that_it_is_made_for(capsys, tmp_path) -> None:
     """The pressure that a frame for one focus leaves at another does not count."""
     array = at.autd3_board()

@@ -15,7 +15,15 @@ SETTINGS = {
 
 
 def test_links_are_listed_by_board() -> None:
-    assert links_of("autd3") == ["udp", "audit", "ethercrab", "twincat", "remote", "simulator", "file"]
+    assert links_of("autd3") == [
+        "udp",
+        "audit",
+        "ethercrab",
+        "twincat",
+        "remote",
+        "simulator",
+        "file",
+    ]
     assert links_of("sonicsurface") == links_of("nano16") == ["serial", "file"]
     assert links_of("openmpd") == ["file"]
 

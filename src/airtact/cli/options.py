@@ -159,7 +159,9 @@ def given(**settings: Setting | None) -> dict[str, Setting]:
 def board_address(command: Command) -> Command:
     """Add the options for the address of boards to a command."""
     command = click.option("--port", help="Serial port, for SonicSurface and Nano16.")(command)
-    return click.option("--address", help="Interface, AMS net id, host:port or emulator, for AUTD3.")(command)
+    return click.option(
+        "--address", help="Interface, AMS net id, host:port or emulator, for AUTD3."
+    )(command)
 
 
 def level_of(cap: float | None, full_scale: bool) -> float | None:

@@ -68,13 +68,6 @@ class UDPLink(AUTD3Boards):
     def _begin(self) -> None:
         self._sdk = sdk = _sdk()
         milliseconds = sdk.Duration.from_millis
-        interface = sdk.Interface.Auto
-        if self.address == "emulator":
-            self._emulator = sdk.UdpEmulator(self.boards)
-            interface = self._emulator.option().iface
-        elif self.address is not None:
-            address = self.address.startswith("[")
-            interface = getattr(sdk.Interface, "Addr" if address else "Name")(self.address)
         self._geometry = sdk.geometry.Geometry(
             [
                 sdk.geometry.Autd3(1e3 * pose.translation, rotation)
@@ -82,22 +75,28 @@ class UDPLink(AUTD3Boards):
             ]
         )
         # The library's own thread must not keep boards playing that the player has lost: no
-        # heartbeats, and no release of boards that silenced themselves. The times are longer than
-        # the defaults, for a computer that is busy solving.
+        # heartbeats, and no release of boards that silenced themselves. A board counts as lost
+        # only after all tries.
         config = sdk.ClientConfig(
-            ack_timeout=milliseconds(100),
+            ack_timeout=milliseconds(50),
             release_failsafe_on_recovery=None,
             resynchronize_on_recovery=None,
-        )
-        option = sdk.UdpOption(
-            iface=interface, heartbeat=None, response_timeout=milliseconds(200)
         )
         self._answer = None
         self._loop = asyncio.new_event_loop()
         try:
+            option = sdk.UdpOption(
+                iface=self._interface(),
+                heartbeat=None,
+                lost_timeout=milliseconds(400),
+                enumeration_timeout=milliseconds(3000),
+            )
             self._client = self._done(lambda: sdk.Client.open(self._geometry, option, config))
             self._check_firmware()
-        except (sdk.Autd3Error, ValueError) as error:
+        except BaseException as error:
+            self._loop.close()
+            if not isinstance(error, sdk.Autd3Error | ValueError):
+                raise
             raise InvalidInput(
                 f"{self.boards} AUTD3 boards cannot be opened through udp: "
                 f"{str(error).rstrip('.')}. Boards with firmware before 0.10 need another link, "
@@ -106,12 +105,23 @@ class UDPLink(AUTD3Boards):
             ) from None
         self._silence()
 
+    def _interface(self) -> Any:
+        interfaces = self._sdk.Interface
+        if self.address == "emulator":
+            self._emulator = self._sdk.UdpEmulator(self.boards)
+            return self._emulator.option().iface
+        if self.address is None:
+            return interfaces.Auto
+        if self.address.startswith("["):
+            return interfaces.Addr(self.address)
+        return interfaces.Name(self.address)
+
     def _check_firmware(self) -> None:
         for index, version in enumerate(self._done(self._client.read_firmware_version)):
             if not version.is_supported():
                 cpu = version.cpu
                 series = ".".join(map(str, self._sdk.FirmwareVersion.SUPPORTED_SERIES))
-                self._end()
+                self._done(self._client.close)
                 raise InvalidInput(
                     f"board {index} has the firmware {cpu.major}.{cpu.minor}.{cpu.patch}, and "
                     f"autd3 {importlib.metadata.version('autd3')} needs {series}: update the "
@@ -165,12 +175,19 @@ class UDPLink(AUTD3Boards):
         self._modulated = True
 
     def _look(self) -> None:
+        self._check_lost()
         for index, state in enumerate(self._done(self._client.read_fpga_state)):
             if state.is_failsafe_active():
                 raise self._failed(
                     "looking for the boards",
                     f"board {index} heard nothing for half a second and silenced itself",
                 )
+
+    def _check_lost(self) -> None:
+        """Raise an error if a board is lost; the library then sends to the others only."""
+        for index, state in enumerate(self._client.state_checker().check().devices):
+            if state == self._sdk.DeviceState.Lost:
+                raise self._failed("sending", f"board {index} did not answer")
 
     def _upload(self, frames: Sequence[Frame], rate: float) -> None:
         divide = round(PERIODS / rate)
@@ -241,12 +258,14 @@ class UDPLink(AUTD3Boards):
     def _deliver(self, command: Any) -> None:
         for left in reversed(range(TRIES)):
             try:
-                return self._done(lambda: self._client.send(command))
+                self._done(lambda: self._client.send(command))
+                break
             except self._sdk.Autd3Error as error:
                 # UDP loses packets. A command that boards reject is not sent again.
                 lost = error.code in (error.TIMEOUT, error.NETWORK)
                 if not lost or left == 0:
                     raise
+        self._check_lost()
 
     def _done(self, start: Callable[[], Awaitable[Any]]) -> Any:
         """Start work of the library and wait for its result."""
