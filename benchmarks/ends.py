@@ -55,6 +55,8 @@ class TracedLink(Faulty, RecordingLink):
 
 
 class FaultyUDP(Faulty, UDPLink):
+    """One board at an address."""
+
     def __init__(self, address: str) -> None:
         super().__init__([at.Pose.identity()], address)
 

@@ -281,13 +281,14 @@ class AUTD3Link(AUTD3Boards):
 
 
 def _library() -> Any:
-    with extra("autd3-legacy", "AUTD3 boards with firmware before 0.10 need pyautd3"):
+    with extra("autd3-legacy", "AUTD3 boards with older firmware need pyautd3"):
         import pyautd3
     version = importlib.metadata.version("pyautd3")
     # The tests run with this version only.
     if version != "36.0.2":
         raise InvalidInput(
-            f"pyautd3 {version} is not the tested version 36.0.2: pip install 'airtact[autd3-legacy]'.",
+            f"pyautd3 {version} is not the tested version 36.0.2: pip install "
+            "'airtact[autd3-legacy]'.",
             code="unsupported_version",
         )
     return pyautd3

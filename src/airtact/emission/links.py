@@ -27,8 +27,8 @@ def link_to(
 ) -> Link:
     """Build a link by its name, not open yet.
 
-    ``settings`` are the ``address`` of AUTD3 boards (interface, AMS net id, host:port or "emulator") or the
-    serial ``port``.
+    ``settings`` are the ``address`` of AUTD3 boards (interface, AMS net id, host:port or
+    "emulator") or the serial ``port``.
 
     Raises
     ------
