@@ -18,8 +18,7 @@ import airtact as at
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
 folder.mkdir(parents=True, exist_ok=True)
 
-table = np.loadtxt(Path(__file__).with_name("tinylev.csv"), delimiter=",", skiprows=1)
-array = at.PhasedArray(table[:, :3], table[:, 3:], at.piston(4.5e-3, sensitivity=3.4))
+array = at.transducers.known_array("tinylev", at.piston(4.5e-3, sensitivity=3.4))
 scene = at.Scene(at.air(celsius=20.0))
 
 in_phase = at.Drive(np.ones(len(array), dtype=complex))

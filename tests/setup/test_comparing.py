@@ -104,3 +104,26 @@ def test_when_all_raise_there_is_no_result(monkeypatch):
         monkeypatch.setitem(METHODS, name, reject)
     with raises_code("empty", "0.1 mm"):
         at.compare(at.read_scene(BALL))
+
+
+def test_a_drive_of_another_program_is_judged_and_mended(compared):
+    setup = compared[1].setup
+    best = compared[1].best.drive
+    blurred = np.random.default_rng(2).normal(0.0, 1.0, len(setup.array))
+    theirs = at.Drive(np.exp(1j * (best.phases + blurred)))
+    opposite = at.Drive(np.conj(best.amplitudes))
+    contest = at.compare(setup, drives={"theirs": theirs, "opposite": opposite, "good": best})
+    by_name = {one.name: one for one in contest.contenders}
+    assert list(by_name)[1:] == [
+        *("theirs", "theirs, mended", "opposite", "opposite, mended", "good", CONTROL)
+    ]
+    share = {name: contest.of_the_bound(one) for name, one in by_name.items()}
+    assert share["theirs"] < 0.7
+    assert 0.93 < share["theirs, mended"] < 0.97
+    # The mended drive is nearer to the given one than the best drive is, but for a common phase.
+    mended = by_name["theirs, mended"].drive
+    near = [abs(np.mean(other.amplitudes * theirs.amplitudes.conj())) for other in (mended, best)]
+    assert near[0] > near[1] + 0.1
+    assert [text for text in contest.warnings if "opposite" in text]
+    with raises_code("sizes_differ"):
+        at.compare(setup, drives={"theirs": at.Drive(np.ones(3, complex))})

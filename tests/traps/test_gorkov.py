@@ -6,7 +6,6 @@ from scipy.integrate import lebedev_rule
 
 import airtact as at
 from faults import raises_code
-from paths import ROOT
 
 AIR = at.Medium(sound_speed=343.1, density=1.2)
 OPEN_AIR = at.Scene(AIR)
@@ -14,9 +13,8 @@ K = 2 * np.pi * 40e3 / 343.1
 
 
 def tinylev(element: at.transducers.Element | None = None) -> at.PhasedArray:
-    table = np.loadtxt(ROOT / "examples/tinylev.csv", delimiter=",", skiprows=1)
     element = at.piston(4.5e-3, sensitivity=3.4) if element is None else element
-    return at.PhasedArray(table[:, :3], table[:, 3:], element)
+    return at.transducers.known_array("tinylev", element)
 
 
 # Point sources, for which the series of a sphere is fast

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 import airtact as at
-from paths import ROOT
 
 SCENE = at.Scene(at.Medium(sound_speed=343.1, density=1.2))
-TABLE = np.loadtxt(ROOT / "examples/tinylev.csv", delimiter=",", skiprows=1)
-ARRAY = at.PhasedArray(TABLE[:, :3], TABLE[:, 3:], at.piston(4.5e-3, sensitivity=3.4))
+ARRAY = at.transducers.known_array("tinylev", at.piston(4.5e-3, sensitivity=3.4))
 IN_PHASE = at.Drive(np.ones(72, dtype=np.complex128))
 
 

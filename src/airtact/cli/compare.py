@@ -1,4 +1,4 @@
-"""``airtact compare``: compare the drives of all methods for a scene."""
+"""``airtact compare``: compare the drives of all methods or of other programs for a scene."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from airtact.cli.console import open_page, plain_table, progress, show
-from airtact.cli.options import as_json, open_result, pictures, quiet, results, scene, store
+from airtact.cli.options import INPUT, as_json, open_result, pictures, quiet, results, scene, store
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -19,38 +19,61 @@ if TYPE_CHECKING:
     epilog="Example: airtact compare pinch --out out/methods",
 )
 @scene
+@click.option(
+    "--drive",
+    "files",
+    type=INPUT,
+    multiple=True,
+    metavar="FILE",
+    help="Compare this drive of any program instead of the methods; may be repeated.",
+)
+@click.option("--board", metavar="NAME", help="Kind of board that a .bin file is for.")
 @results
 @store
 @pictures
 @open_result
 @as_json
 @quiet
-def compare(scene: Path, folder: Path, store: Path | None, pictures: bool, opened: bool) -> None:
+def compare(
+    scene: Path,
+    files: tuple[Path, ...],
+    board: str | None,
+    folder: Path,
+    store: Path | None,
+    pictures: bool,
+    opened: bool,
+) -> None:
     """Compute the drive of SCENE by every method; write methods.csv, methods.html, drives/*.h5.
 
     All drives come from one transfer matrix and are verified by a more accurate solution.
+
+    With --drive, show what the drive of another program brings to the foci, beside the best drive
+    and the drive that mends it: the nearest one with 95 % of the upper bound. Files: .h5; .csv or
+    .txt with phases; .csv and .holo of AcousTools; .xml of Ultraino; .npy; .bin of boards.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
         import airtact as at
+        from airtact.emission.frame_file import drive_for
         from airtact.files.atomic import writable_folder
 
         setup = at.read_scene(scene)
         writable_folder(folder)
-        result = at.compare(setup, store=store, progress=report_step)
-        files = [result.save(folder)]
+        drives = {file.name: drive_for(setup.array, file, board) for file in files}
+        result = at.compare(setup, drives=drives, store=store, progress=report_step)
+        written = [result.save(folder)]
         if pictures:
-            files += at.write_report(result, folder, progress=report_step)
+            written += at.write_report(result, folder, progress=report_step)
         else:
             (folder / "methods.html").unlink(missing_ok=True)  # from an older run
     show(
         _table(result),
         warnings=result.warnings,
-        lines=[f"{'Report' if pictures else 'Methods'}: {files[-1]}"],
-        record={**_record(result), "files": {file.name: str(file) for file in files}},
+        lines=[f"{'Report' if pictures else 'Methods'}: {written[-1]}"],
+        record={**_record(result), "files": {file.name: str(file) for file in written}},
     )
     if opened:
-        open_page(files[-1])
+        open_page(written[-1])
 
 
 def _record(result: "MethodComparison") -> dict[str, Any]:

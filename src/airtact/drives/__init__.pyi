@@ -14,6 +14,7 @@ from .methods import METHODS as METHODS
 from .motion import Motion as Motion
 from .motion import moving_foci as moving_foci
 from .motion import moving_target as moving_target
+from .nearest import nearest_drive as nearest_drive
 from .reach import achieved_fraction as achieved_fraction
 from .robust_drives import goal_value as goal_value
 from .robust_drives import robust_phase_only as robust_phase_only

@@ -19,6 +19,9 @@ from airtact.errors import InvalidInput
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.levels import EIGHT_BITS, Levels
 
+# Bytes of messages, or levels by board and channel
+Bytes = UInt8[np.ndarray, "..."]
+
 
 @dataclass(frozen=True, eq=False)
 class Codec:
@@ -29,6 +32,8 @@ class Codec:
     board : the board.
     levels : amplitudes and phases that it can emit.
     encoded : writes the message of a frame, see ``encode``.
+    decoded : reads the phase and amplitude of each channel from the messages of a number of boards;
+        returns None if they are not whole frames.
     baud : speed of its serial line [bit/s]; None without one.
     echo : bytes that it sends back for a frame; empty if it does not answer.
     """
@@ -36,12 +41,28 @@ class Codec:
     board: Board
     levels: Levels
     encoded: Callable[["Codec", Frame], bytes]
+    decoded: Callable[[Bytes, int], tuple[Bytes, Bytes] | None]
     baud: int | None = None
     echo: bytes = b""
 
     def encode(self, frame: Frame) -> bytes:
         """Return the message that makes the boards play a frame, board by board."""
         return self.encoded(self, frame)
+
+    def decode(self, message: bytes, boards: int = 1) -> list[Frame]:
+        """Return the frames in messages for a number of boards; none if it is not whole frames."""
+        channels = self.decoded(np.frombuffer(message, dtype=np.uint8), boards)
+        if channels is None:
+            return []
+        # From (frames × boards, channels) to (frames, elements)
+        phases, amplitudes = (
+            values[:, self.board.channels].reshape(-1, boards * len(self.board))
+            for values in channels
+        )
+        return [
+            Frame(amplitude, phase, self.levels)
+            for amplitude, phase in zip(amplitudes, phases, strict=True)
+        ]
 
     def fastest_frames(self, boards: int = 1) -> float:
         """Largest rate of the boards' serial line [frames/s]; infinite without one."""
@@ -108,6 +129,52 @@ def _openmpd(codec: Codec, frame: Frame) -> bytes:
     return np.hstack([phases, codec.channels(frame.amplitude)]).tobytes()
 
 
+def _whole(message: Bytes, length: int) -> Bytes | None:
+    """Divide a message into parts of a length; None if a part is missing."""
+    return None if len(message) % length or not len(message) else message.reshape(-1, length)
+
+
+def _from_autd3(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
+    parts = _whole(message, 2 * 249 * boards)
+    if parts is None:
+        return None
+    phases, amplitudes = parts.reshape(-1, 249, 2).transpose(2, 0, 1)
+    return phases, amplitudes
+
+
+def _from_sonicsurface(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
+    parts = _whole(message, 258 * boards + 1)
+    if parts is None or (parts[:, -1] != 0xFD).any():
+        return None
+    heads = parts[:, :-1].reshape(-1, boards, 258)
+    if (heads[..., 0] != 0xC0 + np.arange(boards)).any() or (heads[..., 1] != 0xFE).any():
+        return None
+    numbers = heads[..., 2:].reshape(-1, 256)
+    return None if (numbers > 32).any() else (numbers % 32, (numbers < 32).astype(np.uint8))
+
+
+def _from_nano16(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
+    parts = _whole(message, 66)
+    if parts is None or (parts[:, 0] != 0x10).any() or (parts[:, -1] != 0).any():
+        return None
+    nibbles = parts[:, 1:-1].reshape(-1, 16, 2, 2)
+    ports = ((nibbles[..., 0] & 0xF0) | (nibbles[..., 1] >> 4)).astype(np.uint8)
+    high = np.unpackbits(ports, axis=2, bitorder="little").astype(np.int8)
+    begins = (high > np.roll(high, 1, axis=1)).argmax(axis=1)
+    return begins.astype(np.uint8), high.any(axis=1).astype(np.uint8)
+
+
+def _from_openmpd(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
+    parts = _whole(message, 512 * boards)
+    if parts is None:
+        return None
+    phases, amplitudes = parts.reshape(-1, 2, 256).transpose(1, 0, 2)
+    if (phases[:, 0] < 0x80).any() or (phases[:, 1:] > 127).any() or (amplitudes > 64).any():
+        return None
+    shift = (64 - amplitudes.astype(np.int64)) // 2
+    return ((phases.astype(np.int64) & 127) - shift).astype(np.uint8) % 128, amplitudes
+
+
 def codec_of(board: Board | str) -> Codec:
     """Return the codec of a board, given the board or its name.
 
@@ -118,14 +185,15 @@ def codec_of(board: Board | str) -> Codec:
     """
     kind = board_named(board) if isinstance(board, str) else board
     if kind.name == "autd3":
-        return Codec(kind, EIGHT_BITS, _autd3)
+        return Codec(kind, EIGHT_BITS, _autd3, _from_autd3)
     if kind.name == "openmpd":
-        return Codec(kind, Levels(np.sin(np.pi / 128 * np.arange(65)), phases=128), _openmpd)
+        levels = Levels(np.sin(np.pi / 128 * np.arange(65)), phases=128)
+        return Codec(kind, levels, _openmpd, _from_openmpd)
     on_off = Levels(np.array([0.0, 1.0]), phases=kind.phases)
     if kind.name == "nano16":
-        return Codec(kind, on_off, _nano16, baud=115_200, echo=b"\x10\x00")
+        return Codec(kind, on_off, _nano16, _from_nano16, baud=115_200, echo=b"\x10\x00")
     if kind.name == "sonicsurface":
-        return Codec(kind, on_off, _sonicsurface, baud=230_400)
+        return Codec(kind, on_off, _sonicsurface, _from_sonicsurface, baud=230_400)
     raise InvalidInput(
         f"there is no codec for {kind.name} boards; add one to codec_of.",
         code="not_supported",

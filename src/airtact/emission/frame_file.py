@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from airtact.drives.drive import Drive
 from airtact.drives.drive_file import (
@@ -15,24 +16,41 @@ from airtact.drives.frame import frame_at, share_under_cap
 from airtact.drives.sequence import Sequence
 from airtact.emission.codecs import codec_of
 from airtact.emission.emission import frames_of_period
-from airtact.errors import about, of_kind, positive
+from airtact.emission.other_programs import read_other
+from airtact.errors import InvalidInput, about, of_kind, positive
 from airtact.files.atomic import whole_file
+from airtact.files.bounded import text_of
 from airtact.transducers.boards import boards_needed
+from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
 
 
-def load_drive(path: str | Path, *, rate: float | None = None) -> Drive | Sequence:
-    """Read a drive or a sequence from a file.
+def load_drive(
+    path: str | Path,
+    *,
+    rate: float | None = None,
+    board: str | None = None,
+    elements: int | None = None,
+) -> Drive | Sequence:
+    """Read a drive or a sequence from a file, of airtact or of another program.
 
     It reads the .h5 files of ``Drive.save``, ``Sequence.save`` and ``write_frames``, and .csv
     tables of a drive, in the order of their column ``index``. The saved amplitudes and phases are
     the computed ones, to 1e-15 (1e-9 in tables); those of ``write_frames`` are rounded to the
     levels of the boards.
 
+    It also reads tables of phases (.csv, .txt), in radians, or in degrees if the column is named
+    ``phase_degrees`` or the numbers exceed a turn in radians; .csv and .holo of AcousTools, in
+    the order of OpenMPD's boards; simulations of Ultraino (.xml, .xml.gz); arrays of NumPy (.npy):
+    complex amplitudes, phases, or uint8 pairs of phase and intensity as in AUTD3's buffers; and
+    messages of boards (.bin).
+
     Parameters
     ----------
-    path : file that ends in .h5 or .csv.
+    path : the file.
     rate : frames per second, if the file does not contain the rate.
+    board : kind of board that a .bin file is for.
+    elements : number of elements of all boards of a .bin file; those of one board by default.
 
     Returns
     -------
@@ -45,11 +63,57 @@ def load_drive(path: str | Path, *, rate: float | None = None) -> Drive | Sequen
         drive, or contains several frames but no rate.
     """
     path = Path(of_kind(path, str | Path, "the file of a drive", "its path"))
-    contents = read_drive_file(path)
+    contents = drive_in(path, board, elements)
     # Errors in the contents name the file.
     with about(path.name):
         rate = contents.frame_rate(rate)
-    return Drive(contents.drives[0]) if rate is None else Sequence(contents.drives, rate)
+        return Drive(contents.drives[0]) if rate is None else Sequence(contents.drives, rate)
+
+
+def drive_in(path: Path, board: str | None = None, elements: int | None = None) -> DriveFile:
+    """Read the contents of a drive file of any program; raises as ``load_drive``."""
+    own = path.suffix.lower() == ".h5"
+    if path.suffix.lower() == ".csv":
+        first = text_of(path).lstrip().partition("\n")[0].lower()
+        own = {"index", "amplitude", "phase"} <= {name.strip() for name in first.split(",")}
+    return read_drive_file(path) if own else read_other(path, board, elements)
+
+
+def drive_for(array: PhasedArray, path: Path, board: str | None = None) -> Drive:
+    """Read the first drive of a file of any program, made for this array.
+
+    If the file has positions, its elements are matched with those of the array. The array may have
+    been moved since, if the order of the elements is the same.
+
+    Raises
+    ------
+    InvalidInput
+        As ``load_drive``; "sizes_differ" or "does_not_match" if the file is for another array.
+    """
+    contents = drive_in(path, board, len(array))
+    drive = Drive(contents.drives[0])
+    if len(drive) != len(array):
+        raise InvalidInput(
+            f"{path.name} has {len(drive)} elements, but the array has {len(array)}; use the array "
+            "that the drive was made for.",
+            code="sizes_differ",
+        )
+    if contents.positions is not None:
+        away = cdist(array.positions, contents.positions)
+        order = away.argmin(axis=1)
+        if away.min(axis=1).max() < 1e-3 and len(set(order.tolist())) == len(order):
+            return Drive(drive.amplitudes[order])
+        # Distances from a few elements to all others do not change when the array moves.
+        few = slice(None, None, max(len(array) // 4, 1))
+        theirs = cdist(contents.positions[few], contents.positions)
+        wrong = np.abs(theirs - cdist(array.positions[few], array.positions)).max()
+        if wrong > 1e-3:
+            raise InvalidInput(
+                f"the elements in {path.name} are up to {1e3 * wrong:.0f} mm elsewhere, or in "
+                "another order; use the array that the drive was made for.",
+                code="does_not_match",
+            )
+    return drive
 
 
 def write_frames(

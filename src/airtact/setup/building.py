@@ -42,6 +42,7 @@ from airtact.transducers.element import (
     monopole,
     piston,
 )
+from airtact.transducers.known import KNOWN_ARRAYS, known_array
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
@@ -194,7 +195,8 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
 
 def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedArray, str | None]:
     listed = table.layout.endswith(".csv")
-    board = None if listed else table.board or "autd3"
+    unknown_make = listed or table.layout in KNOWN_ARRAYS
+    board = None if unknown_make else table.board or "autd3"
     # Most arrays of unknown make use transducers by Murata.
     radius = table.piston_radius or (MURATA_RADIUS if board is None else board_named(board).radius)
     sensitivity = table.sensitivity or DEFAULT_SENSITIVITY
@@ -226,8 +228,10 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
                 )
             columns = columns[orders[0]] if orders else columns
             array = PhasedArray(columns[:, :3], columns[:, 3:], element)
+        case name if name in KNOWN_ARRAYS:
+            array = known_array(name, element)
         case _:
-            names = ("surrounding_box", "flat_boards", "boards")
+            names = ("surrounding_box", "flat_boards", "boards", *KNOWN_ARRAYS)
             raise InvalidInput(
                 f'layout = "{table.layout}" is neither a .csv file nor a known layout; '
                 f"{nearest(table.layout, names)}",

@@ -15,8 +15,9 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import upper_bound
 from airtact.drives.methods import FOR_SAMPLES, METHODS, best, method_for
+from airtact.drives.nearest import nearest_drive
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import InvalidInput, one_line
+from airtact.errors import InvalidInput, counted, of_kind, one_line
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.field import radiate_drives
@@ -191,7 +192,11 @@ class MethodComparison:
 
 @overload
 def compare(
-    scene: Setup, *, store: str | Path | None = None, progress: Progress | None = None
+    scene: Setup,
+    *,
+    drives: Mapping[str, Drive] | None = None,
+    store: str | Path | None = None,
+    progress: Progress | None = None,
 ) -> MethodComparison: ...
 
 
@@ -222,10 +227,15 @@ def compare(
     All methods use one transfer matrix. One more accurate solve verifies their drives. The method
     of the setup is ignored.
 
+    If drives of another program are given with a setup, they are compared with "best" instead of
+    all methods, and each with ``nearest_drive``: the drive whose phases are moved least so that
+    the weakest focus has 95 % of the bound. A drive that has as much is not mended.
+
     Parameters
     ----------
     scene : a setup; or a scene, together with the next four arguments.
-    array, drives, target, solver : as for ``evaluation.compare``.
+    array, target, solver : as for ``evaluation.compare``.
+    drives : drives by name, as for ``evaluation.compare``; optional with a setup.
     store : folder in which solved fields of a setup are stored and reused.
     progress : called with a description of each step as it begins.
 
@@ -237,11 +247,22 @@ def compare(
         If a solver stopped early.
     """
     if isinstance(scene, Setup):
-        return _compare_methods(scene, None if store is None else Path(store), Clock(progress))
+        folder = None if store is None else Path(store)
+        return _compare_methods(scene, folder, Clock(progress), drives or {})
     return compare_drives(scene, array, drives, target, solver=solver, progress=progress)  # pyright: ignore[reportArgumentType]
 
 
-def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodComparison:
+def _compare_methods(
+    setup: Setup, store: Path | None, clock: Clock, given: Mapping[str, Drive]
+) -> MethodComparison:
+    for name, drive in given.items():
+        of_kind(drive, Drive, f"the drive {name!r}", "a Drive such as that of load_drive")
+        if len(drive) != len(setup.array):
+            raise InvalidInput(
+                f"{name} has {len(drive)} elements, but the array of the scene has "
+                f"{len(setup.array)}; use the array that the drive was made for.",
+                code="sizes_differ",
+            )
     beacons = solve_beacons(setup, clock, store)
     transfer, report = transfer_to_array(setup, beacons, clock)
     # "best" selects one of the other methods. Methods for samples need an uncertainty.
@@ -250,10 +271,13 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
         for name in METHODS
         if name != "best" and (name not in FOR_SAMPLES or setup.uncertainty is not None)
     ]
+    if given:
+        methods = [method_for(setup.target)]
     drives: dict[str, Drive] = {}
     warnings: list[str] = []
     times = Clock()
-    with clock.step("drives", f"computing the drive by {len(methods)} methods"):
+    words = counted(len(methods), "method", "methods")
+    with clock.step("drives", f"computing the drive by {words}"):
         for method in methods:
             words = method.replace("_", " ")
             try:
@@ -263,6 +287,14 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
             # A method may fail, for instance on foci that are too close, without stopping the rest.
             except InvalidInput as fault:
                 warnings.append(f"{words} returned no drive: {fault}")
+        for name, drive in given.items():
+            with times.step(name):
+                drives[name] = drive
+            with times.step(f"{name}, mended"):
+                mended = nearest_drive(transfer, setup.target, drive)
+            if mended is not drive:
+                drives[f"{name}, mended"] = mended
+            warnings += _conjugated(name, drive, transfer, setup.target)
         if not drives:
             raise InvalidInput(f"no method returns a drive; {warnings[0]}", code="empty")
         name = drive_names(setup.bodies)[-1]
@@ -326,3 +358,19 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
         field=field,
         seconds=clock.seconds,
     )
+
+
+def _conjugated(name: str, drive: Drive, transfer: TransferMatrix, target: Target) -> list[str]:
+    """Warn if a drive was probably made for the other sign of phases."""
+    asked = target.weights > 0.0
+    pressures = [
+        float((np.abs(transfer.pressure(one)[: len(asked)][asked]) / target.weights[asked]).min())
+        for one in (drive, Drive(np.conj(drive.amplitudes)))
+    ]
+    if pressures[1] < 2.0 * pressures[0]:
+        return []
+    return [
+        f"with the opposite sign of all phases {name} would bring {pressures[1]:,.0f} Pa to its "
+        f"weakest focus instead of {pressures[0]:,.0f} Pa: its program may use e^(+jωt); conjugate "
+        "its amplitudes."
+    ]

@@ -113,7 +113,8 @@ class ArrayTable(Table, frozen=True):
     ----------
     layout : "surrounding_box", the paper's box around the origin, or a box of four boards of the
         kind ``board``; "flat_boards", AUTD3 boards edge to edge in the plane z = 0; "boards", each
-        at its pose; or a .csv file beside the scene file.
+        at its pose; "tinylev", "biglev", "flat_8x8" or "opposed_sonicsurfaces"; or a .csv file
+        beside the scene file.
     board : kind of board: "autd3", "sonicsurface", "nano16" or "openmpd"; "autd3" if left out.
     rows, columns : number of flat boards along y and along x; 2 if left out.
     poses : pose of each board.

@@ -1,0 +1,112 @@
+"""The drive nearest to a given one that brings most of the attainable pressure to the foci."""
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.optimize import minimize
+
+from airtact.acoustics.target import Target
+from airtact.drives.drive import Drive
+from airtact.drives.gerchberg_saxton import asked_rows, weighted_gerchberg_saxton
+from airtact.drives.max_min import upper_bound
+from airtact.drives.transfer import TransferMatrix
+from airtact.errors import InvalidInput, between
+
+Phases = Float64[np.ndarray, "elements"]
+
+
+def nearest_drive(
+    transfer: TransferMatrix, target: Target, drive: Drive, share: float = 0.95
+) -> Drive:
+    """Move the phases of a drive as little as possible until it serves the target.
+
+    The amplitudes stay. The mean of 1 - cos of the moves, up to a common phase, is minimised by
+    the method of multipliers (J. Nocedal, S. J. Wright, *Numerical Optimization*, Springer 2006,
+    section 17.4), while each focus gets a share of the upper bound for drives with these
+    amplitudes.
+
+    Parameters
+    ----------
+    transfer : (F, E) transfer matrix, for example with the hand.
+    target : the F foci.
+    drive : E amplitudes, for example from another program.
+    share : share of the bound that the weakest focus must have.
+
+    Returns
+    -------
+    The drive; the given one if it already has the share. If the share is out of reach with these
+    amplitudes, the weakest focus gets as much as ``weighted_gerchberg_saxton`` finds.
+
+    Raises
+    ------
+    InvalidInput
+        If the drive is not for this array, is silent, or the share is not from 0 to 1.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> transfer = at.TransferMatrix(np.exp(1j * np.arange(30.0))[None], 1.0)
+    >>> mended = nearest_drive(transfer, at.Target((0.0, 0.0, 0.1)), at.Drive(np.ones(30, complex)))
+    >>> round(float(np.abs(transfer.pressure(mended)[0])), 1)
+    28.5
+    """
+    between(share, 0.0, 1.0, "the share", "of the bound", "95 per cent is 0.95.")
+    if len(drive) != transfer.matrix.shape[1]:
+        raise InvalidInput(
+            f"the drive has {len(drive)} elements, but the transfer matrix has "
+            f"{transfer.matrix.shape[1]}; use the array that the drive was made for.",
+            code="sizes_differ",
+        )
+    weighted = TransferMatrix(transfer.matrix * drive.magnitudes, float("nan"))
+    rows, requests = asked_rows(weighted, target)
+    rows = rows / requests[:, None]
+    goal = share * upper_bound(weighted, target).worst
+    begin = drive.phases
+    if np.abs(rows @ np.exp(1j * begin)).min() >= goal:
+        return drive
+    attained = np.angle(weighted_gerchberg_saxton(weighted, target).amplitudes)
+    reached = float(np.abs(rows @ np.exp(1j * attained)).min())
+    # The target may be out of reach of phases alone.
+    goal = min(goal, 0.999 * reached)
+    turned = attained - np.angle(np.sum(np.exp(1j * (attained - begin))))
+    found = [_nearest(rows, goal, begin, start) for start in (begin, turned)]
+    served = [
+        phases for phases in found if np.abs(rows @ np.exp(1j * phases)).min() >= 0.999 * goal
+    ]
+    phases = min(served or [turned], key=lambda phases: _move(phases, begin)[0])
+    return Drive(drive.magnitudes * np.exp(1j * phases))
+
+
+def _move(phases: Phases, begin: Phases) -> tuple[float, Phases]:
+    """Return 1 - |mean of e^{i move}|, which ignores a common phase, and its gradient."""
+    moved = np.exp(1j * (phases - begin))
+    mean = moved.mean()
+    gradient = np.imag(np.conj(mean) * moved) / (max(abs(mean), 1e-12) * len(phases))
+    return 1.0 - abs(mean), gradient
+
+
+def _nearest(rows: np.ndarray, goal: float, begin: Phases, start: Phases) -> Phases:
+    multipliers = np.zeros(len(rows))
+    stiffness = 10.0
+    phases = start
+
+    def lagrangian(phases: Phases) -> tuple[float, Phases]:
+        move, gradient = _move(phases, begin)
+        waves = rows * np.exp(1j * phases) / goal
+        sums = waves.sum(axis=1)
+        levels = np.abs(sums)
+        # Shortfall of each focus, with its multiplier
+        force = np.maximum(multipliers + stiffness * (1.0 - levels), 0.0)
+        units = np.conj(sums) / np.maximum(levels, 1e-12)
+        gradient = gradient + force @ np.imag(units[:, None] * waves)
+        return move + float(np.sum(force**2)) / (2.0 * stiffness), gradient
+
+    for _ in range(8):
+        phases = minimize(
+            lagrangian, phases, jac=True, method="L-BFGS-B", options={"maxiter": 300}
+        ).x
+        levels = np.abs(rows @ np.exp(1j * phases)) / goal
+        multipliers = np.maximum(multipliers + stiffness * (1.0 - levels), 0.0)
+        if levels.min() > 0.9995:
+            break
+        stiffness *= 3.0
+    return phases

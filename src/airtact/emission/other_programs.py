@@ -1,0 +1,329 @@
+"""Drives written by other programs: tables of phases, AcousTools, Ultraino, boards' messages.
+
+All of these use the phasor of airtact, e^{ikr}/r with e^{−iωt}, except tables of unknown origin.
+Sources of the formats: ``Export/CSV.py`` and ``Export/Holo.py`` of AcousTools 1.2; Ultraino's
+``Simulation`` and ``Transducer`` as Java beans, and its ``CalcField.java`` for the unit of phases.
+"""
+
+import gzip
+import io
+import re
+import xml.etree.ElementTree as ElementTree
+import zlib
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Int64
+
+from airtact.drives.drive_file import DriveFile
+from airtact.emission.codecs import codec_of
+from airtact.errors import InvalidInput, check_finite, of_kind
+from airtact.files.bounded import bytes_of, text_of
+from airtact.transducers.boards import boards_needed
+
+Drives = Complex128[np.ndarray, "frames elements"]
+Phases = Float64[np.ndarray, "frames elements"]
+
+# Largest size of an unpacked file [bytes]; small ones can unpack to gigabytes.
+MAX_UNPACKED = 2**28
+
+ENDINGS = (".csv", ".txt", ".holo", ".xml", ".xml.gz", ".npy", ".bin")
+
+
+def read_other(path: Path, board: str | None = None, elements: int | None = None) -> DriveFile:
+    """Read the drives in a file of another program.
+
+    Parameters
+    ----------
+    path : file with one of ``ENDINGS``.
+    board : name of the board whose messages a .bin file contains.
+    elements : number of elements of its boards; one board by default.
+
+    Raises
+    ------
+    InvalidInput
+        "unknown_format", "file_missing", "file_unreadable", "file_too_large", "wrong_shape",
+        "key_missing" or "out_of_range".
+    """
+    name = path.name.lower()
+    ending = next((ending for ending in ENDINGS[::-1] if name.endswith(ending)), None)
+    if ending is None:
+        raise InvalidInput(
+            f"{path.name} is not a drive file that airtact knows: use .h5 or one of "
+            f"{', '.join(ENDINGS)}.",
+            code="unknown_format",
+        )
+    if ending == ".xml":
+        return _ultraino(path, bytes_of(path))
+    if ending == ".xml.gz":
+        return _ultraino(path, _unpacked(path, gzip.GzipFile(fileobj=io.BytesIO(bytes_of(path)))))
+    if ending == ".holo":
+        return DriveFile(_holograms(path))
+    if ending == ".npy":
+        return DriveFile(_numpy(path))
+    if ending == ".bin":
+        return DriveFile(_messages(path, board, elements), board=board)
+    return DriveFile(_table(path))
+
+
+def _unreadable(path: Path, why: str) -> InvalidInput:
+    return InvalidInput(f"{path.name} {why}.", code="file_unreadable")
+
+
+def _unpacked(path: Path, packed: io.BufferedIOBase) -> bytes:
+    try:
+        data = packed.read(MAX_UNPACKED + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise _unreadable(path, f"cannot be unpacked: {error}") from None
+    if len(data) > MAX_UNPACKED:
+        raise InvalidInput(
+            f"{path.name} unpacks to more than {MAX_UNPACKED:,} bytes; save fewer frames.",
+            code="file_too_large",
+        )
+    return data
+
+
+# --- Tables -----------------------------------------------------------------------------------
+
+
+def _table(path: Path) -> Drives:
+    """Read a table of phases: named columns, or numbers only.
+
+    With names there is one element per line and a column ``phase``, ``phase_degrees`` or
+    ``phase_radians``, and perhaps ``amplitude``. Without names, a single column or line is one
+    drive; otherwise each line is a frame. AcousTools writes the numbers of frames and elements in
+    the first line, and radians in the order of OpenMPD's boards.
+    """
+    lines = [line.strip() for line in text_of(path).splitlines()]
+    cells = [
+        re.split(r"[,;\s]+", line.strip(",;"))
+        for line in lines
+        if line and not line.startswith(("#", "%"))
+    ]
+    if not cells:
+        raise _unreadable(path, "is empty")
+    names: list[str] = []
+    if any(re.match("[a-z]", cell, re.IGNORECASE) for cell in cells[0] if cell.lower() != "nan"):
+        names = [cell.strip('"').lower() for cell in cells.pop(0)]
+    widths = {len(row) for row in cells}
+    counts = cells[0] if len(cells) > 1 and len(cells[0]) == 2 else []
+    acoustools = counts == [str(len(cells) - 1), str(len(cells[-1]))]
+    if acoustools:
+        cells.pop(0)
+        widths = {len(row) for row in cells}
+    if len(widths) != 1 or (names and {len(names)} != widths):
+        raise InvalidInput(
+            f"the lines of {path.name} have different numbers of cells; write one line per "
+            "element, or one per frame.",
+            code="wrong_shape",
+        )
+    try:
+        numbers = np.array(cells, dtype=np.float64)
+    except ValueError as error:
+        raise _unreadable(path, f"has a cell that is not a number: {error}") from None
+    check_finite(numbers, path.name)
+    if acoustools:
+        return np.exp(1j * numbers)
+    if not names:
+        if numbers.shape[1] == 2:
+            raise InvalidInput(
+                f"{path.name} has two columns; name them in its first line, such as "
+                "amplitude,phase_degrees.",
+                code="data_missing",
+            )
+        return np.exp(1j * _radians(path, numbers.T if numbers.shape[1] == 1 else numbers, ""))
+    column = next((name for name in names if name.startswith(("phase", "angle"))), None)
+    if column is None:
+        raise InvalidInput(
+            f"{path.name} has no column phase; it has {', '.join(names)}.", code="data_missing"
+        )
+    phases = _radians(path, numbers[None, :, names.index(column)], column)
+    amplitudes = np.ones(phases.shape)
+    if "amplitude" in names:
+        amplitudes = numbers[None, :, names.index("amplitude")]
+    return _checked(path, amplitudes) * np.exp(1j * phases)
+
+
+def _radians(path: Path, phases: Phases, name: str) -> Phases:
+    """Convert phases to radians; without a unit in the name, a range above a turn means degrees."""
+    if "rad" in name or "deg" in name:
+        return np.radians(phases) if "deg" in name else phases
+    largest = float(np.abs(phases).max())
+    if largest <= 2.0 * np.pi + 1e-3:
+        return phases
+    if largest > 360.0 + 1e-3:
+        raise InvalidInput(
+            f"phases in {path.name} reach {largest:g}, which is more than a turn in radians and in "
+            "degrees; name the column phase_radians or phase_degrees.",
+            code="out_of_range",
+        )
+    return np.radians(phases)
+
+
+def _checked(
+    path: Path, amplitudes: Float64[np.ndarray, "frames elements"]
+) -> Float64[np.ndarray, "frames elements"]:
+    if amplitudes.min() < 0.0 or amplitudes.max() > 1.0:
+        raise InvalidInput(
+            f"amplitudes in {path.name} run from {amplitudes.min():g} to {amplitudes.max():g}; use "
+            "shares of full scale, from 0 to 1.",
+            code="out_of_range",
+        )
+    return amplitudes
+
+
+# --- AcousTools -------------------------------------------------------------------------------
+
+
+def _holograms(path: Path) -> Drives:
+    """Read a .holo file: numbers of 5 bytes, phases and amplitudes in 32 levels, 63 between them.
+
+    AcousTools orders the elements of a board by x, then y. The result is in the order of OpenMPD's
+    boards, as AcousTools writes it to .csv files: the first 256 elements are the upper board.
+    """
+    data = _unpacked(path, _ZlibFile(bytes_of(path)))
+    if len(data) % 5 or not data:
+        raise _unreadable(path, "is not a file of holograms by AcousTools")
+    rows = np.frombuffer(data, dtype=np.uint8).reshape(-1, 5)
+    numbers = np.where(rows[:, :4].any(axis=1), 64, rows[:, 4]).astype(np.int64)
+    ends = np.flatnonzero(numbers == 63)
+    parts = np.split(numbers, ends)
+    # Each part but the first begins with its mark; the last one is only a mark.
+    parts = [parts[0], *(part[1:] for part in parts[1:])]
+    lengths = {len(part) for part in parts[:-1]}
+    if len(parts) % 2 == 0 or len(parts[-1]) or len(lengths) != 1 or numbers.max() > 63:
+        raise _unreadable(path, "is not a file of holograms by AcousTools")
+    levels = np.array(parts[:-1]).reshape(-1, 2, lengths.pop())
+    if levels.max() > 32:
+        raise _unreadable(path, "has levels above 32")
+    drives = levels[:, 1] / 32.0 * np.exp(2j * np.pi / 32.0 * (levels[:, 0] - 16.0))
+    count = drives.shape[1]
+    return drives[:, _openmpd_order(count)] if count in (256, 512) else drives
+
+
+class _ZlibFile(io.BufferedIOBase):
+    """Data compressed by zlib, unpacked up to a limit."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+
+    def read(self, size: int | None = -1) -> bytes:
+        return zlib.decompressobj().decompress(self._data, size or 0)
+
+
+def _openmpd_order(count: int) -> Int64[np.ndarray, "elements"]:
+    """Return AcousTools' index of each element in the order of OpenMPD's boards."""
+    grid = np.arange(256).reshape(16, 16)
+    # The upper board hangs upside down: turned about y, its x runs backwards.
+    upper = grid[::-1, ::-1].ravel()
+    lower = 256 + grid[:, ::-1].ravel()
+    return upper if count == 256 else np.concatenate([upper, lower])
+
+
+# --- Ultraino ---------------------------------------------------------------------------------
+
+
+def _ultraino(path: Path, data: bytes) -> DriveFile:
+    """Read the transducers of a simulation: Java beans, which leave out default values.
+
+    Phases are in half turns. An element radiates along the y axis of its transform. The result is
+    in the order of the channels.
+    """
+    if b"<!ENTITY" in data or b"<!DOCTYPE" in data:
+        raise _unreadable(path, "declares entities; save it again with Ultraino")
+    try:
+        root = ElementTree.fromstring(data)
+    except ElementTree.ParseError as error:
+        raise _unreadable(path, f"is not XML: {error}") from None
+    values = _fields(root)
+    transducers = [
+        node
+        for node in root.iter()
+        if node.get("class", "").endswith(".Transducer") and node.get("id")
+    ]
+    if not transducers:
+        raise _unreadable(path, "has no transducers of Ultraino")
+    transducers.sort(key=lambda node: _property(node, "orderNumber", 0.0))
+    drives = []
+    positions = []
+    normals = []
+    for node in transducers:
+        name = node.get("id", "")
+        phase = np.pi * values.get((name, "phase"), 0.0)
+        drives.append(values.get((name, "amplitude"), 1.0) * np.exp(1j * phase))
+        place = node.find(".//void[@property='translation']")
+        name = "" if place is None else place.get("id", "")
+        positions.append([values.get((name, axis), 0.0) for axis in "xyz"])
+        rotation = node.find(".//void[@property='rot']")
+        w = _property(rotation, "w", 1.0)
+        x, y, z = (_property(rotation, axis, 0.0) for axis in "xyz")
+        # The second column of the rotation by the quaternion
+        normals.append([2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x)])
+    directions = np.array(normals)
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    found = np.array(drives)[None]
+    _checked(path, np.abs(found))
+    return DriveFile(found, positions=np.array(positions), normals=directions / lengths)
+
+
+def _fields(root: ElementTree.Element) -> dict[tuple[str, str], float]:
+    """Return the numbers that are set, by the name of the object and of its field."""
+    fields = {}
+    for entry in root.iter("void"):
+        setting = entry.find("void[@method='set']")
+        if entry.get("method") != "getField" or setting is None or len(setting) < 2:
+            continue
+        # Other objects may be defined before the one whose field is set; the number is last.
+        target, number = setting[-2], setting[-1]
+        name = target.get("idref") or target.get("id") or ""
+        if number.tag in ("float", "int"):
+            fields[name, entry.findtext("string") or ""] = float(number.text or "nan")
+    return fields
+
+
+def _property(node: "ElementTree.Element | None", name: str, default: float) -> float:
+    entry = None if node is None else node.find(f".//void[@property='{name}']")
+    if entry is None:
+        return default
+    return float(entry.findtext("float") or entry.findtext("int") or default)
+
+
+# --- Arrays and messages ----------------------------------------------------------------------
+
+
+def _numpy(path: Path) -> Drives:
+    """Read complex amplitudes, real phases, or bytes of phase and intensity of AUTD3's boards."""
+    try:
+        values = np.load(io.BytesIO(bytes_of(path)), allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        raise _unreadable(path, f"is not an array of numbers: {error}") from None
+    of_kind(values, np.ndarray, path.name, "one array")
+    values = np.squeeze(values)
+    if values.dtype == np.uint8 and values.ndim >= 2 and values.shape[-1] == 2:
+        intensity = values[..., 1] / 255.0
+        return np.atleast_2d(intensity * np.exp(2j * np.pi * values[..., 0] / 256.0))
+    if values.ndim not in (1, 2) or not np.issubdtype(values.dtype, np.inexact):
+        raise InvalidInput(
+            f"{path.name} has shape {values.shape} of {values.dtype}; save complex amplitudes or "
+            "phases of shape (elements,) or (frames, elements).",
+            code="wrong_shape",
+        )
+    values = np.atleast_2d(values)
+    check_finite(values, path.name)
+    if np.iscomplexobj(values):
+        return values.astype(np.complex128)
+    return np.exp(1j * _radians(path, values.astype(np.float64), ""))
+
+
+def _messages(path: Path, board: str | None, elements: int | None) -> Drives:
+    """Read the bytes that a program sends to boards, frame by frame."""
+    if board is None:
+        raise InvalidInput(
+            f"{path.name} holds the bytes of a board; name the board, such as sonicsurface.",
+            code="key_missing",
+        )
+    codec = codec_of(board)
+    frames = codec.decode(bytes_of(path), boards_needed(codec.board, elements or len(codec.board)))
+    if not frames:
+        raise _unreadable(path, f"does not hold whole frames of {codec.board.title} boards")
+    return np.stack([frame.drive().amplitudes for frame in frames])

@@ -1,0 +1,36 @@
+"""Well-known arrays by name, from simulations of Ultraino (MIT; see ``layouts/LICENSE``)."""
+
+from pathlib import Path
+
+import numpy as np
+
+from airtact.errors import check_choice
+from airtact.transducers.element import Element
+from airtact.transducers.layout import PhasedArray
+
+KNOWN_ARRAYS = ("tinylev", "biglev", "flat_8x8", "opposed_sonicsurfaces")
+
+
+def known_array(name: str, element: Element | None = None) -> PhasedArray:
+    """Return a well-known array, centred on the origin and with its axis along y.
+
+    Parameters
+    ----------
+    name : "tinylev" and "biglev", two caps of 36 transducers each; "flat_8x8", 64 transducers in
+        the plane y = 0; or "opposed_sonicsurfaces", two boards of 256 transducers.
+    element : kind of transducer; by default a piston of 4.5 mm radius.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such array.
+
+    Examples
+    --------
+    >>> known_array("tinylev")
+    PhasedArray(72 elements, pistons of 4.5 mm, 60 x 118.2 x 60 mm)
+    """
+    check_choice(name, "the array", KNOWN_ARRAYS)
+    file = Path(__file__).with_name("layouts") / f"{name}.csv"
+    table = np.loadtxt(file, delimiter=",", skiprows=1)
+    return PhasedArray(table[:, :3], table[:, 3:], element)
