@@ -18,7 +18,7 @@ import numpy as np
 from airtact.hands.hand import hand_from_joints
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, to_json
-from airtact.hands.tracking.prediction import Predictor
+from airtact.hands.tracking.prediction import AGILITY, Predictor
 from airtact.hands.tracking.stream import HandStream
 from references.motions import Pinching
 from references.seen_by_mediapipe import seen_by_mediapipe
@@ -57,10 +57,30 @@ def kalman(frames: list[HandFrame], latency: float) -> list[np.ndarray]:
     return carried
 
 
+def free_points(frames: list[HandFrame], latency: float) -> list[np.ndarray]:
+    """Extrapolate each landmark by itself: a Kalman filter of its position and velocity."""
+    state, covariance = (
+        np.stack([frames[0].landmarks, np.zeros((25, 3))]),
+        np.diag([NOISE**2, 0.25]),
+    )
+    carried = [frames[0].landmarks]
+    for before, frame in pairwise(frames):
+        step = frame.time - before.time
+        ahead = np.array([[1.0, step], [0.0, 1.0]])
+        push = AGILITY * np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
+        state, covariance = np.tensordot(ahead, state, 1), ahead @ covariance @ ahead.T + push
+        gain = covariance[:, 0] / (covariance[0, 0] + NOISE**2)
+        state = state + np.multiply.outer(gain, frame.landmarks - state[0])
+        covariance = covariance - np.outer(gain, covariance[0])
+        carried.append(state[0] + latency * state[1])
+    return carried
+
+
 def prediction() -> None:
     motion = Pinching()
     print(
-        "| frames | latency | last frame | one-euro | Kalman | Kalman, 95 of 100 |\n|---|---|---|---|---|---|"
+        "| frames | latency | last frame | one-euro | free points | bones | bones, 95 of 100 "
+        "| thumb to index: last frame | free points | bones |\n" + 10 * "|---" + "|"
     )
     for rate in (30, 90):
         frames = motion.frames(rate, SECONDS, NOISE)
@@ -70,18 +90,34 @@ def prediction() -> None:
                 [pad(motion.at(frame.time + latency), motion.radii) for frame in frames]
             )
             errors = [np.linalg.norm(stale - true, axis=1)]
-            for method in (one_euro, kalman):
-                carried = []
-                for joints in method(frames, latency):
+            gaps = [gap_error([frame.landmarks for frame in frames], frames, motion, latency)]
+            for method in (one_euro, free_points, kalman):
+                carried = method(frames, latency)
+                gaps.append(gap_error(carried, frames, motion, latency))
+                pads = []
+                for joints in carried:
                     try:
-                        carried.append(pad(joints, motion.radii))
+                        pads.append(pad(joints, motion.radii))
                     except (ValueError, FaultyFrame):
-                        carried.append(np.full(3, np.nan))
-                errors.append(np.linalg.norm(np.array(carried) - true, axis=1))
-            last, euro, ours = (1e3 * np.nanmean(one[10:]) for one in errors)
-            most = 1e3 * np.quantile(errors[2][10:], 0.95)
-            cells = f"{rate} /s | {1e3 * latency:.0f} ms | {last:.1f} mm | {euro:.1f} mm | {ours:.1f} mm | {most:.1f} mm"
-            print(f"| {cells} |", flush=True)
+                        pads.append(np.full(3, np.nan))
+                errors.append(np.linalg.norm(np.array(pads) - true, axis=1))
+            means = " | ".join(f"{1e3 * np.nanmean(one[10:]):.1f} mm" for one in errors)
+            most = 1e3 * np.quantile(errors[3][10:], 0.95)
+            of_gaps = " | ".join(f"{1e3 * gaps[index]:.1f} mm" for index in (0, 2, 3))
+            print(
+                f"| {rate} /s | {1e3 * latency:.0f} ms | {means} | {most:.1f} mm | {of_gaps} |",
+                flush=True,
+            )
+
+
+def gap_error(
+    carried: list[np.ndarray], frames: list[HandFrame], motion: Pinching, latency: float
+) -> float:
+    """Mean error of the vector between the tips of thumb and index finger after a second [m]."""
+    true = np.array([motion.at(frame.time + latency) for frame in frames])
+    off = np.array(carried) - true
+    after = [frame.time >= 1.0 for frame in frames]
+    return float(np.linalg.norm(off[after, 4] - off[after, 9], axis=1).mean())
 
 
 def speed() -> None:

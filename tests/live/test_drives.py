@@ -136,7 +136,7 @@ def test_solvers_that_rested_go_on_when_the_tracker_is_quieter(board, joints):
     )
     asked = []
     for index in range(200):
-        noise = 1e-3 if index < 100 else 1e-4
+        noise = 2.5e-3 if index < 100 else 1e-4
         maker.take(still(index, index / 60, landmarks=joints + noise * random.normal(size=(25, 3))))
         solver.asked = None
         maker.make(index / 60 + 0.01, at.live.Controls())

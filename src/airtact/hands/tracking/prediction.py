@@ -1,124 +1,24 @@
 """Prediction of a hand at the time when the sound arrives, with noise reduction.
 
-The motion model is a constant velocity with white noise of the acceleration. One Kalman filter
-estimates the centroid of all landmarks, and a slower one the landmarks relative to it, because
-reaching is faster than bending fingers. All coordinates of a filter have the same noise and
-agility, so they share one covariance (2, 2) of position and velocity.
-
-Times are in seconds, positions (P, 3) in metres; ``noise`` is the standard deviation of each
-measured coordinate [m], ``agility`` the spectral density of the acceleration [m²/s³].
-
-Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and
-Navigation*, Wiley 2001: section 6.2.2, discretised continuous white noise acceleration (equations
-6.2.2-4 and 6.2.2-9); section 5.5.3, starting from two measurements.
+``ArticulatedHand`` is the filter; the noise of the tracker is estimated from its frames.
 """
 
 from collections import deque
-from dataclasses import dataclass, replace
+from copy import deepcopy
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Float64
 
 from airtact.acoustics.uncertainty import SMALLEST_ANGLE, Uncertainty
 from airtact.errors import InvalidInput, number, positive
-from airtact.hands.joints import Points
-from airtact.hands.tracking.frame import FaultyFrame, HandFrame
+from airtact.hands.joints import TRACKED, Points, joints_of
+from airtact.hands.tracking.articulated import ArticulatedHand
+from airtact.hands.tracking.frame import HandFrame
 
-# Default spectral density of the acceleration of a landmark [m²/s³]. It is nearly optimal for
+# Default spectral density of the acceleration of the palm [m²/s³]. It is nearly optimal for
 # reaching and pinching at 0.5 m/s, at 30 to 90 frames a second and noise of 0.5 to 3 mm
 # (``benchmarks/hand_tracking.py``).
 AGILITY = 0.3
-
-# Ratio of the agility of landmarks about their centroid to that of the centroid. Compared with one
-# filter, 1 mm of noise causes 0.6 of the error between the foci (motions of
-# ``benchmarks/live.py``); without noise the error is 0.02 mm larger.
-BENDING = 0.05
-
-# Share of the variance of the noise that is common to all landmarks.
-COMMON = 0.5
-
-
-# --- Kalman filter ----------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Estimated positions and velocities of points.
-
-    Attributes
-    ----------
-    time : time of the positions [s].
-    positions : (P, 3) [m].
-    velocities : (P, 3) [m/s].
-    covariance : (2, 2) covariance of position and velocity of every coordinate.
-    seen_once : whether there was only one measurement, so that the velocity is unknown.
-    """
-
-    time: float
-    positions: Points
-    velocities: Points
-    covariance: Float64[np.ndarray, "2 2"]
-    seen_once: bool = False
-
-    def at(self, time: float, agility: float) -> "Motion":
-        """Extrapolate the points at their velocities."""
-        step = time - self.time
-        forward = transition(step)
-        return replace(
-            self,
-            time=time,
-            positions=self.positions + step * self.velocities,
-            covariance=forward @ self.covariance @ forward.T + process_noise(step, agility),
-        )
-
-
-def transition(step: float) -> Float64[np.ndarray, "2 2"]:
-    """Return the matrix that advances position and velocity by a step of time [s]."""
-    return np.array([[1.0, step], [0.0, 1.0]])
-
-
-def process_noise(step: float, agility: float) -> Float64[np.ndarray, "2 2"]:
-    """Return the covariance that random acceleration adds in a step [s]."""
-    size = abs(step)
-    return agility * np.array([[size**3 / 3.0, step * size / 2.0], [step * size / 2.0, size]])
-
-
-def first_seen(time: float, positions: Real[np.ndarray, "points 3"], noise: float) -> Motion:
-    """Start from one measurement, with the points at rest."""
-    positions = np.asarray(positions, dtype=np.float64)
-    # 0.5 m/s is the standard deviation of the velocity of a hand
-    covariance = np.diag([noise**2, 0.5**2])
-    return Motion(time, positions, np.zeros(positions.shape), covariance, seen_once=True)
-
-
-def measured(
-    motion: Motion,
-    time: float,
-    positions: Real[np.ndarray, "points 3"],
-    noise: float,
-    agility: float,
-) -> Motion:
-    """Update the estimate with a measurement."""
-    if motion.seen_once:
-        step = time - motion.time
-        # No hand is faster than 3 m/s, but jitter can make the step very short.
-        velocities = np.clip((positions - motion.positions) / step, -3.0, 3.0)
-        mixed = noise**2 / step
-        of_velocity = 2.0 * noise**2 / step**2 + agility * step / 3.0
-        covariance = np.array([[noise**2, mixed], [mixed, of_velocity]])
-        return Motion(time, np.asarray(positions, dtype=np.float64), velocities, covariance)
-    expected = motion.at(time, agility)
-    gain = expected.covariance[:, 0] / (expected.covariance[0, 0] + noise**2)
-    surprise = positions - expected.positions
-    keep = np.eye(2) - np.outer(gain, [1.0, 0.0])
-    # Joseph's form stays positive definite
-    covariance = keep @ expected.covariance @ keep.T + noise**2 * np.outer(gain, gain)
-    return Motion(
-        time,
-        expected.positions + gain[0] * surprise,
-        motion.velocities + gain[1] * surprise,
-        covariance,
-    )
 
 
 class NoiseEstimate:
@@ -126,20 +26,22 @@ class NoiseEstimate:
 
     The third difference of four positions at even time steps is insensitive to the motion of a
     hand: at 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes 0.02 mm. White noise
-    contributes sqrt(1 + 9 + 9 + 1) times its standard deviation. The median over all coordinates
-    excludes landmarks that jump. The noise of a tracker that smooths is underestimated.
+    contributes sqrt(1 + 9 + 9 + 1) times its standard deviation. Medians exclude landmarks that
+    jump. The noise of a tracker that smooths is underestimated.
 
     Attributes
     ----------
     noise : standard deviation of each coordinate [m]; 1 mm before the fourth frame.
+    common : that of the error that all landmarks share [m].
     """
 
     def __init__(self) -> None:
-        self._last: deque[tuple[float, Float64[np.ndarray, "landmarks 3"]]] = deque(maxlen=4)
+        self._last: deque[tuple[float, Points]] = deque(maxlen=4)
         self._count = 0
         self.noise: float = 1e-3
+        self.common: float = 0.0
 
-    def take(self, time: float, landmarks: Float64[np.ndarray, "landmarks 3"]) -> None:
+    def take(self, time: float, landmarks: Points) -> None:
         """Update the estimate with the landmarks of the next frame [m]."""
         if self._last and len(landmarks) != len(self._last[-1][1]):
             self._last.clear()
@@ -148,26 +50,26 @@ class NoiseEstimate:
         if len(self._last) < 4 or steps.max() > 1.3 * steps.min():
             return
         first, second, third, fourth = (positions for _, positions in self._last)
-        difference = fourth - 3.0 * third + 3.0 * second - first
+        differences = (fourth - 3.0 * third + 3.0 * second - first) / np.sqrt(20.0)
         # 1.4826: standard deviation of normal numbers divided by their median magnitude
-        deviation = 1.4826 * float(np.median(np.abs(difference))) / np.sqrt(20.0)
+        deviation = 1.4826 * float(np.median(np.abs(differences)))
+        shared = float(np.sqrt(np.mean(differences.mean(axis=0) ** 2)))
         self._count += 1
         share = max(1.0 / self._count, 0.05)
         self.noise = float(np.clip(self.noise + share * (deviation - self.noise), 1e-4, 5e-3))
-
-
-# --- prediction -------------------------------------------------------------------------------
+        self.common += share * (shared - self.common)
 
 
 class Predictor:
-    """Prediction of the landmarks of one hand by a Kalman filter of constant velocity.
+    """Prediction of the landmarks of one hand by a Kalman filter of an articulated hand.
 
     Parameters
     ----------
     latency : time from a frame to the arrival of the sound computed from it [s].
     noise : standard deviation of each coordinate of the tracker's landmarks [m], or None to
         estimate it from the frames.
-    agility : spectral density of the acceleration of landmarks [m²/s³].
+    agility : spectral density of the acceleration of the palm [m²/s³]; those of the joints are
+        proportional to it, and all rise while the hand is more agile.
     patience : time without frames after which the hand counts as lost and the filter restarts [s].
 
     Raises
@@ -193,8 +95,10 @@ class Predictor:
         self._estimate = NoiseEstimate()
         self._agility = positive(agility, "agility", "m²/s³")
         self._patience = positive(patience, "patience", "s")
-        # Newest frame, motion of the landmarks' centroid, and motion of the landmarks about it.
-        self._newest: tuple[HandFrame, Motion, Motion] | None = None
+        # Newest frame with landmarks, these, and the hand estimated at its time.
+        self._newest: tuple[HandFrame, Points, ArticulatedHand] | None = None
+        # Mean square distance of a coordinate of the last landmarks from the estimate [m²].
+        self._misfit = 0.0
 
     def take(self, frame: HandFrame) -> None:
         """Update the estimate with the next frame of the hand; a lost one is ignored.
@@ -225,26 +129,29 @@ class Predictor:
                 )
         if frame.landmarks is None:
             return
-        self._estimate.take(frame.time, frame.landmarks)
-        middle = frame.landmarks.mean(axis=0, keepdims=True)
-        about = frame.landmarks - middle
-        middle_noise = self.noise * np.sqrt(COMMON)
-        about_noise = self.noise * np.sqrt(1.0 - COMMON)
-        reach = bend = None
+        landmarks = np.asarray(frame.landmarks, dtype=np.float64)
+        self._estimate.take(frame.time, landmarks)
+        seen = TRACKED if len(landmarks) == 21 else np.arange(25)
+        # The mean of independent errors is no common error.
+        common = 0.0
+        if self._given_noise is None:
+            common = np.sqrt(max(self._estimate.common**2 - self.noise**2 / len(seen), 0.0))
+        independent = max(np.sqrt(max(self.noise**2 - common**2, 0.0)), 0.3 * self.noise)
         if self._newest is not None:
-            _, reach, bend = self._newest
-        if (
-            reach is None
-            or bend is None
-            or frame.time - reach.time > self._patience
-            or len(bend.positions) != len(about)
-        ):
-            reach = first_seen(frame.time, middle, middle_noise)
-            bend = first_seen(frame.time, about, about_noise)
-        else:
-            reach = measured(reach, frame.time, middle, middle_noise, self._agility)
-            bend = measured(bend, frame.time, about, about_noise, BENDING * self._agility)
-        self._newest = (frame, reach, bend)
+            _, _, hand = self._newest
+            if frame.time - hand.time <= self._patience:
+                hand.advance(frame.time)
+                hand.update(landmarks, seen, independent, common, self._agility)
+                # Bones that do not fit for some frames are those of another hand.
+                misfit = float(np.mean((hand.joints[seen] - landmarks) ** 2))
+                self._misfit += 0.2 * (misfit - self._misfit)
+                if self._misfit < (2e-3 + 3.0 * self.noise) ** 2:
+                    self._newest = (frame, landmarks, hand)
+                    return
+        self._misfit = 0.0
+        joints = joints_of(landmarks)
+        hand = ArticulatedHand(frame.time, joints, frame.side, self.noise, self._agility)
+        self._newest = (frame, landmarks, hand)
 
     @property
     def noise(self) -> float:
@@ -261,55 +168,66 @@ class Predictor:
         Returns
         -------
         The frame at that time, with the number of the newest frame; a lost frame if the hand has
-        not been seen for longer than the patience. If the predicted landmarks are not a plausible
-        hand, the newest landmarks are moved with their centroid.
+        not been seen for longer than the patience.
 
         Raises
         ------
         InvalidInput
-            If no frame with landmarks was taken yet.
+            If no frame with landmarks was taken yet, or the estimated bones are impossible.
         """
-        frame, reach, _ = self._state()
+        frame, newest, hand = self._state()
         then = number(time, "time", "s") + self.latency
-        if time - reach.time > self._patience:
+        if time - hand.time > self._patience:
             return HandFrame(then, frame.side, frame.sequence)
-        reach_then, bend_then = self._carried(then)
-        try:
-            joints = reach_then.positions + bend_then.positions
-            return HandFrame(then, frame.side, frame.sequence, joints)
-        except FaultyFrame:
-            joints = frame.landmarks + reach_then.positions - reach.positions
-            return HandFrame(then, frame.side, frame.sequence, joints)
+        joints = hand.joints_at(then)
+        landmarks = joints[TRACKED] if len(newest) == 21 else joints
+        return HandFrame(then, frame.side, frame.sequence, landmarks)
 
     def spread(self, time: float) -> float:
-        """Return the standard deviation of each coordinate [m] at ``latency`` after a time [s]."""
-        reach, bend = self._carried(time + self.latency)
-        return float(np.sqrt(reach.covariance[0, 0] + bend.covariance[0, 0]))
+        """Return the standard deviation of the coordinates [m] at ``latency`` after a time [s].
+
+        It is the root mean square of all joints.
+        """
+        covariance = self._advanced(time + self.latency).joint_covariance()
+        return float(np.sqrt(np.diag(covariance).mean()))
 
     def velocities(self) -> Float64[np.ndarray, "landmarks 3"]:
         """Return the velocities of the landmarks at the time of the newest frame [m/s]."""
-        _, reach, bend = self._state()
-        return reach.velocities + bend.velocities
+        _, newest, hand = self._state()
+        velocities = hand.velocities()
+        return velocities[TRACKED] if len(newest) == 21 else velocities
 
     def uncertainty(self, time: float) -> Uncertainty:
         """Return the uncertainty of the hand at ``latency`` after a time [s]; errors as for ``at``.
 
-        The position is ``spread``, limited to 0.1 m. The rotation moves the landmarks by the same
-        distance (root mean square about their centroid).
+        The covariance of the joints is divided into the position of the whole hand, its rotation
+        and, as ``own_position``, what its bones add to that. Positions are limited to 0.1 m.
         """
-        _, _, bend = self._state()
-        off = min(self.spread(time), 0.1)
-        lever = float(np.sqrt(np.mean(np.sum(bend.positions**2, axis=1))))
-        degrees = float(np.degrees(off / lever)) if lever > 0.0 else 0.0
-        if degrees < SMALLEST_ANGLE:
-            degrees = 0.0
-        return Uncertainty(position=off, rotation=min(degrees, 90.0))
+        hand = self._advanced(time + self.latency)
+        covariance = hand.joint_covariance()
+        about = hand.joints - hand.joints.mean(axis=0)
+        # Shift and turn (6,) of the whole hand that fit errors of all coordinates (75,) best.
+        moves = np.tile(np.eye(3), 25)
+        turns = np.cross(np.eye(3)[:, None], about).reshape(3, 75)
+        rigid = np.vstack([moves, turns])
+        fit = np.linalg.solve(rigid @ rigid.T, rigid)
+        variances = np.diag(fit @ covariance @ fit.T)
+        # What is left of the covariance are motions of the bones.
+        own = max(np.trace(covariance) - np.trace(rigid.T @ fit @ covariance), 0.0)
+        degrees = float(np.degrees(np.sqrt(variances[3:].mean())))
+        return Uncertainty(
+            position=min(float(np.sqrt(variances[:3].mean())), 0.1),
+            rotation=min(degrees, 90.0) if degrees >= SMALLEST_ANGLE else 0.0,
+            own_position=min(float(np.sqrt(own / 75.0)), 0.1),
+        )
 
-    def _carried(self, then: float) -> tuple[Motion, Motion]:
-        _, reach, bend = self._state()
-        return reach.at(then, self._agility), bend.at(then, BENDING * self._agility)
+    def _advanced(self, then: float) -> ArticulatedHand:
+        _, _, hand = self._state()
+        hand = deepcopy(hand)
+        hand.advance(then)
+        return hand
 
-    def _state(self) -> tuple[HandFrame, Motion, Motion]:
+    def _state(self) -> tuple[HandFrame, Points, ArticulatedHand]:
         if self._newest is None:
             raise InvalidInput(
                 "no frame with landmarks was taken yet; call take() before a prediction.",

@@ -65,10 +65,10 @@ def expected_kept(
         # Carried solutions follow the bones, so poses may differ more. The gaps of the whole hand
         # are noisier than those of the foci's bones.
         difference = unlike(gap, turned) / 4.0
-        gap_noise = 3.0
+        gap_noise = 0.75
     else:
         difference = unlike(gap, turned, foci)
-        gap_noise = 1.5  # divided by the noise of a coordinate of the tracker
+        gap_noise = 0.75  # divided by the noise of a coordinate of the tracker
     if part == "phalanges":
         same -= 0.0175 * max(foci - FITTED_FOCI, 0)
     same = max(same, different)

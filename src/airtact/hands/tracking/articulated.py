@@ -1,0 +1,279 @@
+"""Extended Kalman filter of an articulated hand: a rigid palm, and bones of constant lengths.
+
+The state has 86 degrees of freedom: shift and turn of the palm, 7 turns of each finger's joints,
+and the shape, which is 15 lengths of bones and 10 positions of joints in the palm. The shape hardly
+changes, so it is learned from the first second of frames, with any constant error of the tracker's
+landmarks. The palm and the main turns also have rates. The rates are constant except for white
+noise of the acceleration; the rest is constant except for a slow random walk.
+
+The state is stored as the 25 joints and the rates. The covariance is that of small changes of the
+degrees of freedom from there, about the present axes of the joints.
+
+Sources
+-------
+- Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and
+  Navigation*, Wiley 2001: section 6.2.2, discretised continuous white noise acceleration (equations
+  6.2.2-4 and 6.2.2-9); section 10.3.2, the extended Kalman filter.
+- R. M. Murray, Z. Li, S. S. Sastry, *A Mathematical Introduction to Robotic Manipulation*, CRC
+  Press 1994: section 3.4.1, the velocity of a point as the sum over its joints' twists.
+"""
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.spatial.transform import Rotation
+
+from airtact.hands.joints import CHAINS, Joints
+
+# Joints of each finger from its root, and those of the palm, which include the roots.
+FINGER_JOINTS = np.array([chain[-4:] for chain in CHAINS])
+PALM = np.setdiff1d(np.arange(25), FINGER_JOINTS[:, 1:])
+
+# Degrees of freedom of the fingers' joints (5 fingers, 7), of the lengths of bones (5, 3), and of
+# the joints of the palm (10, 3). The first six are shift and turn of the palm.
+TURNS = slice(6, 41)
+LENGTHS = slice(41, 56)
+PALM_JOINTS = slice(56, 86)
+COUNT = 86
+
+# Joint of its finger about which each of the 7 turns is: bend, spread and twist of the root, bend
+# and spread of the middle and of the last joint.
+LEVELS = np.array([0, 0, 0, 1, 1, 2, 2])
+USED_AXES = [0, 1, 2, 3, 4, 6, 7]
+BENDS = TURNS.start + 7 * np.arange(5)[:, None] + np.array([3, 5])
+
+# Spectral density of the acceleration for an agility of 1 m²/s³: shift of the palm [m²/s³], its
+# turn, and turns of joints [rad²/s³]. Without such noise there is no rate.
+_FINGER = [10.0, 1.0, 1.0, 3.0, 0.0, 3.0, 0.0]
+_THUMB = [10.0, 3.0, 1.0, 3.0, 0.0, 3.0, 0.0]
+ACCELERATIONS = np.array([1.0] * 3 + [3.0] * 3 + _THUMB + 4 * _FINGER + [0.0] * 45)
+MOVING = np.flatnonzero(ACCELERATIONS)
+# Standard deviation of each rate of a hand that is seen first [m/s, rad/s].
+FIRST_RATES = np.where(MOVING < 3, 0.5, 4.0)
+
+# Random walk of the remaining turns [rad²/s] and of the shape [m²/s].
+WALKS = np.where(ACCELERATIONS > 0.0, 0.0, np.where(np.arange(COUNT) < LENGTHS.start, 1e-3, 1e-8))
+
+# Of the fingers' bones: directions, lengths [m], hinges, and the axes of all turns of their joints.
+# A hinge is the axis about which a bone bends, as by ``bending_axis``.
+Bones = tuple[
+    Float64[np.ndarray, "5 3 3"],
+    Float64[np.ndarray, "5 3"],
+    Float64[np.ndarray, "5 3 3"],
+    Float64[np.ndarray, "5 7 3"],
+]
+
+# The palm (0) and each finger (1 to 5) have their own agility: group of each joint and each rate.
+GROUPS = np.zeros(25, dtype=np.int64)
+GROUPS[FINGER_JOINTS[:, 1:]] = np.arange(1, 6)[:, None]
+RATE_GROUPS = np.where(MOVING < 6, 0, 1 + (MOVING - TURNS.start) // 7)
+
+
+def _moved_joints() -> Float64[np.ndarray, "25 1 dofs"]:
+    """Return 1 for each joint that a degree of freedom moves, else 0."""
+    moved = np.zeros((25, COUNT))
+    moved[:, :6] = 1.0
+    for finger, joints in enumerate(FINGER_JOINTS):
+        for turn, level in enumerate(LEVELS):
+            moved[joints[level + 1 :], TURNS.start + 7 * finger + turn] = 1.0
+        for bone in range(3):
+            moved[joints[bone + 1 :], LENGTHS.start + 3 * finger + bone] = 1.0
+    for index, joint in enumerate(PALM):
+        # A finger moves with its root.
+        roots = joint == FINGER_JOINTS[:, 0]
+        start = PALM_JOINTS.start + 3 * index
+        moved[[joint, *FINGER_JOINTS[roots].ravel()], start : start + 3] = 1.0
+    return moved[:, None]
+
+
+MOVED = _moved_joints()
+
+
+class ArticulatedHand:
+    """The filter; a copy can be advanced to predict the hand.
+
+    Parameters
+    ----------
+    time : time of the first frame [s].
+    joints : its joints (25, 3) [m].
+    side : ``"left"`` or ``"right"``.
+    noise : standard deviation of each coordinate [m].
+    agility : spectral density of the acceleration of the palm; those of the joints are proportional
+        to it [m²/s³].
+
+    Attributes
+    ----------
+    time : time of the estimate [s].
+    joints : (25, 3) estimated joints [m].
+    rates : (31,) rates of the degrees of freedom ``MOVING`` [m/s, rad/s].
+    covariance : (117, 117) covariance of the degrees of freedom, then of the rates.
+    """
+
+    def __init__(
+        self,
+        time: float,
+        joints: Joints,
+        side: str,
+        noise: float,
+        agility: float,
+    ) -> None:
+        self.time = time
+        self.joints = np.array(joints, dtype=np.float64)
+        self.rates = np.zeros(len(MOVING))
+        self._across_sign = 1.0 if side == "right" else -1.0
+        self._agilities = np.full(6, agility)
+        # Joints of the last call of ``_bones``, and its answer.
+        self._known: tuple[Joints, Bones] | None = None
+        # The palm's pose and twists of fingers are as in the first frame, by definition. The
+        # remaining 75 degrees of freedom are as uncertain as the 75 coordinates.
+        twists = TURNS.start + 7 * np.arange(5) + 2
+        free = np.setdiff1d(np.arange(6, COUNT), twists)
+        inverse = noise * np.linalg.inv(self._slopes().reshape(75, COUNT)[:, free])
+        self.covariance = np.diag(np.append(np.zeros(COUNT), FIRST_RATES**2))
+        self.covariance[np.ix_(free, free)] = inverse @ inverse.T
+
+    def joints_at(self, time: float) -> Joints:
+        """Return the joints extrapolated at their rates, within the limits of the bends [m]."""
+        step = time - self.time
+        change = np.zeros(COUNT)
+        change[MOVING] = step * self.rates
+        # Middle and last joints bend by -20 to 120 degrees, or as far as they are bent already.
+        along, _, hinges, _ = self._bones()
+        sines = np.sum(_cross(along[:, :-1], along[:, 1:]) * hinges[:, 1:], axis=2)
+        bends = np.arctan2(sines, np.sum(along[:, :-1] * along[:, 1:], axis=2))
+        low = np.minimum(bends, np.radians(-20.0))
+        high = np.maximum(bends, np.radians(120.0))
+        change[BENDS] = np.clip(bends + change[BENDS], low, high) - bends
+        return self._changed(change)
+
+    def advance(self, time: float) -> None:
+        """Extrapolate the estimate to a time [s]."""
+        self.joints = self.joints_at(time)
+        step = time - self.time
+        self.time = time
+        covariance = self.covariance
+        covariance[MOVING] += step * covariance[COUNT:]
+        covariance[:, MOVING] += step * covariance[:, COUNT:]
+        size = abs(step)
+        noise = self._agilities[RATE_GROUPS] * ACCELERATIONS[MOVING]
+        rates = COUNT + np.arange(len(MOVING))
+        covariance[MOVING, MOVING] += noise * size**3 / 3.0
+        covariance[MOVING, rates] += noise * step * size / 2.0
+        covariance[rates, MOVING] += noise * step * size / 2.0
+        covariance[rates, rates] += noise * size
+        covariance[np.arange(COUNT), np.arange(COUNT)] += size * WALKS
+
+    def update(
+        self,
+        landmarks: Float64[np.ndarray, "landmarks 3"],
+        seen: Int64[np.ndarray, "landmarks"],
+        noise: float,
+        common: float,
+        agility: float,
+    ) -> None:
+        """Update the estimate with a measurement at its time.
+
+        Parameters
+        ----------
+        landmarks : measured joints [m].
+        seen : indices of these joints.
+        noise : standard deviation of the independent error of each coordinate [m].
+        common : standard deviation of the error that all joints share [m].
+        agility : smallest spectral density of the acceleration of the palm [m²/s³].
+        """
+        slopes = self._slopes()[seen].reshape(-1, COUNT)
+        surprise = (landmarks - self.joints[seen]).ravel()
+        mixed = slopes @ self.covariance[:COUNT]
+        expected = mixed[:, :COUNT] @ slopes.T
+        expected += common**2 * np.tile(np.eye(3), (len(seen), len(seen)))
+        expected += noise**2 * np.eye(len(expected))
+        gain = np.linalg.solve(expected, mixed).T
+        change = gain @ surprise
+        self.covariance -= gain @ mixed
+        self.covariance = 0.5 * (self.covariance + self.covariance.T)
+        self.joints = self._changed(change[:COUNT])
+        self.rates = self.rates + change[COUNT:]
+        # A part that surprises more than expected is more agile, and else it calms down.
+        excess = (surprise**2 / np.diag(expected)).reshape(-1, 3).mean(axis=1) - 1.0
+        of_groups = np.array([excess[GROUPS[seen] == group].mean() for group in range(6)])
+        self._agilities *= np.exp(0.1 * np.minimum(of_groups, 4.0))
+        self._agilities = np.clip(self._agilities, agility, 30.0 * agility)
+
+    def velocities(self) -> Joints:
+        """Return the velocities of the joints [m/s]."""
+        return self._slopes()[:, :, MOVING] @ self.rates
+
+    def joint_covariance(self) -> Float64[np.ndarray, "75 75"]:
+        """Return the covariance of the coordinates of all joints [m²]."""
+        slopes = self._slopes().reshape(75, COUNT)
+        return slopes @ self.covariance[:COUNT, :COUNT] @ slopes.T
+
+    def _bones(self) -> Bones:
+        """Return the bones of the present joints."""
+        joints = self.joints
+        if self._known is not None and self._known[0] is joints:
+            return self._known[1]
+        bones = np.diff(joints[FINGER_JOINTS], axis=1)
+        lengths = np.sqrt(np.sum(bones**2, axis=2))
+        along = bones / lengths[..., None]
+        palm = self._across_sign * _unit(joints[6] - joints[21])
+        bends = _cross(along[:, :-1], along[:, 1:]).sum(axis=1)
+        hinges = 0.3 * palm + np.where((bends @ palm > 0.0)[:, None], bends, 0.0)
+        back = _unit(_cross(joints[11] - joints[0], palm))
+        towards = _unit(0.5 * (joints[6] + joints[7]) - joints[4]) - 0.5 * back
+        hinges[0] = _cross(along[0, -1], towards)
+        hinges += 1e-9  # where hinge and bone are parallel, any axis will do
+        hinges = hinges[:, None] - np.sum(hinges[:, None] * along, axis=2, keepdims=True) * along
+        hinges = _unit(hinges)
+        sideways = _cross(along, hinges)
+        axes = np.stack([hinges, sideways, along], axis=2).reshape(5, 9, 3)[:, USED_AXES]
+        self._known = (joints, (along, lengths, hinges, axes))
+        return self._known[1]
+
+    def _slopes(self) -> Float64[np.ndarray, "25 3 dofs"]:
+        """Return the derivatives of the joints with respect to the degrees of freedom."""
+        joints = self.joints
+        along, _, _, axes = self._bones()
+        axes = np.concatenate([np.eye(3), axes.reshape(-1, 3)])
+        centres = np.tile(joints[PALM].mean(axis=0), (3, 1))
+        origins = np.concatenate([centres, joints[FINGER_JOINTS[:, LEVELS]].reshape(-1, 3)])
+        slopes = np.empty((25, 3, COUNT))
+        slopes[:, :, :3] = np.eye(3)
+        arms = joints[:, None] - origins
+        slopes[:, :, 3 : TURNS.stop] = np.swapaxes(_cross(axes[None], arms), 1, 2)
+        slopes[:, :, LENGTHS] = along.reshape(-1, 3).T
+        slopes[:, :, PALM_JOINTS] = np.tile(np.eye(3), 10)
+        return slopes * MOVED
+
+    def _changed(self, change: Float64[np.ndarray, "dofs"]) -> Joints:
+        """Return the joints after a change; turns are rotations, so bones keep their lengths."""
+        along, lengths, _, axes = self._bones()
+        lengths = lengths + change[LENGTHS].reshape(5, 3)
+        vectors = change[TURNS].reshape(5, 7, 1) * axes
+        vectors = np.add.reduceat(vectors, [0, 3, 5], axis=1).reshape(-1, 3)
+        turns = Rotation.from_rotvec(np.vstack([change[3:6], vectors])).as_matrix()
+        turn = turns[0]
+        turns = turns[1:].reshape(5, 3, 3, 3)
+        first = turn @ turns[:, 0]
+        second = first @ turns[:, 1]
+        turned = np.stack([first, second, second @ turns[:, 2]], axis=1) @ along[..., None]
+        palm = self.joints[PALM]
+        centre = palm.mean(axis=0)
+        joints = np.empty((25, 3))
+        joints[PALM] = (palm - centre) @ turn.T + centre + change[:3]
+        joints[PALM] += change[PALM_JOINTS].reshape(10, 3)
+        bones = np.cumsum(lengths[..., None] * turned[..., 0], axis=1)
+        joints[FINGER_JOINTS[:, 1:]] = joints[FINGER_JOINTS[:, :1]] + bones
+        return joints
+
+
+def _cross(
+    first: Float64[np.ndarray, "... 3"], second: Float64[np.ndarray, "... 3"]
+) -> Float64[np.ndarray, "... 3"]:
+    """Return cross products in a third of the time of ``numpy.cross``."""
+    after = [1, 2, 0]
+    before = [2, 0, 1]
+    return first[..., after] * second[..., before] - first[..., before] * second[..., after]
+
+
+def _unit(vectors: Float64[np.ndarray, "*any 3"]) -> Float64[np.ndarray, "*any 3"]:
+    return vectors / np.sqrt(np.sum(vectors**2, axis=-1, keepdims=True))
