@@ -22,7 +22,7 @@ from live.live_scenes import direct_sound, one_board, playing
 
 
 def asked(scene: LiveScene, moment: at.live.Moment, section: Section | None = None) -> SoundRequest:
-    vertices, _ = MovingSkin(scene.radii).at(moment.joints)
+    vertices = MovingSkin(scene.radii).at(moment.joints)
     section = section or Section(moment.foci.mean(axis=0), "y", 0.0)
     return SoundRequest(
         time.monotonic(), moment.joints, moment.foci, moment.amplitudes, vertices, section

@@ -84,6 +84,11 @@ from airtact.cli.options import (
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Address at which the page is served."
 )
+@click.option(
+    "--certificate",
+    type=INPUT,
+    help="PEM file with a certificate and its key: serve the page by HTTPS, as headsets need.",
+)
 @as_json
 @quiet
 def live(
@@ -103,6 +108,7 @@ def live(
     page: bool,
     page_port: int,
     host: str,
+    certificate: Path | None,
     **settings: Any,
 ) -> None:
     """Follow the hand of SCENE with the sound, and record the run in session.h5.
@@ -180,6 +186,7 @@ def live(
             cap=1.0 if share is None else share,
             ignore_hand=ignore_hand,
             page=(page_port, host) if page else None,
+            certificate=certificate,
             report_step=report,
             report=report,
         )

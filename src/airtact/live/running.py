@@ -47,6 +47,7 @@ def run(
     cap: float | None = None,
     ignore_hand: bool = False,
     page: tuple[int, str] | None = None,
+    certificate: Path | None = None,
     report_step: Progress = no_progress,
     report: Callable[[Status], None] = lambda status: None,
 ) -> Followed:
@@ -65,6 +66,7 @@ def run(
         ``follow``.
     ignore_hand : whether phases are set from path lengths alone, as if there were no hand.
     page : port and host of the page; no page by default.
+    certificate : PEM file with a certificate and its key, to serve the page by HTTPS.
     report_step, report : called with each step of the start, and twice a second with the status.
 
     Raises
@@ -86,7 +88,16 @@ def run(
             port, host = page
             # The page only has a hand to drag if the frames come from it.
             joints = setup.hands[0].joints if type(hands) is HandSource else None
-            shown = PageProcess(scene, port, host, joints, hands.stream, controls, output.stop)
+            shown = PageProcess(
+                scene,
+                port,
+                host,
+                joints,
+                None if joints is None else hands.stream,
+                controls,
+                output.stop,
+                certificate=certificate,
+            )
             closing.enter_context(shown)
         address = "" if shown is None else f"; page: {shown.address}"
         report_step(f"following {hands.words}; sound to {output.words}{address}")

@@ -16,8 +16,11 @@ from PIL import Image
 from airtact.errors import as_sentence
 from airtact.files.atomic import whole_file
 
+# Folder of the templates
+FOLDER = Path(__file__).parent / "templates"
+
 TEMPLATES = Environment(
-    loader=FileSystemLoader(Path(__file__).parent / "templates"),
+    loader=FileSystemLoader(FOLDER),
     autoescape=True,
     # A missing value raises an error instead of becoming empty text.
     undefined=StrictUndefined,

@@ -124,11 +124,7 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
     return {
         "drives": list(view.drives),
         "chosen": list(chosen),
-        # A "<" could end the script that contains the facts.
-        "facts": Markup(json.dumps(facts).replace("<", "\\u003c")),
-        "numbers": _packed(numbers),
-        "three": _packed(three_js().encode()),
-        "notice": " ".join(re.findall("(?:Copyright|SPDX)[^\\n]*", three_js())),
+        **embedded(facts, numbers),
         "labels": facts["slices"]["labels"],
         "alternative": viewer_alternative(view),
         "caption": _caption(view),
@@ -136,6 +132,44 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
         # A slice far from some of the foci would hide parts of the bodies.
         "sliced": not off_one_plane(view.setup),
     }
+
+
+def embedded(facts: dict[str, Any], numbers: bytes) -> dict[str, Any]:
+    """Return the values of a template that contains facts, numbers and three.js."""
+    three = three_js()
+    return {
+        # A "<" could end the script that contains the facts.
+        "facts": Markup(json.dumps(facts).replace("<", "\\u003c")),
+        "numbers": _packed(numbers),
+        "three": _packed(three.encode()),
+        "notice": " ".join(re.findall("(?:Copyright|SPDX)[^\\n]*", three)),
+    }
+
+
+def joined(arrays: Mapping[str, np.ndarray]) -> tuple[dict[str, tuple[str, int, int]], bytes]:
+    """Join arrays for JavaScript; return type, offset and size of each, and the bytes."""
+    places = {}
+    data = bytearray()
+    for name, values in arrays.items():
+        # JavaScript's typed arrays must start at multiples of their item size.
+        data += bytes(-len(data) % 4)
+        places[name] = (values.dtype.name, len(data), values.size)
+        data += values.tobytes()
+    return places, bytes(data)
+
+
+def colour_scales() -> dict[str, list[str]]:
+    """Return 128 colours of each scale, such as ``"#ffffff"``."""
+    return {
+        name: [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, 128))]
+        for name, scale in SCALES.items()
+    }
+
+
+def pressure_bytes(pressure: Float64[np.ndarray, "*points"], peak: float) -> np.ndarray:
+    """Convert pressures up to ``peak`` [Pa] to bytes."""
+    # The square root keeps faint fields visible: 1 % of the peak is 25 of 255.
+    return np.round(255.0 * np.sqrt(np.clip(pressure / peak, 0.0, 1.0))).astype(np.uint8)
 
 
 def viewer_alternative(view: SceneView) -> str:
@@ -195,13 +229,7 @@ def _packed(data: bytes) -> str:
 
 
 def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
-    places = {}
-    data = bytearray()
-    for name, values in _arrays(view).items():
-        # JavaScript's typed arrays must start at multiples of their item size.
-        data += bytes(-len(data) % 4)
-        places[name] = [values.dtype.name, len(data), values.size]
-        data += values.tobytes()
+    places, data = joined(_arrays(view))
     array = view.setup.array
     asked = [""] * len(view.setup.foci)
     if view.setup.target.pressures is not None:
@@ -212,10 +240,7 @@ def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
         "most": view.peak,
         "drives": list(view.drives),
         "arrays": places,
-        "colours": {
-            name: [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, 128))]
-            for name, scale in SCALES.items()
-        },
+        "colours": colour_scales(),
         "radius": 0.45e3 * min(spacing(array.positions[face.elements]) for face in faces),
         "foci": [
             {"name": name, "position": _rounded(1e3 * point), "asked": words, "got": _rounded(got)}
@@ -230,7 +255,7 @@ def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
         "views": _views(view),
         "backs": not _surrounds(view),
     }
-    return facts, bytes(data)
+    return facts, data
 
 
 def _rounded(numbers: Real[np.ndarray, "numbers"]) -> list[float]:
@@ -249,22 +274,19 @@ def _arrays(view: SceneView) -> dict[str, np.ndarray]:
     for index, amplitudes in enumerate(view.drives.values()):
         arrays[f"amplitude {index}"] = np.abs(amplitudes).astype(np.float32)
         arrays[f"phase {index}"] = np.angle(amplitudes).astype(np.float32)
-        arrays[f"field {index}"] = _bytes(slices.pressures[..., index], view.peak)
+        arrays[f"field {index}"] = pressure_bytes(slices.pressures[..., index], view.peak)
     if view.surfaces is not None:
         arrays["vertices"] = (1e3 * view.surfaces.vertices).astype(np.float32)
         arrays["triangles"] = view.surfaces.triangles.astype(np.uint32)
         for index in range(len(view.drives)):
-            arrays[f"surface {index}"] = _bytes(view.surfaces.pressures[:, index], view.peak)
+            arrays[f"surface {index}"] = pressure_bytes(
+                view.surfaces.pressures[:, index], view.peak
+            )
     for thing in view.setup.objects:
         vertices, triangles = thing.mesh
         arrays[f"object {thing.name} vertices"] = (1e3 * vertices).astype(np.float32)
         arrays[f"object {thing.name} triangles"] = triangles.astype(np.uint32)
     return arrays
-
-
-def _bytes(pressure: Float64[np.ndarray, "*points"], peak: float) -> np.ndarray:
-    # The square root keeps faint fields visible: 1 % of the peak is 25 of 255.
-    return np.round(255.0 * np.sqrt(np.clip(pressure / peak, 0.0, 1.0))).astype(np.uint8)
 
 
 def _planes(view: SceneView) -> dict[str, Any]:
@@ -301,10 +323,10 @@ def _views(view: SceneView) -> dict[str, Any]:
     front = first
     for plane in view.setup.scene.planes:
         front = front - 2.0 * min(0.0, float(front @ plane.normal)) * plane.normal
-    array = _framed(np.concatenate([view.solid, *view.sheets]), front)
+    array = framed(np.concatenate([view.solid, *view.sheets]), front)
     views = {"first": array, "array": array, "foci": (middle, close, towards)}
     if _surrounds(view) and view.surfaces is not None:
-        views["first"] = _framed(
+        views["first"] = framed(
             np.concatenate([view.surfaces.vertices, view.setup.target.points]), first
         )
     return {
@@ -317,10 +339,10 @@ def _views(view: SceneView) -> dict[str, Any]:
     }
 
 
-def _framed(
+def framed(
     points: Float64[np.ndarray, "points 3"], seen: Float64[np.ndarray, "3"]
 ) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
-    # Return the centre and radius [m] of the view that shows points from a given direction.
+    """Return centre, radius [m] and direction of the view that shows points from a direction."""
     across = unit(np.cross([0.0, 0.0, 1.0], seen))
     axes = np.stack([across, np.cross(seen, across), seen])
     projected = points @ axes.T

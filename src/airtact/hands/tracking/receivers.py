@@ -26,18 +26,18 @@ SILENT.addHandler(logging.NullHandler())
 MAX_MESSAGE = 2**22
 
 
-def _listening(host: str, port: int) -> socket.socket:
-    """Make a socket that listens on a port; 0 selects a free one."""
+def bound_socket(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
+    """Make a socket bound to a port; 0 selects a free one."""
     if not 0 <= port <= 65535:
         raise InvalidInput(
             f"port {port} does not exist; give 1 to 65535, or 0 for any free port.",
             code="out_of_range",
         )
-    bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    bound = socket.socket(socket.AF_INET, kind)
     try:
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if kind == socket.SOCK_STREAM:
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bound.bind((host, port))
-        bound.listen()
     except OSError as error:
         bound.close()
         raise InvalidInput(
@@ -73,7 +73,8 @@ class WebSocketReceiver:
             from websockets.sync.server import serve
 
         self.stream = HandStream() if stream is None else stream
-        bound = _listening(host, port)
+        bound = bound_socket(socket.SOCK_STREAM, host, port)
+        bound.listen()
         self.port: int = bound.getsockname()[1]
         self._closed = False
         # Connections, each with the time when it opened or last sent a used frame

@@ -2,25 +2,59 @@
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import count
+from pathlib import Path
 from queue import Empty, SimpleQueue
+from typing import Any, NamedTuple, cast
 
 from airtact.errors import InvalidInput, extra
+from airtact.geometry.mesh.arrays import FlatMesh
+from airtact.geometry.pose import Pose
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.stream import HandStream
 from airtact.live.moment import Controls, Moment, silent_moment
 from airtact.live.scene import Joints, LiveScene
 from airtact.live.worker import Mailbox, Worker
+from airtact.live.world import World
 from airtact.timing import give_way
 
 # Default port of the page.
 PORT = 8940
 
-# Message of the page when its emergency stop is pressed.
-EMERGENCY = "emergency"
+# Kind and content of a message of the page: its address or a fault at first, then controls,
+# "emergency", frames of hands, messages to the world, and the shapes that it has.
+Message = tuple[str, Any]
+Send = Callable[[Message], None]
 
-# The page first sends its address or an error, then ``EMERGENCY``, settings and frames.
-Message = str | InvalidInput | Controls | HandFrame
+
+class Placed(NamedTuple):
+    """A virtual object: its name, the number of its shape, and its pose."""
+
+    name: str
+    key: int
+    pose: Pose | None
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What the loop tells the page.
+
+    Attributes
+    ----------
+    moment : newest moment, without its objects.
+    drives : number of moments so far.
+    status : status of the loop in words.
+    objects : virtual objects.
+    meshes : vertices [m] and triangles of shapes that the page does not have yet, by number.
+    """
+
+    moment: Moment
+    drives: int = 0
+    status: str = ""
+    objects: tuple[Placed, ...] = ()
+    meshes: Mapping[int, FlatMesh] = field(default_factory=dict)
 
 
 class PageProcess:
@@ -38,9 +72,11 @@ class PageProcess:
         request must have.
     hand : (25, 3) initial joints of a hand to drag on the page [m]; none by default.
     stream : receives the frames of this hand, with times of ``time.monotonic``, while the page is
-        open. Closing the page counts as losing the hand.
+        open, and the hands that a headset tracks. Closing the page counts as losing them.
     controls : initial settings.
     on_emergency : called at once, in a thread of this class, when the emergency stop is pressed.
+    world : virtual objects, which the page can move; those of the moments by default.
+    certificate : PEM file with a certificate and its key, to serve the page by HTTPS.
 
     Attributes
     ----------
@@ -50,7 +86,7 @@ class PageProcess:
     Raises
     ------
     InvalidInput
-        If the port is taken or viser is not installed.
+        If the port is taken, the certificate cannot be read, or websockets is not installed.
     """
 
     def __init__(
@@ -62,16 +98,21 @@ class PageProcess:
         stream: HandStream | None = None,
         controls: Controls | None = None,
         on_emergency: Callable[[], None] = lambda: None,
+        world: World | None = None,
+        certificate: Path | None = None,
     ) -> None:
         self._stream = stream
         self._on_emergency = on_emergency
+        self._world = world
         self.controls: Controls = controls or Controls()
-        self._drives = 0
-        self._moment = silent_moment(scene, 0.0, 0.0)
-        self._status = ""
-        self._answers: SimpleQueue[Message | None] = SimpleQueue()
-        # The page is painted 13 times a second.
-        settings = (scene, port, host, hand, self.controls)
+        self._shown = Shown(silent_moment(scene, 0.0, 0.0))
+        # Each shape of an object with its number and mesh, by its identity.
+        self._shapes: dict[int, tuple[object, int, FlatMesh]] = {}
+        self._numbers = count()
+        self._known: frozenset[int] = frozenset()  # numbers of the shapes that the page has
+        self._answers: SimpleQueue[Any] = SimpleQueue()
+        # The page is painted 18 times a second.
+        settings = (scene, port, host, hand, stream is not None, self.controls, certificate)
         self._worker = Worker(serve_page, settings, self._received, pause=1.0 / 20.0)
         patience = 30.0  # the process imports its server
         try:
@@ -98,17 +139,37 @@ class PageProcess:
 
     def show(self, moment: Moment) -> None:
         """Show a moment, unless a newer one comes first; call it in every pass of the loop."""
-        self._drives += 1
-        self._moment = moment
+        self._shown = replace(self._shown, moment=moment, drives=self._shown.drives + 1)
         self._put()
 
     def tell(self, status: object) -> None:
         """Show a status in words."""
-        self._status = str(status)
+        self._shown = replace(self._shown, status=str(status))
         self._put()
 
     def _put(self) -> None:
-        self._worker.put((self._moment, self._drives, self._status))
+        objects = self._shown.moment.objects if self._world is None else self._world.objects
+        before = self._shapes
+        # A known shape is held here, so that no other can have its identity.
+        self._shapes = {
+            id(thing.shape): before.get(id(thing.shape))
+            or (thing.shape, next(self._numbers), thing.solid.mesh())
+            for thing in objects
+        }
+        shown = replace(
+            self._shown,
+            moment=replace(self._shown.moment, objects=()),
+            objects=tuple(
+                Placed(thing.name, self._shapes[id(thing.shape)][1], thing.pose)
+                for thing in objects
+            ),
+            meshes={
+                number: mesh
+                for _, number, mesh in self._shapes.values()
+                if number not in self._known
+            },
+        )
+        self._worker.put(shown)
 
     @property
     def ended(self) -> bool:
@@ -120,41 +181,50 @@ class PageProcess:
         self._worker.close()
 
     def _received(self, message: Message | None) -> None:
-        if isinstance(message, Controls):
-            self.controls = message
-        elif isinstance(message, HandFrame):
-            if self._stream is not None:
-                self._stream.feed(message)
-        elif message == EMERGENCY:
+        kind, content = message or cast(Message, ("ended", None))
+        if kind == "controls":
+            self.controls = content
+        elif kind == "emergency":
             self._on_emergency()
-        else:
-            self._answers.put(message)
+        elif kind == "known":
+            self._known = content
+        elif kind == "object" and self._world is not None:
+            cast(Any, self._world).take(content, "page")
+            self._put()
+        elif kind in ("frame", "gone") and self._stream is not None:
+            if kind == "gone":
+                self._stream.disconnect(content, interrupted=False)
+            elif isinstance(content, HandFrame):
+                self._stream.feed(content)
+            else:
+                self._stream.feed_json(*content)
+        elif kind in ("address", "fault", "ended"):
+            self._answers.put(content)
 
 
 def serve_page(
     mailbox: Mailbox,
-    send: Callable[[Message], None],
+    send: Send,
     scene: LiveScene,
     port: int,
     host: str,
     hand: Joints | None,
+    follows: bool,
     controls: Controls,
+    certificate: Path | None,
 ) -> None:
-    """Serve the page until the loop ends.
-
-    The mailbox has the newest moment, the number of moments so far, and the status in words.
-    """
+    """Serve the page until the loop ends; the mailbox has the newest ``Shown``."""
     try:
-        with extra("live", "to go without a page give --no-page; the page needs viser"):
-            from airtact.live.page.panel import paint
-            from airtact.live.page.server import start_server
-        server, address = start_server(port, host)
+        with extra("live", "to go without a page give --no-page; the page needs websockets"):
+            from airtact.live.page.pages import Pages
+
+        pages = Pages(send, scene, port, host, hand, follows, controls, certificate)
     except InvalidInput as fault:
-        send(fault)
+        send(("fault", fault))
         return
-    send(address)
-    # viser prints tracebacks of messages that no browser sends.
+    send(("address", pages.address))
+    # Libraries print tracebacks of messages that no browser sends.
     with open(os.devnull, "wb") as nothing:
         os.dup2(nothing.fileno(), sys.stderr.fileno())
     give_way(5)  # only after the start, because the user waits for the page
-    paint(server, mailbox, send, scene, hand, controls)
+    pages.paint(mailbox)

@@ -41,7 +41,7 @@ class Overlay {
     this.add("text", { x, y, fill: this.ink, "font-size": size, "text-anchor": anchor, ...halo }, text);
   }
 
-  // shown: "pressure", "level" or "difference" of two drives by name; array: "phase", "amplitude" or "hidden", of which
+  // shown: "pressure", "level" or "difference" of two drives by name, or "" for no colour scale; array: "phase", "amplitude" or "hidden", of which
   // the largest amplitude is written; turning: from where the scene is seen.
   draw({ shown, drive, other, array, largest, turning }) {
     const style = getComputedStyle(this.svg);
@@ -57,7 +57,7 @@ class Overlay {
       difference: `${drive} over ${other} [dB]`,
     };
     const colours = shown === "difference" ? "difference" : "pressure";
-    this.scale(18, length, colours, this.ticks(shown, length < 180 ? 3 : 4), titles[shown]);
+    if (shown) this.scale(18, length, colours, this.ticks(shown, length < 180 ? 3 : 4), titles[shown]);
     const right = this.width - length - 18;
     const turn = [[0, "−π"], [0.5, "0"], [1, "π"]];
     if (array === "phase") this.scale(right, length, array, turn, "transducers: phase [rad]");

@@ -41,18 +41,24 @@ class Values {
     const [sheet] = this.ray.intersectObjects(sheets, false);
     if (sheet && (!hit || sheet.distance < hit.distance - 0.01)) return [`rigid plane at ${this.place(sheet.point)}`];
     if (!hit) return null;
-    if (hit.object === elements) return this.transducer(hit.instanceId);
+    if (hit.object === elements) return this.transducer(this.numberOf(hit));
     return hit.object === surface ? this.onSurface(hit) : this.inAir(hit.point);
   }
 
   // Whether the hit object is visible: not cut away, and not the hidden back of a disc.
-  stands({ object, point, instanceId }) {
+  stands(hit) {
+    const { object, point } = hit;
     const { surface, elements } = this.viewer;
     const planes = surface.material.clippingPlanes;
     if (object === surface) return planes.every((plane) => plane.distanceToPoint(point) >= -0.01);
     if (object !== elements) return true;
-    const normal = new THREE.Vector3().fromArray(this.viewer.array("normals"), 3 * instanceId);
+    const normal = new THREE.Vector3().fromArray(this.viewer.array("normals"), 3 * this.numberOf(hit));
     return this.viewer.facts.backs || normal.dot(this.ray.ray.direction) < 0;
+  }
+
+  // Index of the transducer whose disc was hit.
+  numberOf({ object, face }) {
+    return Math.floor(face.a / object.corners);
   }
 
   place(point) {

@@ -1,0 +1,228 @@
+"""The pages that are open: what they ask for, what they are sent, and the hand that is dragged."""
+
+import time
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from threading import Semaphore, Thread
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from jinja2 import FileSystemLoader
+from scipy.spatial.transform import Rotation
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import ServerConnection
+
+from airtact.geometry.pose import Pose
+from airtact.hands.kinematics import turned
+from airtact.hands.tracking.frame import FaultyFrame, HandFrame
+from airtact.live.moment import Controls, silent_moment
+from airtact.live.page.process import Send, Shown
+from airtact.live.page.server import start_server
+from airtact.live.page.sound import Axis
+from airtact.live.page.view import Picture, View, fixed_facts, packed
+from airtact.live.scene import Joints, LiveScene
+from airtact.live.worker import Mailbox
+from airtact.reports.page import FOLDER, TEMPLATES
+from airtact.reports.viewer import embedded
+
+# A length within reach [m].
+Length = Annotated[float, msgspec.Meta(ge=-3.0, le=3.0)]
+# An angle at the root of a finger [degrees].
+Angle = Annotated[float, msgspec.Meta(ge=-40.0, le=60.0)]
+
+
+class Dragged(msgspec.Struct):
+    """Where a hand was dragged to.
+
+    Attributes
+    ----------
+    position : middle of the joints [m].
+    turn : rotation from the first pose, a quaternion (x, y, z, w).
+    fingers : angle by which each finger is opened at its root [degrees].
+    """
+
+    position: tuple[Length, Length, Length]
+    turn: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    fingers: tuple[Angle, Angle, Angle, Angle, Angle] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not 0.5 < np.linalg.norm(self.turn) < 2.0:
+            raise ValueError("a rotation is a unit quaternion")
+
+
+class Said(msgspec.Struct, forbid_unknown_fields=True):
+    """A message from a page; each part may be missing.
+
+    Attributes
+    ----------
+    drawn : whether a picture was drawn, so that another one can be sent.
+    emergency : whether the emergency stop was pressed.
+    controls : changed settings by name.
+    across, offset : axis normal to the slice of the field, and its offset from the foci [m].
+    hand : changed parts of where the hand was dragged to.
+    frame : a hand that a headset tracks, as trackers send it.
+    object : a message of an application that moves an object.
+    """
+
+    drawn: bool = False
+    emergency: bool = False
+    controls: dict[str, Any] = {}
+    across: Axis | None = None
+    offset: Annotated[float, msgspec.Meta(ge=-0.06, le=0.06)] | None = None
+    hand: dict[str, Any] = {}
+    frame: msgspec.Raw | msgspec.UnsetType = msgspec.UNSET
+    object: msgspec.Raw | msgspec.UnsetType = msgspec.UNSET
+
+
+class Pages:
+    """The server of the page, and all pages that are open.
+
+    Parameters
+    ----------
+    send : sends messages to the loop.
+    scene : the fixed part of the scene.
+    port, host, certificate : as for ``start_server``.
+    hand : (25, 3) initial joints of a hand to drag [m], or None.
+    follows : whether the loop follows hands of the page.
+    controls : initial settings.
+
+    Raises
+    ------
+    InvalidInput
+        As ``start_server``.
+    """
+
+    def __init__(
+        self,
+        send: Send,
+        scene: LiveScene,
+        port: int,
+        host: str,
+        hand: Joints | None,
+        follows: bool,
+        controls: Controls,
+        certificate: Path | None,
+    ) -> None:
+        self._send = send
+        self._scene = scene
+        self._controls = controls
+        self._stopped = False
+        self._across: Axis = "y"
+        self._offset = 0.0
+        self._picture: Picture | None = None
+        self._open: set[Mailbox] = set()
+        self._tracked = -np.inf  # when a headset sent its last hand [s]
+        x, y, z = (np.zeros(3) if hand is None else hand.mean(axis=0)).tolist()
+        self._hand = Dragged((x, y, z))
+        self._first = None if hand is None else hand - (x, y, z)
+        facts, numbers = fixed_facts(scene)
+        facts |= {"dragged": hand is not None, "follows": follows}
+        loader = FileSystemLoader([Path(__file__).parent, FOLDER])
+        page = TEMPLATES.overlay(loader=loader).get_template("live.html.j2")
+        html = page.render(facts=facts, space=embedded(facts, numbers), title="airtact live")
+        self._server, self.address = start_server(port, host, html, self._serve, certificate)
+        if hand is not None:
+            Thread(target=self._give_hand, daemon=True).start()
+
+    def paint(self, mailbox: Mailbox) -> None:
+        """Send pictures of the newest ``Shown`` to the open pages, until the loop ends."""
+        view = View(self._scene)
+        known: frozenset[int] = frozenset()
+        while not mailbox.ended:
+            start = time.monotonic()
+            if self._open:
+                shown = mailbox.newest or Shown(silent_moment(self._scene, 0.0, 0.0))
+                joints = self._joints()
+                picture = view.picture(shown, self._across, self._offset, joints)
+                picture.facts["controls"] = asdict(self._controls)
+                picture.facts["stopped"] = self._stopped
+                picture.facts["hand"] = msgspec.to_builtins(self._hand)
+                for page in self._open.copy():
+                    page.put(picture)
+                if known != view.objects.keys():
+                    known = frozenset(view.objects)
+                    self._send(("known", known))
+            # 18 pictures a second, because they may be drawn on the loop's processor. Even on a
+            # slow computer the loop keeps at least 30 % of the time.
+            spent = time.monotonic() - start
+            time.sleep(max(1.0 / 18.0 - spent, 3.0 / 7.0 * spent))
+
+    def _serve(self, connection: ServerConnection) -> None:
+        """Send pictures to a page as fast as it draws them, and take its messages."""
+        pictures = Mailbox()
+        drawn = Semaphore(2)  # the next picture travels while one is drawn
+
+        def deliver() -> None:
+            kept: set[str] = set()
+            with suppress(ConnectionClosed):
+                while drawn.acquire() and (picture := pictures.take()) is not None:
+                    arrays = dict(picture.arrays)
+                    for key in picture.kept.keys() - kept:
+                        arrays |= {f"{key} {name}": a for name, a in picture.kept[key].items()}
+                    kept = set(picture.kept)
+                    connection.send(packed({**picture.facts, "keys": sorted(kept)}, arrays))
+
+        self._open.add(pictures)
+        Thread(target=deliver, daemon=True).start()
+        try:
+            with suppress(ConnectionClosed):
+                for text in connection:
+                    # Messages that no page sends are ignored.
+                    with suppress(msgspec.MsgspecError):
+                        said = msgspec.json.decode(text, type=Said)
+                        if said.drawn:
+                            drawn.release()
+                        self._take(said, str(connection.id))
+        finally:
+            self._open.discard(pictures)
+            self._send(("gone", str(connection.id)))
+            pictures.end()
+            drawn.release()
+
+    def _take(self, said: Said, source: str) -> None:
+        if said.emergency:
+            self._send(("emergency", None))
+            self._stopped = True
+        if said.controls and not self._stopped:
+            # The constructor checks every value.
+            changed = {**asdict(self._controls), **said.controls}
+            self._controls = msgspec.convert(changed, Controls)
+            self._send(("controls", self._controls))
+        if said.across is not None:
+            self._across = said.across
+        if said.offset is not None:
+            self._offset = said.offset
+        if said.hand:
+            changed = {**msgspec.to_builtins(self._hand), **said.hand}
+            self._hand = msgspec.convert(changed, Dragged)
+        if said.frame is not msgspec.UNSET:
+            self._tracked = time.monotonic()
+            self._send(("frame", (bytes(said.frame), source)))
+        if said.object is not msgspec.UNSET:
+            self._send(("object", bytes(said.object)))
+
+    def _joints(self) -> Joints | None:
+        """Return the joints (25, 3) [m] of the hand to drag; None while a headset tracks hands."""
+        joints = self._first
+        if joints is None or time.monotonic() - self._tracked < 1.0:
+            return None
+        for finger, angle in enumerate(self._hand.fingers):
+            if angle:
+                joints = turned(joints, self._scene.side, finger, float(np.radians(angle)))
+        turn = Rotation.from_quat(self._hand.turn).as_matrix()
+        return Pose(turn, np.array(self._hand.position)).apply(joints)
+
+    def _give_hand(self) -> None:
+        """Send the hand that is dragged as a tracker does, 60 times a second."""
+        sequence = 0
+        while True:
+            joints = self._joints()
+            if joints is not None and self._open:
+                # While fingers are bent beyond their limits, the hand counts as lost.
+                with suppress(FaultyFrame):
+                    frame = HandFrame(time.monotonic(), self._scene.side, sequence, joints)
+                    self._send(("frame", frame))
+                sequence += 1
+            time.sleep(1.0 / 60.0)
