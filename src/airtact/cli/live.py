@@ -29,9 +29,10 @@ from airtact.cli.options import (
 @click.option(
     "--from",
     "source",
-    metavar="FILE.jsonl|SESSION.h5|websocket|page",
-    help="Source of the hand: a recording, another run's session, trackers (websocket or "
-    "websocket:PORT, by default 8765), or the page; an example motion by default.",
+    metavar="FILE.jsonl|SESSION.h5|websocket|osc|page",
+    help="Source of the hand: a recording, another run's session, trackers and applications "
+    "(websocket or osc, with :PORT for another port than 8765 or 9000), or the page; an example "
+    "motion by default.",
 )
 @click.option(
     "--seconds", type=float, help="Duration; by default until Ctrl-C or the recording's end."
@@ -40,7 +41,7 @@ from airtact.cli.options import (
     "--record",
     "recording",
     type=OUT_FILE,
-    help="Compute no drives; record the frames of --from websocket to a .jsonl file.",
+    help="Compute no drives; record the frames of --from websocket or osc to a .jsonl file.",
 )
 @click.option(
     "--verify",

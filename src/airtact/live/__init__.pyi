@@ -1,7 +1,12 @@
+from .client import Client as Client
 from .drives.maker import HandAware as HandAware
 from .loop import Followed as Followed
 from .loop import Status as Status
 from .loop import follow as follow
+from .messages import ContactState as ContactState
+from .messages import FocusState as FocusState
+from .messages import StateMessage as StateMessage
+from .messages import message_schema as message_schema
 from .moment import Controls as Controls
 from .moment import DriveMaker as DriveMaker
 from .moment import Moment as Moment
@@ -24,3 +29,5 @@ from .sources import ReceivedHands as ReceivedHands
 from .sources import RecordedHands as RecordedHands
 from .verification import VerifiedSession as VerifiedSession
 from .verification import verify_session as verify_session
+from .world import WantedFocus as WantedFocus
+from .world import World as World

@@ -24,6 +24,7 @@ from airtact.live.safety import MAX_FRAME_AGE, Gain, Workspace, hand_of
 from airtact.live.scene import Amplitudes, LiveScene, foci_on
 from airtact.live.session import SessionWriter
 from airtact.live.sources import HandSource, checked_seconds
+from airtact.live.world import World
 
 # Shortest time between the starts of two drives [s].
 MIN_INTERVAL = 1.0 / 120.0
@@ -44,6 +45,8 @@ class Status:
     age : median time from the newest frame to the sound in the air [s]; NaN without drives.
     kept : median expected share of the attainable pressure; NaN if unknown.
     unrecorded : what is missing in the session, and why; None if it is complete.
+    rejected : why the newest message of an application was rejected, in the last seconds; else
+        empty.
     """
 
     state: str
@@ -52,6 +55,7 @@ class Status:
     age: float
     kept: float
     unrecorded: str | None = None
+    rejected: str = ""
 
     def __str__(self) -> str:
         """Status in one line."""
@@ -62,6 +66,8 @@ class Status:
             parts.append(f"{self.kept:.0%} of attainable pressure")
         if self.unrecorded is not None:
             parts.append(f"not recorded: {self.unrecorded}")
+        if self.rejected:
+            parts.append(f"message rejected: {self.rejected}")
         return ", ".join(parts)
 
 
@@ -150,6 +156,7 @@ def follow(
     controls: Controls | None = None,
     page: PageProcess | None = None,
     report: Callable[[Status], None] = lambda status: None,
+    world: World | None = None,
 ) -> Followed:
     """Let the sound follow a hand until the time is over, the frames end or Ctrl-C is pressed.
 
@@ -169,6 +176,7 @@ def follow(
     controls : initial settings; those of the page replace them.
     page : shows every moment, and changes the controls.
     report : called twice a second with the status.
+    world : objects and foci that applications change; it is told what the loop does.
 
     Returns
     -------
@@ -196,6 +204,7 @@ def follow(
         if session is not None:
             session.begin()
         loop = _Loop(scene, maker, output, clock, session, cap, controls or Controls(), page)
+        loop.world = world or World()
         done = loop.run(hands, duration, report)
     # Closing the session may fail, too.
     return done if session is None else replace(done, unrecorded=session.fault)
@@ -220,6 +229,7 @@ class _Loop:
     cap: float | None
     controls: Controls
     page: PageProcess | None
+    world: World = field(default_factory=World)
     gain: Gain = field(default_factory=Gain)
     modulated: bool = False
     # Times by the frames' clock and by the computer's, from which the next due time follows.
@@ -310,6 +320,7 @@ class _Loop:
             self._take(frame)
         if self.output.stopped:
             self._end_for_good("stopped", "stopped: the emergency stop was pressed")
+            self.world.show(None, self.fault)
             return
         if self.page is not None:
             self.controls = self.page.controls
@@ -319,6 +330,7 @@ class _Loop:
         on = self.fault is None and self.controls.playing
         if not on and self.silent:
             self.output.beat()
+            self.world.show(None, self.fault)
             return
         try:
             self._emit(now, on)
@@ -398,6 +410,8 @@ class _Loop:
         emitted = self.output.share * amplitudes
         moment = replace(self.moment, amplitudes=emitted, state=state, frames=None)
         self._note(moment, sent, before)
+        largest = float(np.abs(self.moment.amplitudes).max(initial=1e-12))
+        self.world.show(moment, self.fault, share * min(1.0, cap / largest))
         if on:
             played = {
                 "sent": sent,
@@ -483,6 +497,7 @@ class _Loop:
             _median([played["age"] for played in recent]),
             _median([played["kept"] for played in recent]),
             None if self.session is None else self.session.fault,
+            self.world.rejection,
         )
 
     def _ended_processes(self) -> str:

@@ -10,6 +10,7 @@ from airtact.drives.drive_file import DriveFile
 from airtact.drives.transfer import focus_by_distance
 from airtact.emission.links import link_to
 from airtact.errors import InvalidInput
+from airtact.geometry.pose import Pose
 from airtact.hands.tracking.clock import checked_latency
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.recordings import ENDING, load_recording, save_recording
@@ -28,12 +29,13 @@ from airtact.live.sources import (
     checked_seconds,
     moved_to,
 )
+from airtact.live.world import World
 from airtact.setup.examples import example, file_or_example
 from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
 
-# Default port that trackers send to.
-PORT = 8765
+# Default ports that trackers and applications send to.
+PORTS = {"websocket": 8765, "osc": 9000}
 
 
 def run(
@@ -114,6 +116,7 @@ def run(
             controls=controls,
             page=shown,
             report=report,
+            world=hands.world,
         )
 
 
@@ -125,7 +128,7 @@ def record(
     Parameters
     ----------
     file : recording to write, ``.jsonl``, in the tracker's frame.
-    source : "websocket", with ":PORT" for another port and 0 for a free one.
+    source : "websocket" or "osc", with ":PORT" for another port and 0 for a free one.
     seconds : duration [s]; until Ctrl-C by default.
     report_step : called with the address once it is open, and when frames begin to be rejected or
         to fail to arrive.
@@ -141,10 +144,10 @@ def record(
             f"a recording ends in {ENDING}, not in {file.suffix!r}: change the file name.",
             code="unknown_format",
         )
-    hands = _received(source, None)
+    hands = _received(source)
     if hands is None:
         raise InvalidInput(
-            f"only frames from trackers are recorded, not {source}: give websocket.",
+            f"only frames from trackers are recorded, not {source}: give websocket or osc.",
             code="unknown_name",
         )
     frames: list[HandFrame] = []
@@ -185,8 +188,8 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     Parameters
     ----------
     setup : its tracker pose transforms the frames of recordings and trackers to the scene.
-    source : a recording, a session or its folder, "websocket", with ":PORT" for another port and 0
-        for a free one; "page" for the hand on the page; by default an example motion,
+    source : a recording, a session or its folder, "websocket" or "osc", with ":PORT" for another
+        port and 0 for a free one; "page" for the hand on the page; by default an example motion,
         repeated.
     folder : folder for the session of the run, which cannot be the source.
 
@@ -195,12 +198,13 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     InvalidInput
         If the source does not exist or cannot be read, or its port is taken.
     """
+    world = World(setup.objects)
     if source is None:
         motion = load_recording(example("reaching.jsonl"))
-        return RecordedHands(moved_to(motion, setup.hands[0]), loop=True)
+        return RecordedHands(moved_to(motion, setup.hands[0]), loop=True, world=world)
     if source == "page":
-        return HandSource("the hand on the page")
-    received = _received(source, setup)
+        return HandSource("the hand on the page", world=world)
+    received = _received(source, setup.tracker, world)
     if received is not None:
         return received
     path = Path(source)
@@ -211,26 +215,27 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
                 f"this run would overwrite the session --from {source}: change --out.",
                 code="options_clash",
             )
-        return RecordedHands(recording_of(path))  # its frames are in the scene's frame
+        return RecordedHands(recording_of(path), world=world)  # its frames are in the scene's frame
     recording = load_recording(file_or_example(source, (".jsonl",)), leave_out=True)
     frames = tuple(frame.moved(setup.tracker) for frame in recording.frames)
-    hands = RecordedHands(replace(recording, frames=frames))
+    hands = RecordedHands(replace(recording, frames=frames), world=world)
     hands.words += f" ({recording.note})" if recording.note else ""
     return hands
 
 
-def _received(source: str, setup: Setup | None) -> ReceivedHands | None:
+def _received(
+    source: str, tracker: Pose | None = None, world: World | None = None
+) -> ReceivedHands | None:
     """Open the socket that a source names, if any."""
     kind, colon, port = source.partition(":")
-    if kind != "websocket":
+    if kind not in PORTS:
         return None
     if colon and not port.isdecimal():
         raise InvalidInput(
-            f"--from {source} has no port number: give one such as websocket:{PORT}.",
+            f"--from {source} has no port number: give one such as {kind}:{PORTS[kind]}.",
             code="not_a_number",
         )
-    tracker = None if setup is None else setup.tracker
-    return ReceivedHands(int(port) if colon else PORT, tracker)
+    return ReceivedHands(int(port) if colon else PORTS[kind], tracker, world, kind)
 
 
 def output_to(

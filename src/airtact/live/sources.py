@@ -8,13 +8,15 @@ from threading import Event, Lock, Thread
 
 import numpy as np
 
-from airtact.errors import InvalidInput, positive
+from airtact.errors import InvalidInput, check_choice, positive
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.hands.hand import Hand
 from airtact.hands.tracking.frame import HandFrame
-from airtact.hands.tracking.receivers import WebSocketReceiver
 from airtact.hands.tracking.recordings import Recording
 from airtact.hands.tracking.stream import HandStream
+from airtact.live.applications import ApplicationServer
+from airtact.live.osc import OscServer
+from airtact.live.world import World
 
 # Takes a frame and the time of its arrival, by ``time.monotonic`` [s].
 OnFrame = Callable[[HandFrame, float], None]
@@ -29,6 +31,7 @@ class HandSource:
     ----------
     words : short description of the source.
     tracker : pose of the tracker in the scene.
+    world : the objects and foci that applications may change; without any by default.
 
     Attributes
     ----------
@@ -36,8 +39,9 @@ class HandSource:
     ended : whether no more frames will come.
     """
 
-    def __init__(self, words: str, tracker: Pose | None = None) -> None:
+    def __init__(self, words: str, tracker: Pose | None = None, world: World | None = None) -> None:
         self.words: str = words
+        self.world: World = World() if world is None else world
         self.stream: HandStream = HandStream(on_frame=self._arrived, tracker=tracker)
         self.ended: bool = False
         # Frames that come before ``begin`` are kept, up to the newest 1024.
@@ -56,6 +60,12 @@ class HandSource:
     def remark(self) -> str:
         """Say what is odd about the frames, or that there are none; "" if nothing is."""
         return self.stream.remark()
+
+    def __enter__(self) -> "HandSource":
+        return self
+
+    def __exit__(self, *fault: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Stop the source."""
@@ -76,6 +86,7 @@ class RecordedHands(HandSource):
     ----------
     recording : recording, as returned by ``load_recording``.
     loop : whether it restarts at its end, with continuing times.
+    world : as for ``HandSource``.
 
     Raises
     ------
@@ -83,7 +94,9 @@ class RecordedHands(HandSource):
         If a recording of a single frame should be played in a loop.
     """
 
-    def __init__(self, recording: Recording, loop: bool = False) -> None:
+    def __init__(
+        self, recording: Recording, loop: bool = False, world: World | None = None
+    ) -> None:
         self.frames: tuple[HandFrame, ...] = recording.frames
         self._loop = loop
         if loop and len(self.frames) < 2:
@@ -91,7 +104,8 @@ class RecordedHands(HandSource):
                 "a single frame cannot be played in a loop: give a recording of two or more.",
                 code="too_few",
             )
-        super().__init__(f"{len(self.frames)} recorded frames{', repeated' if loop else ''}")
+        words = f"{len(self.frames)} recorded frames{', repeated' if loop else ''}"
+        super().__init__(words, world=world)
         self._closed = Event()
         self._thread = Thread(target=self._play, name="airtact recording", daemon=True)
 
@@ -136,12 +150,18 @@ class RecordedHands(HandSource):
 
 
 class ReceivedHands(HandSource):
-    """Source that receives frames from trackers at a websocket, which it opens at once.
+    """Source that receives the messages of trackers and applications, at a port opened at once.
 
     Parameters
     ----------
     port : port to listen at; 0 takes a free one.
     tracker : pose of the tracker in the scene.
+    world : what the applications change.
+    kind : "websocket", or "osc" over UDP.
+
+    Attributes
+    ----------
+    port : port it listens at.
 
     Raises
     ------
@@ -149,21 +169,30 @@ class ReceivedHands(HandSource):
         If the port is taken or the extra is not installed.
     """
 
-    def __init__(self, port: int, tracker: Pose | None = None) -> None:
-        super().__init__("websocket", tracker)
-        self._receiver = WebSocketReceiver(self.stream, port)
-        self.words = f"ws://127.0.0.1:{self._receiver.port}"
+    def __init__(
+        self,
+        port: int,
+        tracker: Pose | None = None,
+        world: World | None = None,
+        kind: str = "websocket",
+    ) -> None:
+        super().__init__(kind, tracker, world)
+        check_choice(kind, "the kind of socket", ("websocket", "osc"))
+        osc = kind == "osc"
+        server = OscServer if osc else ApplicationServer
+        self._server = server(self.stream, self.world, port)
+        self.port: int = self._server.port
+        self.words = f"{'OSC at ' if osc else 'ws://'}127.0.0.1:{self.port}"
 
     def remark(self) -> str:
         """Say what is odd about the frames, or that there have been none for 5 s."""
         if self.stream.idle > 5.0:
-            port = self._receiver.port
-            return f"no frames at port {port}; is the tracker's program running?"
+            return f"no frames at port {self.port}; is the tracker's program running?"
         return super().remark()
 
     def close(self) -> None:
         """Stop listening."""
-        self._receiver.close()
+        self._server.close()
 
 
 def moved_to(recording: Recording, hand: Hand) -> Recording:

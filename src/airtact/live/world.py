@@ -1,30 +1,71 @@
-"""What is to be felt: virtual objects and foci, which applications change while the loop runs."""
+"""What is to be felt: virtual objects and foci, which applications change while the loop runs.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from threading import Lock
+Every application is a source with a name. Its foci are dropped when it is silent for ``SILENCE``.
+Its objects stay until its connection has been closed for ``SILENCE``, so that an application that
+reconnects at once does not lose them.
+"""
 
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from threading import RLock
+
+import msgspec
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.errors import in_short
-from airtact.touch.objects import VirtualObject, objects_of
+from airtact.errors import InvalidInput, between, check_finite, in_short
+from airtact.hands.hand import PLACES
+from airtact.live.messages import (
+    MAX_FOCI,
+    VERSION,
+    ClearMessage,
+    ContactState,
+    FociMessage,
+    FocusMessage,
+    FocusState,
+    Message,
+    ObjectMessage,
+    ObjectsMessage,
+    StateMessage,
+    read_message,
+)
+from airtact.live.moment import Moment
+from airtact.setup.bodies import unsided
+from airtact.setup.parsing import nearest
+from airtact.touch.objects import MAX_OBJECTS, VirtualObject, objects_of
+from airtact.touch.solids import near_point
+
+SILENCE = 0.5
+"""Time without a message after which an application loses its foci [s]."""
+
+MAX_SOURCES = 64
+"""Largest number of applications with foci."""
+
+MAX_MODULATION = 20.0
+"""Largest frequency of a focus's own modulation [Hz]; drives are made 60 times per second."""
 
 
 @dataclass(frozen=True, eq=False)
 class WantedFocus:
     """A focus that an application asks for.
 
-    Exactly one of ``point`` and ``place`` is given.
-
     Attributes
     ----------
     name : name of the focus, unique in its application.
     strength : strength of the touch, from 0 to 1.
-    point : (3,) position in scene coordinates, or in those of the object ``on`` [m].
+    point : (3,) position in scene coordinates, or in those of the shape of the object ``on`` [m].
     place : place of a hand such as ``"right.index.pad"``; without a side, of the scene's hand.
     on : name of the object that the point moves with, or None.
     offset : distance from the skin, for a place [m].
+    modulation : how often per second the strength falls to 0 and rises again [Hz], at most 20; 0
+        for a constant strength.
+
+    Raises
+    ------
+    InvalidInput
+        If not exactly one of ``point`` and ``place`` is given, the place is unknown, or a value is
+        out of range.
     """
 
     name: str
@@ -33,8 +74,39 @@ class WantedFocus:
     place: str | None = None
     on: str | None = None
     offset: float = 0.5e-3
+    modulation: float = 0.0
 
     __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        what = f"focus {self.name}"
+        if (self.point is None) == (self.place is None):
+            raise InvalidInput(
+                f"{what} needs a point or a place, and not both.", code="options_clash"
+            )
+        if self.point is not None:
+            check_finite(self.point, f"the coordinates of {what}")
+            object.__setattr__(self, "point", near_point(self.point, what))
+        elif self.on is not None:
+            raise InvalidInput(
+                f"{what} is at a place of the hand, so it cannot be on {self.on}: give a point.",
+                code="options_clash",
+            )
+        if self.place is not None and unsided(self.place) not in PLACES:
+            raise InvalidInput(
+                f"{what}: the hand has no place {self.place!r}; {nearest(self.place, PLACES)}",
+                code="unknown_name",
+            )
+        between(self.strength, 0.0, 1.0, f"the strength of {what}", "", "it is a share.")
+        between(self.offset, 0.0, 0.1, f"the offset of {what}", "m", "is it in millimetres?")
+        slip = "skin feels the scene's own modulation above that."
+        between(self.modulation, 0.0, MAX_MODULATION, f"the modulation of {what}", "Hz", slip)
+
+    def message(self) -> FocusMessage:
+        """Return the message that asks for the focus."""
+        point = None if self.point is None else tuple(self.point.tolist())
+        values = {"offset": self.offset, "strength": self.strength, "modulation": self.modulation}
+        return FocusMessage(self.name, point, self.place, self.on, **values)
 
 
 class World:
@@ -43,12 +115,23 @@ class World:
     Parameters
     ----------
     objects : objects of the scene file.
+    clock : returns the time [s].
     """
 
-    def __init__(self, objects: Sequence[VirtualObject] = ()) -> None:
-        self._lock = Lock()
+    def __init__(
+        self, objects: Sequence[VirtualObject] = (), clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._clock = clock
+        self._lock = RLock()
         self._objects = objects_of(objects)
-        self._foci: tuple[WantedFocus, ...] = ()
+        # Of each object that an application added: the message, and the application.
+        self._added: dict[str, tuple[ObjectMessage, str]] = {}
+        self._foci: dict[str, dict[str, WantedFocus]] = {}
+        self._heard: dict[str, float] = {}  # when each source with foci sent its newest message
+        self._closed: dict[str, float] = {}  # when sources with objects ended
+        self._rejected: tuple[float, str] = (-np.inf, "")
+        self._shown: tuple[Moment | None, str | None, float] = (None, "waiting for a hand", 1.0)
+        self._state = (self._shown, _state_of(*self._shown))
 
     @property
     def objects(self) -> tuple[VirtualObject, ...]:
@@ -56,6 +139,224 @@ class World:
         return self._objects
 
     def foci(self, now: float) -> tuple[WantedFocus, ...]:
-        """Return the foci wanted at a time of ``time.monotonic`` [s]."""
+        """Return the foci wanted at a time of ``time.monotonic`` [s], with their strengths then."""
         with self._lock:
-            return self._foci
+            self._forget(now)
+            names = {thing.name for thing in self._objects}
+            wanted: dict[str, WantedFocus] = {}
+            for foci in self._foci.values():
+                for focus in foci.values():
+                    if focus.on is not None and focus.on not in names:
+                        continue
+                    # Another application may use the same name.
+                    name = focus.name
+                    while name in wanted:
+                        name += "'"
+                    swing = 0.5 + 0.5 * np.cos(2.0 * np.pi * focus.modulation * now)
+                    strength = float(focus.strength * swing)
+                    wanted[name] = replace(focus, name=name, strength=strength)
+            return tuple(wanted.values())
+
+    def take(self, text: bytes | str, source: str) -> str | None:
+        """Process a message in JSON; return why it is rejected, or None."""
+        try:
+            self.receive(read_message(text), source)
+        except InvalidInput as fault:
+            self.reject(str(fault))
+            return str(fault)
+        return None
+
+    def receive(self, message: Message, source: str, keep: bool = False) -> None:
+        """Process a message of an application; a rejected one changes nothing.
+
+        Parameters
+        ----------
+        message : the message; those with hands only count as a sign of life.
+        source : name of the connection.
+        keep : whether foci that a message does not contain stay, and those without strength go.
+
+        Raises
+        ------
+        InvalidInput
+            If the message asks for something impossible.
+        """
+        if isinstance(message, ObjectsMessage):
+            self._change_objects(message, source)
+        elif isinstance(message, FociMessage):
+            self._change_foci(message, source, keep)
+        elif isinstance(message, ClearMessage):
+            self._clear(source)
+        self.alive(source)
+
+    def alive(self, source: str) -> None:
+        """Note that an application has sent something, which keeps its foci."""
+        with self._lock:
+            if source in self._foci:
+                self._heard[source] = self._clock()
+
+    def close(self, source: str) -> None:
+        """Drop the foci of a connection that ended, and its objects after ``SILENCE``."""
+        with self._lock:
+            self._foci.pop(source, None)
+            self._heard.pop(source, None)
+            if any(owner == source for _, owner in self._added.values()):
+                self._closed[source] = self._clock()
+
+    def reject(self, sentence: str) -> None:
+        """Note why a message was rejected, for the status."""
+        self._rejected = (self._clock(), sentence)
+
+    @property
+    def rejection(self) -> str:
+        """Why the newest message was rejected in the last 3 s; empty if none was."""
+        when, sentence = self._rejected
+        return sentence if self._clock() - when < 3.0 else ""
+
+    def show(self, moment: Moment | None, reason: str | None, scale: float = 1.0) -> None:
+        """Take what the loop does now; the loop calls it in every pass.
+
+        Parameters
+        ----------
+        moment : the newest drive, or None before the first.
+        reason : why there is no sound, or None.
+        scale : factor by which the drive was scaled, and with it the pressures.
+        """
+        with self._lock:
+            self._forget(self._clock())
+            self._shown = (moment, reason, scale)
+
+    @property
+    def state(self) -> StateMessage:
+        """The newest state; a new object if it may have changed."""
+        shown = self._shown
+        if self._state[0] is not shown:
+            self._state = (shown, _state_of(*shown))
+        return self._state[1]
+
+    def _change_objects(self, message: ObjectsMessage, source: str) -> None:
+        # Check the number before the objects are built, because that takes time.
+        count = len({thing.name for thing in (*self._objects, *message.add)} - {*message.remove})
+        if count > MAX_OBJECTS:
+            raise InvalidInput(
+                f"there would be {count} objects, more than {MAX_OBJECTS}: remove some.",
+                code="too_many",
+            )
+        made = {thing.name: self._made(thing) for thing in message.add}
+        with self._lock:
+            things = {thing.name: thing for thing in self._objects}
+            for name in message.remove:
+                self._check_known(name, things)
+                del things[name]
+            things |= made
+            for motion in message.move:
+                self._check_known(motion.name, things)
+                things[motion.name] = replace(things[motion.name], pose=motion.pose.made())
+            self._objects = objects_of(list(things.values()))
+            self._added |= {thing.name: (thing, source) for thing in message.add}
+            self._added = {name: added for name, added in self._added.items() if name in things}
+
+    def _made(self, message: ObjectMessage) -> VirtualObject:
+        """Build an object, or move the present one if it has the same shape."""
+        with self._lock:
+            before, _ = self._added.get(message.name, (None, ""))
+            present = next((thing for thing in self._objects if thing.name == message.name), None)
+        if before is not None and present is not None:
+            shape = msgspec.structs.replace(before, pose=message.pose)
+            if shape == message:
+                return replace(present, pose=message.pose.made())
+        thing = message.made()
+        # The grid of a mesh is made here, where the loop does not wait for it.
+        thing.depth(np.zeros((1, 3)))
+        return thing
+
+    def _check_known(self, name: str, things: dict[str, VirtualObject]) -> None:
+        if name not in things:
+            choice = nearest(name, things) if things else "there is none: add it."
+            raise InvalidInput(f"there is no object {name!r}; {choice}", code="unknown_name")
+
+    def _change_foci(self, message: FociMessage, source: str, keep: bool) -> None:
+        with self._lock:
+            self._forget(self._clock())
+            things = {thing.name: thing for thing in self._objects}
+            foci = dict(self._foci.get(source, {})) if keep else {}
+            for wanted in message.foci:
+                if wanted.on is not None:
+                    self._check_known(wanted.on, things)
+                if not keep and wanted.id in foci:
+                    raise InvalidInput(
+                        f"two foci have the id {wanted.id!r}; give each its own.",
+                        code="given_twice",
+                    )
+                foci[wanted.id] = WantedFocus(
+                    wanted.id,
+                    wanted.strength,
+                    None if wanted.point is None else np.array(wanted.point),
+                    wanted.place,
+                    wanted.on,
+                    wanted.offset,
+                    wanted.modulation,
+                )
+                if keep and wanted.strength == 0.0:
+                    del foci[wanted.id]
+            if len(foci) > MAX_FOCI:
+                raise InvalidInput(
+                    f"an application may have {MAX_FOCI} foci, not {len(foci)}: leave some out.",
+                    code="too_many",
+                )
+            if source not in self._foci and len(self._foci) >= MAX_SOURCES:
+                raise InvalidInput(
+                    f"{MAX_SOURCES} applications have foci already: end some.", code="too_many"
+                )
+            self._foci[source] = foci
+
+    def _clear(self, source: str) -> None:
+        with self._lock:
+            self._foci.pop(source, None)
+            self._heard.pop(source, None)
+            self._drop({source})
+
+    def _drop(self, sources: set[str]) -> None:
+        gone = {name for name, (_, owner) in self._added.items() if owner in sources}
+        if gone:
+            self._objects = tuple(thing for thing in self._objects if thing.name not in gone)
+            self._added = {name: one for name, one in self._added.items() if name not in gone}
+
+    def _forget(self, now: float) -> None:
+        """Drop foci of silent sources and objects of closed ones."""
+        for source, heard in list(self._heard.items()):
+            if now - heard > SILENCE:
+                del self._foci[source], self._heard[source]
+        ended = {source for source, when in self._closed.items() if now - when > SILENCE}
+        if ended:
+            self._drop(ended)
+            self._closed = {name: when for name, when in self._closed.items() if name not in ended}
+
+
+def _state_of(moment: Moment | None, reason: str | None, scale: float) -> StateMessage:
+    if moment is None or moment.foci is None or moment.state not in ("playing", "fading"):
+        return StateMessage(VERSION, "silent", reason or "paused")
+    foci = []
+    for index, point in enumerate(moment.foci):
+        pressure = None
+        if moment.pressures is not None:
+            pressure = round(float(scale * moment.pressures[index]), 1)
+        foci.append(
+            FocusState(
+                moment.names[index] if moment.names else f"focus {index + 1}",
+                _rounded(point),
+                1.0 if moment.strengths is None else round(float(moment.strengths[index]), 3),
+                pressure,
+            )
+        )
+    contacts = []
+    if moment.contacts is not None and moment.depths is not None:
+        for index, point in enumerate(moment.contacts):
+            contacts.append(
+                ContactState("", "", _rounded(point), round(float(moment.depths[index]), 6))
+            )
+    return StateMessage(VERSION, moment.state, reason, contacts, foci)
+
+
+def _rounded(point: Float64[np.ndarray, "3"]) -> tuple[float, float, float]:
+    x, y, z = np.round(point, 6).tolist()  # micrometres
+    return x, y, z

@@ -128,7 +128,7 @@ class WebSocketReceiver:
         source = str(connection.id)
         try:
             while True:
-                if self.stream.feed_json(connection.recv(), source) is None:
+                if self._serve(connection, source):
                     self._connections[connection] = time.monotonic()
         except ConnectionClosedOK:
             self.stream.disconnect(source, interrupted=False)
@@ -137,3 +137,7 @@ class WebSocketReceiver:
         finally:
             with self._lock:
                 del self._connections[connection]
+
+    def _serve(self, connection: "ServerConnection", source: str) -> bool:
+        """Wait for a message and process it; return whether it is used."""
+        return self.stream.feed_json(connection.recv(), source) is None

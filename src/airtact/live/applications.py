@@ -1,0 +1,132 @@
+"""Websocket server for trackers and applications."""
+
+import select
+import socket
+import time
+from typing import TYPE_CHECKING
+
+from airtact.errors import InvalidInput
+from airtact.hands.tracking.receivers import MAX_MESSAGE, WebSocketReceiver
+from airtact.hands.tracking.stream import HandStream
+from airtact.live.messages import (
+    VERSION,
+    Answer,
+    HandsMessage,
+    RejectedMessage,
+    StateMessage,
+    is_message,
+    read_message,
+    written,
+)
+from airtact.live.world import World
+
+if TYPE_CHECKING:
+    from websockets.sync.server import ServerConnection
+
+# Shortest time between two states that an application gets [s].
+STATE_INTERVAL = 1.0 / 60.0
+
+
+class ApplicationServer(WebSocketReceiver):
+    """Websocket server for trackers and applications.
+
+    Messages of the types of ``messages`` come from applications and change the world. From the
+    first one on, the connection gets the newest state, 60 times per second at most; states are left
+    out while the application has not read the earlier ones. Other messages are frames of a tracker.
+
+    Parameters
+    ----------
+    stream, port, host : as for ``WebSocketReceiver``.
+    world : what the applications change.
+    """
+
+    def __init__(
+        self, stream: HandStream, world: World, port: int = 0, host: str = "127.0.0.1"
+    ) -> None:
+        self._world = world
+        # Of each application: the time of the last state that was sent, and the state.
+        self._sent: dict[str, tuple[float, StateMessage | None]] = {}
+        super().__init__(stream, port, host)
+
+    def _receive(self, connection: "ServerConnection") -> None:
+        from websockets.frames import CloseCode
+
+        source = str(connection.id)
+        # A large buffer would hold seconds of old states for an application that reads slowly.
+        connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 2**16)
+        try:
+            super()._receive(connection)
+        finally:
+            closing = connection.protocol.close_sent
+            if closing is not None and closing.code == CloseCode.MESSAGE_TOO_BIG:
+                size = f"{MAX_MESSAGE:,} bytes"
+                self._world.reject(f"a message is longer than {size}: its connection was closed.")
+            self._sent.pop(source, None)
+            self._world.close(source)
+
+    def _serve(self, connection: "ServerConnection", source: str) -> bool:
+        try:
+            message = connection.recv(STATE_INTERVAL if source in self._sent else None)
+        except TimeoutError:
+            self._report(connection, source)
+            return False
+        try:
+            self._process(message, source)
+        except InvalidInput as fault:
+            # The health of the stream counts the faulty frames of trackers.
+            if source in self._sent or fault.code == "unreadable":
+                self._world.reject(str(fault))
+            _send(connection, RejectedMessage(VERSION, fault.code, str(fault)))
+            return False
+        finally:
+            self._report(connection, source)
+        self._world.alive(source)
+        return True
+
+    def _process(self, text: bytes | str, source: str) -> None:
+        """Process a message, or raise ``InvalidInput``."""
+        raw = text.encode() if isinstance(text, str) else text
+        if not is_message(raw):
+            fault = self.stream.feed_json(raw, source)
+            if fault is not None:
+                raise fault
+            return
+        self._sent.setdefault(source, (-1.0, None))
+        take_text(raw, source, self.stream, self._world)
+
+    def _report(self, connection: "ServerConnection", source: str) -> None:
+        """Send the newest state to an application if it is due and new."""
+        if source not in self._sent:
+            return
+        then, before = self._sent[source]
+        now = time.monotonic()
+        if now - then >= STATE_INTERVAL and (state := self._world.state) is not before:
+            _send(connection, state)
+            self._sent[source] = (now, state)
+
+
+def take_text(text: bytes | str, source: str, stream: HandStream, world: World) -> None:
+    """Process a message with a type; its hands go to a stream, the rest to the world.
+
+    Raises
+    ------
+    InvalidInput
+        If the message, or a frame of a hand, is rejected.
+    """
+    message = read_message(text)
+    if isinstance(message, HandsMessage):
+        faults = [stream.feed_json(bytes(frame), source) for frame in message.hands]
+        for fault in faults:
+            if fault is not None:
+                raise fault
+    world.receive(message, source)
+
+
+def _send(connection: "ServerConnection", answer: Answer) -> None:
+    # A send would wait for an application that does not read, so leave the message out instead.
+    try:
+        ready = select.select([], [connection.socket], [], 0.0)[1]
+    except (OSError, ValueError):  # the socket was just closed
+        return
+    if ready:
+        connection.send(written(answer).decode())

@@ -1,0 +1,158 @@
+"""An application's connection to the live loop."""
+
+import time
+from collections import deque
+from contextlib import suppress
+from threading import Event, Thread
+from typing import TYPE_CHECKING
+
+from msgspec import Raw
+
+from airtact.errors import InvalidInput, extra, positive
+from airtact.geometry.pose import Pose
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.messages import to_json
+from airtact.live.messages import (
+    VERSION,
+    ClearMessage,
+    FociMessage,
+    HandsMessage,
+    Message,
+    MoveMessage,
+    ObjectMessage,
+    ObjectsMessage,
+    PoseMessage,
+    RejectedMessage,
+    StateMessage,
+    read_answer,
+    written,
+)
+from airtact.live.world import WantedFocus
+from airtact.touch.objects import VirtualObject, objects_of
+
+if TYPE_CHECKING:
+    from websockets.sync.client import ClientConnection
+
+
+class Client:
+    """Connection of an application to ``airtact live SCENE --from websocket``.
+
+    Use it in a ``with`` block. Foci end when nothing was sent for 0.5 s, so send them again, or
+    anything else, several times per second. The methods raise ``InvalidInput`` ("link_failed") when
+    the loop has ended.
+
+    Parameters
+    ----------
+    address : address of the loop.
+    timeout : longest time to wait until the loop listens [s].
+
+    Attributes
+    ----------
+    rejected : the newest 16 reasons why the loop rejected a message; remove those that you read.
+
+    Raises
+    ------
+    InvalidInput
+        If nothing listens at the address, or the extra is not installed.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> with at.live.ReceivedHands(port=0) as loop, Client(loop.words) as client:  # or follow(...)
+    ...     client.objects(at.VirtualObject(at.sphere(0.02, edge=0.005), name="ball"))
+    ...     client.foci(at.live.WantedFocus("tip", place="index.pad", strength=0.5))
+    ...     client.next_state(timeout=10.0).state
+    'silent'
+    """
+
+    def __init__(self, address: str = "ws://127.0.0.1:8765", timeout: float = 10.0) -> None:
+        with extra("tracking", "the client needs the package websockets"):
+            from websockets.exceptions import InvalidHandshake, InvalidURI
+            from websockets.sync.client import connect
+        end = time.monotonic() + positive(timeout, "the timeout", "s")
+        connection = None
+        while connection is None:
+            try:
+                connection = connect(address, compression=None)
+            except (OSError, InvalidHandshake, InvalidURI) as fault:
+                if not isinstance(fault, ConnectionRefusedError) or time.monotonic() > end:
+                    raise InvalidInput(
+                        f"cannot connect to {address}: {fault}. Start airtact live SCENE --from "
+                        "websocket.",
+                        code="link_failed",
+                    ) from None
+                time.sleep(0.05)
+        self._connection: ClientConnection = connection
+        self.rejected: deque[str] = deque(maxlen=16)
+        self._state: StateMessage | None = None
+        self._new = Event()
+        self._thread = Thread(target=self._receive, name="airtact client", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> "Client":
+        return self
+
+    def __exit__(self, *fault: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection; foci and objects of this client end."""
+        self._connection.close()
+        self._thread.join()
+
+    @property
+    def state(self) -> StateMessage | None:
+        """The newest state of the loop; None before the first one."""
+        return self._state
+
+    def next_state(self, timeout: float = 1.0) -> StateMessage | None:
+        """Wait for a state that is newer than this call; None after the timeout [s]."""
+        self._new.clear()
+        return self._state if self._new.wait(timeout) else None
+
+    def objects(self, *objects: VirtualObject) -> None:
+        """Add objects, or replace those with the same names; those without get names."""
+        added = [ObjectMessage.of(thing) for thing in objects_of(objects)]
+        self._send(ObjectsMessage(VERSION, add=added))
+
+    def move(self, name: str, pose: Pose) -> None:
+        """Give an object a new pose in the scene."""
+        self._send(ObjectsMessage(VERSION, move=[MoveMessage(name, PoseMessage.of(pose))]))
+
+    def remove(self, *names: str) -> None:
+        """Remove objects."""
+        self._send(ObjectsMessage(VERSION, remove=list(names)))
+
+    def foci(self, *foci: WantedFocus) -> None:
+        """Ask for these foci, instead of all earlier ones of this client."""
+        self._send(FociMessage(VERSION, [focus.message() for focus in foci]))
+
+    def hands(self, *frames: HandFrame) -> None:
+        """Send the frames of a left, a right or both hands, in the tracker's coordinates."""
+        self._send(HandsMessage(VERSION, [Raw(to_json(frame)) for frame in frames]))
+
+    def clear(self) -> None:
+        """Remove all foci and objects of this client."""
+        self._send(ClearMessage(VERSION))
+
+    def _send(self, message: Message) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        try:
+            self._connection.send(written(message).decode())
+        except ConnectionClosed:
+            raise InvalidInput(
+                "the loop has closed the connection: start it again.", code="link_failed"
+            ) from None
+
+    def _receive(self) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        with suppress(ConnectionClosed):
+            while True:
+                answer = read_answer(self._connection.recv())
+                if isinstance(answer, RejectedMessage):
+                    self.rejected.append(answer.reason)
+                elif isinstance(answer, StateMessage):
+                    self._state = answer
+                    self._new.set()

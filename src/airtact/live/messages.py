@@ -1,0 +1,459 @@
+"""Messages between applications and the live loop, in JSON; docs/applications.md shows each kind.
+
+Unknown keys of a message are ignored, so that a newer application can talk to an older loop.
+Lengths are in metres, positions in scene coordinates.
+"""
+
+import inspect
+import json
+import re
+from dataclasses import fields
+from typing import Annotated, Any, ClassVar, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from scipy.spatial.transform import Rotation
+
+from airtact.errors import InvalidInput, about
+from airtact.geometry.pose import Pose
+from airtact.geometry.primitives import Capsule, capsule, sphere
+from airtact.geometry.surface import Surface
+from airtact.setup.bodies import built
+from airtact.setup.tables import (
+    BoxTable,
+    ButtonTable,
+    CapsuleTable,
+    CylinderTable,
+    GratingTable,
+    HalfSpaceTable,
+    Positive,
+    Rule,
+    SphereTable,
+    Table,
+    Triple,
+)
+from airtact.touch.objects import MAX_OBJECTS, VirtualObject
+from airtact.touch.solids import Box, Button, Cylinder, HalfSpace
+from airtact.touch.textures import Grating
+
+VERSION = 1
+"""Version of the messages."""
+
+MAX_FOCI = 16
+"""Largest number of foci of an application."""
+
+Name = Annotated[str, Meta(min_length=1, max_length=64)]
+Version = Annotated[int, Meta(ge=VERSION, le=VERSION)]
+
+# Solids with formulas, by their keys
+SOLIDS = {"box": Box, "cylinder": Cylinder, "half_space": HalfSpace, "button": Button}
+
+
+class PoseMessage(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A turn, followed by a shift.
+
+    Attributes
+    ----------
+    translation : the shift [m].
+    quaternion : the turn as x, y, z, w, of any length above zero.
+    """
+
+    translation: Triple = (0.0, 0.0, 0.0)
+    quaternion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    @classmethod
+    def of(cls, pose: Pose | None) -> "PoseMessage":
+        """Write a pose; None is the identity."""
+        if pose is None:
+            return cls()
+        quaternion = Rotation.from_matrix(pose.rotation).as_quat()
+        return cls(tuple(pose.translation.tolist()), tuple(quaternion.tolist()))
+
+    def made(self) -> Pose:
+        """Build the pose."""
+        length = float(np.linalg.norm(self.quaternion))
+        if not 1e-6 < length < 1e6:  # also NaN
+            raise InvalidInput(
+                f"the quaternion has length {length:g}; give 0, 0, 0, 1 for no turn.",
+                code="out_of_range",
+            )
+        return Pose(Rotation.from_quat(self.quaternion).as_matrix(), np.array(self.translation))
+
+
+class MeshMessage(msgspec.Struct, frozen=True):
+    """A closed mesh.
+
+    Attributes
+    ----------
+    vertices : points [m].
+    triangles : indices of three vertices each, counterclockwise as seen from outside.
+    """
+
+    vertices: Annotated[list[Triple], Meta(min_length=4, max_length=20_000)]
+    triangles: Annotated[list[tuple[int, int, int]], Meta(min_length=4, max_length=20_000)]
+
+
+class ObjectMessage(Table, frozen=True, forbid_unknown_fields=False, omit_defaults=True):
+    """A virtual object, with the keys of ``[[objects]]`` in scene files.
+
+    Attributes
+    ----------
+    name : name, unique among all objects.
+    sphere, capsule, box, cylinder, half_space, button, mesh : the shape.
+    pose : pose of the shape in the scene.
+    style, grating, stiffness : as in scene files.
+    """
+
+    one_of: ClassVar = ("sphere", "capsule", "box", "cylinder", "half_space", "button", "mesh")
+    name: Name
+    sphere: SphereTable | None = None
+    capsule: CapsuleTable | None = None
+    box: BoxTable | None = None
+    cylinder: CylinderTable | None = None
+    half_space: HalfSpaceTable | None = None
+    button: ButtonTable | None = None
+    mesh: MeshMessage | None = None
+    pose: PoseMessage = PoseMessage()
+    style: Literal["points", "outline", "texture"] = "points"
+    grating: Annotated[GratingTable | None, Rule("needed by", 'style = "texture"')] = None
+    stiffness: Positive | None = None
+
+    @classmethod
+    def of(cls, thing: VirtualObject) -> "ObjectMessage":
+        """Write a virtual object; a texture must be a ``Grating``."""
+        shape = thing.shape.shape if isinstance(thing.shape, Surface) else thing.shape
+        message: dict[str, Any] = {
+            "name": thing.name,
+            "pose": PoseMessage.of(thing.pose),
+            "style": thing.style,
+            "stiffness": thing.stiffness,
+        }
+        if isinstance(shape, Capsule):
+            start, end = shape.axis
+            message["capsule"] = {"start": start, "end": end, "radius": shape.radius}
+        elif isinstance(thing.shape, Surface):
+            mesh = {"vertices": thing.shape.vertices, "triangles": thing.shape.triangles}
+            message["mesh"] = mesh
+        else:
+            key = next(key for key, kind in SOLIDS.items() if isinstance(shape, kind))
+            message[key] = _fields_of(shape)
+        if isinstance(thing.texture, Grating):
+            message["grating"] = _fields_of(thing.texture)
+        # Arrays become lists.
+        plain = msgspec.to_builtins(message, enc_hook=np.ndarray.tolist)
+        try:
+            return msgspec.convert(plain, cls)
+        except msgspec.ValidationError as error:
+            raise _explained(error) from None
+
+    def made(self) -> VirtualObject:
+        """Build the object. The grid of a mesh takes about a second and is not made here."""
+        with about(f"object {self.name}"):
+            if self.mesh is not None:
+                shape = Surface(np.array(self.mesh.vertices), np.array(self.mesh.triangles))
+            elif self.sphere is not None:
+                # Contacts use the exact sphere; the mesh is for pictures, and must not take long.
+                radius = self.sphere.radius
+                shape = sphere(radius, radius / 5.0, self.sphere.centre)
+            elif self.capsule is not None:
+                start, end, radius = self.capsule.start, self.capsule.end, self.capsule.radius
+                length = float(np.linalg.norm(np.subtract(end, start)))
+                shape = capsule(start, end, radius, max(radius / 3.0, length / 50.0))
+            else:
+                key = next(key for key in SOLIDS if getattr(self, key) is not None)
+                shape = built(SOLIDS[key], getattr(self, key))
+            return VirtualObject(
+                shape,
+                self.pose.made(),
+                self.name,
+                style=self.style,
+                stiffness=self.stiffness,
+                texture=None if self.grating is None else built(Grating, self.grating),
+            )
+
+
+class MoveMessage(msgspec.Struct, frozen=True):
+    """A new pose of an object.
+
+    Attributes
+    ----------
+    name : name of the object.
+    pose : pose of its shape in the scene.
+    """
+
+    name: Name
+    pose: PoseMessage
+
+
+class FocusMessage(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A focus; exactly one of ``point`` and ``place`` is given.
+
+    Attributes
+    ----------
+    id : name of the focus, unique in its application.
+    point : position in scene coordinates, or in those of the shape of the object ``on`` [m].
+    place : place of a hand, such as "index.pad" or "right.palm".
+    on : name of an object that the point moves with.
+    offset : distance from the skin, for a place [m].
+    strength : strength of the touch, from 0 to 1.
+    modulation : how often per second the strength falls to 0 and rises again [Hz], at most 20; 0
+        for a constant strength.
+    """
+
+    id: Name
+    point: Triple | None = None
+    place: str | None = None
+    on: str | None = None
+    offset: float = 0.5e-3
+    strength: float = 1.0
+    modulation: float = 0.0
+
+
+class HandsMessage(msgspec.Struct, frozen=True, tag="hands"):
+    """Frames of tracked hands, in the tracker's coordinates.
+
+    Attributes
+    ----------
+    version : version of the messages, 1.
+    hands : frames as trackers send them.
+    """
+
+    version: Version
+    hands: Annotated[list[msgspec.Raw], Meta(max_length=2)]
+
+
+class ObjectsMessage(msgspec.Struct, frozen=True, tag="objects", omit_defaults=True):
+    """Changes of the virtual objects: first removals, then additions, then motions.
+
+    Attributes
+    ----------
+    version : version of the messages, 1.
+    add : objects to add, or to replace if the name exists.
+    move : new poses of objects.
+    remove : names of objects to remove.
+    """
+
+    version: Version
+    add: Annotated[list[ObjectMessage], Meta(max_length=MAX_OBJECTS)] = []
+    move: Annotated[list[MoveMessage], Meta(max_length=MAX_OBJECTS)] = []
+    remove: Annotated[list[Name], Meta(max_length=MAX_OBJECTS)] = []
+
+
+class FociMessage(msgspec.Struct, frozen=True, tag="foci"):
+    """All foci of the application; they replace its earlier ones.
+
+    Attributes
+    ----------
+    version : version of the messages, 1.
+    foci : the foci; none for silence.
+    """
+
+    version: Version
+    foci: Annotated[list[FocusMessage], Meta(max_length=MAX_FOCI)]
+
+
+class ClearMessage(msgspec.Struct, frozen=True, tag="clear"):
+    """Remove all foci and objects of the application.
+
+    Attributes
+    ----------
+    version : version of the messages, 1.
+    """
+
+    version: Version
+
+
+class ContactState(msgspec.Struct, frozen=True):
+    """A contact of the hand with an object.
+
+    Attributes
+    ----------
+    object : name of the object.
+    part : part of the hand, such as "index".
+    point : deepest point of the skin in the object [m].
+    depth : its depth [m].
+    """
+
+    object: str
+    part: str
+    point: Triple
+    depth: float
+
+
+class FocusState(msgspec.Struct, frozen=True):
+    """What a focus gets.
+
+    Attributes
+    ----------
+    id : name that the application gave it, or the part of the hand and the object in contact.
+    point : predicted position [m].
+    strength : its strength now, from 0 to 1.
+    pressure : predicted pressure [Pa], or null if unknown.
+    """
+
+    id: str
+    point: Triple
+    strength: float
+    pressure: float | None
+
+
+class StateMessage(msgspec.Struct, frozen=True, tag="state"):
+    """State of the loop.
+
+    Attributes
+    ----------
+    version : version of the messages, 1.
+    state : "playing", "fading" or "silent".
+    reason : why there is no sound, or null.
+    contacts : contacts of the hand with objects.
+    foci : all foci that are played.
+    """
+
+    version: int
+    state: Literal["playing", "fading", "silent"]
+    reason: str | None = None
+    contacts: list[ContactState] = []
+    foci: list[FocusState] = []
+
+
+class RejectedMessage(msgspec.Struct, frozen=True, tag="rejected"):
+    """A message that had no effect.
+
+    Attributes
+    ----------
+    version : version of the messages, 1.
+    code : kind of error, see errors.md.
+    reason : what is wrong and what to do.
+    """
+
+    version: int
+    code: str
+    reason: str
+
+
+Message = HandsMessage | ObjectsMessage | FociMessage | ClearMessage
+Answer = StateMessage | RejectedMessage
+
+
+class _Head(msgspec.Struct):
+    type: Literal["hands", "objects", "foci", "clear"]
+    version: int
+
+
+class _AnyHead(msgspec.Struct):
+    type: str
+    version: Any = None
+
+
+_head = msgspec.json.Decoder(_Head)
+_any_head = msgspec.json.Decoder(_AnyHead)
+_decoder = msgspec.json.Decoder(Message)
+_answers: msgspec.json.Decoder[Answer] = msgspec.json.Decoder(Answer)
+
+
+def is_message(raw: bytes) -> bool:
+    """Return whether a text is meant as such a message, and not as a frame of a tracker."""
+    if b'"type"' not in raw:  # as in most frames
+        return False
+    try:
+        head = _any_head.decode(raw)
+    except msgspec.ValidationError:
+        return False
+    except (ValueError, RecursionError):  # damaged JSON, which ``read_message`` explains
+        return True
+    # Frames of some trackers have types of their own.
+    return head.version is not None or head.type in ("hands", "objects", "foci", "clear")
+
+
+def read_message(text: bytes | str) -> Message:
+    """Read a message of an application.
+
+    Raises
+    ------
+    InvalidInput
+        If it is not JSON, has another version or an unknown type, or a value is invalid.
+    """
+    try:
+        raw = text.encode() if isinstance(text, str) else text
+        if b"NaN" in raw or b"Infinity" in raw:  # invalid JSON that Python writes
+            json.loads(raw, parse_constant=_not_finite)
+        head = _head.decode(raw)
+        if head.version != VERSION:
+            raise InvalidInput(
+                f"the message has version {head.version}, but this airtact reads version "
+                f"{VERSION}: use that version.",
+                code="unsupported_version",
+            )
+        return _decoder.decode(raw)
+    except InvalidInput:
+        raise
+    except msgspec.ValidationError as error:
+        raise _explained(error) from None
+    except (ValueError, RecursionError) as error:
+        words = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise InvalidInput(
+            f"the message is not JSON: {words}; docs/applications.md shows messages.",
+            code="unknown_format",
+        ) from None
+
+
+def converted(data: dict[str, Any]) -> Message:
+    """Return the message with these keys and values; raise as ``read_message``."""
+    try:
+        return msgspec.convert(data, Message)
+    except msgspec.ValidationError as error:
+        raise _explained(error) from None
+
+
+def _not_finite(word: str) -> None:
+    raise InvalidInput(f"the message contains {word}; give finite numbers.", code="not_finite")
+
+
+def _explained(error: msgspec.ValidationError) -> InvalidInput:
+    fault, _, path = str(error).rpartition(" - at `$")
+    fault = fault or path  # without a path, the message itself is at fault
+    place = "the message" if fault is path else path.strip("`.")
+    if isinstance(error.__cause__, InvalidInput):
+        return InvalidInput(f"{place}: {error.__cause__}", code=error.__cause__.code)
+    missing = re.fullmatch(r"Object missing required field `(.+)`", fault)
+    if missing:
+        return InvalidInput(f"{place} has no key {missing[1]}; add it.", code="key_missing")
+    codes = {"Invalid enum": "unknown_name", "Object contains unknown": "unknown_key"}
+    code = next((code for words, code in codes.items() if fault.startswith(words)), "out_of_range")
+    words = f"{fault[:1].lower()}{fault[1:]}; see docs/applications.md."
+    return InvalidInput(f"{place}: {words}", code=code)
+
+
+def read_answer(text: bytes | str) -> Answer | None:
+    """Read a message of the loop; None if its kind is not known."""
+    try:
+        return _answers.decode(text)
+    except msgspec.MsgspecError:
+        return None
+
+
+def _fields_of(value: Any) -> dict[str, Any]:
+    return {entry.name: getattr(value, entry.name) for entry in fields(value)}
+
+
+def written(message: Message | Answer) -> bytes:
+    """Write a message in JSON."""
+    return msgspec.json.encode(message)
+
+
+def message_schema() -> str:
+    """Return the JSON schema of all messages, in JSON."""
+    (made,), definitions = msgspec.json.schema_components(
+        [Message | Answer], ref_template="#/$defs/{name}"
+    )
+    for definition in definitions.values():
+        # Without the indentation of the docstrings
+        definition["description"] = inspect.cleandoc(definition["description"])
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"Messages between applications and airtact live, version {VERSION}",
+        **made,
+        "$defs": definitions,
+    }
+    return json.dumps(schema, indent=1) + "\n"
