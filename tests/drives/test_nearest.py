@@ -12,7 +12,9 @@ ARRAY = at.flat_boards(1, 1)
 
 def transfer_to(points: np.ndarray) -> tuple[at.TransferMatrix, at.Target]:
     target = at.Target(points)
-    return at.transfer_matrix(at.FreeField().radiate(at.Scene(at.air(celsius=20.0)), target.beacons()), ARRAY), target
+    return at.transfer_matrix(
+        at.FreeField().radiate(at.Scene(at.air(celsius=20.0)), target.beacons()), ARRAY
+    ), target
 
 
 def move(one: at.Drive, other: at.Drive) -> float:

@@ -153,12 +153,17 @@ class Kept(at.live.Output):
 class Loop:
     """Shows moments as the live loop does, with and without a hand on the page."""
 
-    def __init__(self, dragged: bool = False) -> None:
+    def __init__(self, dragged: bool = False, world=None) -> None:
         self.scene, self.pressed = one_board(), Event()
         self.stream = at.hands.HandStream() if dragged else None
         hand = pinch_pose()[0] if dragged else None
         self.page = PageProcess(
-            self.scene, 0, hand=hand, stream=self.stream, on_emergency=self.pressed.set
+            self.scene,
+            0,
+            hand=hand,
+            stream=self.stream,
+            on_emergency=self.pressed.set,
+            world=world,
         )
         self._ended, self._thread = Event(), Thread(target=self._run)
         self._thread.start()

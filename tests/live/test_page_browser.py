@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import airtact
+from airtact.live.world import World
 from live.live_scenes import Loop
 from references.motions import pinch_pose
 
@@ -46,11 +48,37 @@ def colours(page) -> int:
     return len(np.unique(np.asarray(picture)[:, 330:950].reshape(-1, 3), axis=0))
 
 
+def pixel(page, wanted) -> tuple[float, float]:
+    """Return a pixel of the uppermost thing of some colours in the picture, apart from the axes."""
+    box = page.locator(".stage").bounding_box()
+    picture = Image.open(io.BytesIO(page.screenshot(clip=box))).convert("RGB")
+    rows, columns = np.nonzero(wanted(np.asarray(picture).astype(int)[90:, 20:-90]))
+    upper = rows < rows.min() + 60
+    x = box["x"] + 20 + float(np.median(columns[upper]))
+    return x, box["y"] + 90 + float(np.median(rows[upper]))
+
+
+def drag(page, x: float, y: float) -> None:
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 30, y - 20, steps=3)
+    page.mouse.up()
+
+
 def test_what_is_set_on_the_page_reaches_the_loop(browser) -> None:
-    with Loop() as loop:
+    box = airtact.VirtualObject(
+        airtact.touch.Box((0.03, 0.03, 0.03)), airtact.Pose.shift((0.0, 0.0, -0.05)), "box"
+    )
+    world = World([box])
+    with Loop(world=world) as loop:
         page, at = opened_page(browser, loop.page.address), loop.page
         page.get_by_text("playing", exact=True).wait_for()
         until(lambda: colours(page) > 200, "a picture of the hand")
+        page.locator("[name=slice]").uncheck()
+        page.locator("[name=surfaces]").uncheck()
+        blue = pixel(page, lambda colours: colours[..., 2] - colours[..., 0] > 25)
+        drag(page, *blue)
+        until(lambda: world.objects[0].pose.translation[2] != -0.05, "a box elsewhere")
         page.get_by_label("offset from the skin").press("ArrowRight")
         until(lambda: at.controls.offset == pytest.approx(1.1e-3), "a larger offset")
         page.get_by_label("level cap").press("Home")
@@ -114,29 +142,13 @@ def test_a_hand_is_dragged_only_while_the_page_is_open(browser) -> None:
         after = seen()
         moved = np.flatnonzero(np.linalg.norm(after - before, axis=1) > 1e-6)
         assert moved.tolist() == [7, 8, 9]
-        x, y = on_the_hand(page)
-        page.mouse.move(x, y)
-        page.mouse.down()
-        page.mouse.move(x + 30, y - 20, steps=3)
-        page.mouse.up()
+        drag(page, *pixel(page, lambda colours: colours.max(axis=-1) < 200))
         until(lambda: not np.allclose(seen(), after), "a hand elsewhere")
         shift = seen() - after
         np.testing.assert_allclose(shift, np.tile(shift[0], (25, 1)), atol=1e-9)
         assert 0.005 < np.linalg.norm(shift[0]) < 0.1
         page.close()
         until(lambda: loop.stream.latest("left").lost, "a lost hand")
-
-
-def on_the_hand(page) -> tuple[float, float]:
-    """Return a pixel of the hand, the uppermost thing in the picture apart from the axes."""
-    box = page.locator(".stage").bounding_box()
-    picture = Image.open(io.BytesIO(page.screenshot(clip=box))).convert("L")
-    rows, columns = np.nonzero(np.asarray(picture)[90:, 20:-90] < 200)
-    upper = rows < rows.min() + 60
-    return (
-        box["x"] + 20 + float(np.median(columns[upper])),
-        box["y"] + 90 + float(np.median(rows[upper])),
-    )
 
 
 def in_the_headset(points: np.ndarray) -> list:

@@ -98,7 +98,8 @@ def run(
                 None if joints is None else hands.stream,
                 controls,
                 output.stop,
-                certificate=certificate,
+                hands.world,
+                certificate,
             )
             closing.enter_context(shown)
         address = "" if shown is None else f"; page: {shown.address}"

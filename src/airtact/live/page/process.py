@@ -189,7 +189,7 @@ class PageProcess:
         elif kind == "known":
             self._known = content
         elif kind == "object" and self._world is not None:
-            cast(Any, self._world).take(content, "page")
+            self._world.take(content, "page")
             self._put()
         elif kind in ("frame", "gone") and self._stream is not None:
             if kind == "gone":
