@@ -161,7 +161,7 @@ def _from_nano16(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
     ports = ((nibbles[..., 0] & 0xF0) | (nibbles[..., 1] >> 4)).astype(np.uint8)
     high = np.unpackbits(ports, axis=2, bitorder="little").astype(np.int8)
     begins = (high > np.roll(high, 1, axis=1)).argmax(axis=1)
-    return begins.astype(np.uint8), high.any(axis=1).astype(np.uint8)
+    return begins.astype(np.uint8), np.asarray(high.any(axis=1), dtype=np.uint8)
 
 
 def _from_openmpd(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
