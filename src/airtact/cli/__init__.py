@@ -31,6 +31,7 @@ NAMES = (
     "selfcheck",
     "sense",
     "sweep",
+    "why",
 )
 
 

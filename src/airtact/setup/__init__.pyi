@@ -1,6 +1,9 @@
 from .building import read_scene as read_scene
 from .comparing import Contender as Contender
 from .comparing import MethodComparison as MethodComparison
+from .explaining import Cause as Cause
+from .explaining import Explanation as Explanation
+from .explaining import why as why
 from .placing import Layout as Layout
 from .placing import Placement as Placement
 from .placing import place as place

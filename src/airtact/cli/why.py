@@ -1,0 +1,75 @@
+"""``airtact why``: explain what takes pressure from each focus of a scene."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.markup import escape
+
+from airtact.cli.console import plain_table, progress, show
+from airtact.cli.options import FILE, as_json, quiet, scene, store
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from airtact.setup.explaining import Explanation
+
+
+@click.command(
+    short_help="Explain what takes pressure from each focus of a scene.",
+    epilog="Example: airtact why pinch --out why.csv",
+)
+@scene
+@click.option("--session", type=FILE, help="Recorded session.h5 whose tracking is included.")
+@click.option("--out", "file", type=FILE, help="Table to write, .csv.")
+@store
+@as_json
+@quiet
+def why(scene: Path, session: Path | None, file: Path | None, store: Path | None) -> None:
+    """Show the pressure at each focus of SCENE, from open air to what is emitted.
+
+    Each row adds one cause, such as the hand's shadow or the other foci, and is computed. The last
+    line names the change that would bring most.
+    """
+    with progress() as report_step:
+        report_step(f"reading {scene.name}")
+        import airtact as at
+
+        setup = at.read_scene(scene)
+        kept = None
+        if session is not None:
+            from airtact.live.session import read_session
+            from airtact.live.verification import verify_session
+
+            verified = verify_session(read_session(session), report_step=report_step)
+            kept = float(sorted(verified.kept)[len(verified.kept) // 2])
+        explained = at.setup.why(at.render(setup, store=store, progress=report_step), kept)
+        if file is not None:
+            explained.save(file)
+    show(
+        _table(explained),
+        lines=[explained.advice],
+        record={
+            "foci": list(explained.foci),
+            "causes": [
+                {"name": cause.name, "pressures": cause.pressures.tolist(), "remedy": cause.remedy}
+                for cause in explained.causes
+            ],
+            "advice": explained.advice,
+        },
+    )
+
+
+def _table(explained: "Explanation") -> "Table":
+    table = plain_table("after", *(escape(name) for name in explained.foci))
+    table.title = "Pressure at each focus, cause by cause"
+    for index, cause in enumerate(explained.causes):
+        cells = []
+        for focus, pressure in enumerate(cause.pressures):
+            change = ""
+            if index:
+                before = explained.causes[index - 1].pressures[focus]
+                change = f"  {pressure / before - 1.0:+.0%}"
+            cells.append(f"{pressure:,.0f} Pa{change}")
+        table.add_row(cause.name, *cells)
+    return table

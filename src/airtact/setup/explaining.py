@@ -1,0 +1,189 @@
+"""Why a focus is weak: what each cause takes from the pressure that the array could bring."""
+
+import csv
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.acoustics.target import Target
+from airtact.drives.drive import Drive, quantise
+from airtact.drives.head_level import HeadLevel
+from airtact.drives.methods import best
+from airtact.drives.transfer import TransferMatrix, open_air_matrix
+from airtact.errors import in_short
+from airtact.files.atomic import whole_file
+from airtact.setup.rendering import Rendering
+from airtact.transducers.layout import PhasedArray
+from airtact.transducers.modulation import AmplitudeModulation
+
+Pressures = Float64[np.ndarray, "foci"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """A cause that changes the pressure at the foci.
+
+    Attributes
+    ----------
+    name : what changes, in a few words.
+    pressures : (F,) pressure at each focus with this cause and all causes before it [Pa].
+    remedy : what would remove the cause; empty if nothing can.
+    """
+
+    name: str
+    pressures: Pressures
+    remedy: str = ""
+
+    __repr__ = in_short
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The pressure at each focus, from what the array could bring in open air to what is emitted.
+
+    Attributes
+    ----------
+    foci : names of the F foci.
+    causes : the causes in their order; the first is open air, the last what remains.
+    advice : sentence on the change that would bring most to the weakest focus.
+    """
+
+    foci: tuple[str, ...]
+    causes: tuple[Cause, ...]
+    advice: str
+
+    __repr__ = in_short
+
+    @property
+    def changes(self) -> Float64[np.ndarray, "causes foci"]:
+        """Change of the pressure by each cause [Pa]; the first row is open air."""
+        return np.diff([cause.pressures for cause in self.causes], axis=0, prepend=0.0)
+
+    def save(self, path: str | Path) -> None:
+        """Write a table with one row per cause and focus (.csv)."""
+        with whole_file(Path(path)) as partial, partial.open("w", newline="") as file:
+            table = csv.writer(file)
+            table.writerow(["cause", "focus", "pressure_Pa", "change_Pa", "remedy"])
+            for cause, changes in zip(self.causes, self.changes, strict=True):
+                for name, pressure, change in zip(self.foci, cause.pressures, changes, strict=True):
+                    table.writerow(
+                        [cause.name, name, f"{pressure:.6g}", f"{change:.6g}", cause.remedy]
+                    )
+
+
+def why(result: Rendering, kept: float | None = None) -> Explanation:
+    """Explain the pressure at each focus of a rendered drive.
+
+    Every cause is computed: the pressure without it, and with it, all later causes left out. So the
+    changes add up to the last pressure.
+
+    Parameters
+    ----------
+    result : result of ``render``.
+    kept : share of the attainable pressure that a recorded session kept, from pose errors and age.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> pair = at.Target(np.array([[0.0, 0.0, 0.15], [0.04, 0.0, 0.15]]))
+    >>> result = at.render(at.Setup(at.Scene(at.air()), at.flat_boards(1, 1), pair))
+    >>> [cause.name for cause in at.setup.why(result).causes]  # doctest: +ELLIPSIS
+    ['one focus in open air', 'sharing with 1 other focus', ...]
+    """
+    setup = result.setup
+    target = setup.target
+    count = len(target.points)
+    nominal = PhasedArray(
+        setup.array.positions, setup.array.normals, setup.array.element, setup.array.tangents
+    )
+    transfer = TransferMatrix(result.transfer.matrix[:count], result.transfer.estimated_error)
+    # The most that any drive within full scale brings to one focus: all waves in phase.
+    alone = [
+        np.abs(open_air_matrix(setup.scene, array, target).matrix[:count]).sum(axis=1)
+        for array in (nominal, setup.array)
+    ]
+    causes = [Cause("one focus in open air", alone[0])]
+    if np.any(setup.array.gains != 1.0):
+        causes.append(Cause("gains and dead elements", alone[1], "replace the dead elements"))
+    if setup.bodies:
+        word = "hand" if setup.hands else "bodies"
+        causes.append(
+            Cause(
+                f"shadow and reflection by the {word}",
+                np.abs(transfer.matrix).sum(axis=1),
+                f"turn the {word}, or move boards to the side that the focus faces (airtact place)",
+            )
+        )
+    shares = Target(target.points, shares=target.weights / target.weights.max())
+    drive = best(transfer, shares).at_full_scale()
+    if count > 1:
+        others = "1 other focus" if count == 2 else f"{count - 1} other foci"
+        causes.append(
+            Cause(
+                f"sharing with {others}",
+                np.abs(transfer.pressure(drive)),
+                "leave foci out, or play them in turn",
+            )
+        )
+    scaled = result.drive.at_full_scale()
+    if setup.method != "best" or len(target.suppression_points):
+        name = setup.method.replace("_", " ")
+        pressures = np.abs(transfer.pressure(scaled))
+        causes.append(Cause(f"the method {name}", pressures, 'use method = "best"'))
+    if result.drive.peak < 0.999 or target.phases is not None:
+        pressures = np.abs(transfer.pressure(result.drive))
+        causes.append(Cause("the requested pressures", pressures, "request more"))
+    rounded = quantise(result.drive, setup.levels).drive()
+    causes.append(
+        Cause("rounding to levels", np.abs(transfer.pressure(rounded)), "use finer levels")
+    )
+    last = causes[-1].pressures
+    if setup.board is not None:
+        array = setup.array
+        level = HeadLevel(
+            rounded.amplitudes[None],
+            array.positions,
+            setup.levels,
+            setup.scene.wavenumber.real,
+            array.element.sensitivity,
+        )
+        cap = min(1.0, level.safe_cap() / rounded.peak)
+        if cap < 0.999:
+            capped = quantise(Drive(cap * result.drive.amplitudes), setup.levels).drive()
+            last = np.abs(transfer.pressure(capped))
+            remedy = "raise the cap if no head is near (--cap)"
+            causes.append(Cause("the level limit at a head", last, remedy))
+    # The loss by steepening is smaller for a capped drive.
+    share = float(np.mean(last) / np.mean(np.abs(transfer.pressure(result.drive))))
+    in_real_air = result.steepening.scaled(share).kept
+    if np.nanmin(in_real_air, initial=1.0) < 0.99:
+        last = last * np.where(np.isfinite(in_real_air), in_real_air, 1.0)
+        remedy = "surround the hand with boards"
+        causes.append(Cause("steepening in real air", last, remedy))
+    if isinstance(setup.modulation, AmplitudeModulation):
+        share = float(np.sqrt(np.mean(setup.modulation.envelope(64) ** 2)))
+        last = share * last
+        causes.append(Cause("modulation, root mean square over time", last))
+    if kept is not None:
+        remedy = "improve the tracker, its registration or its rate"
+        causes.append(Cause("error and age of the tracked pose", kept * last, remedy))
+    return Explanation(setup.foci, tuple(causes), _advice(causes))
+
+
+def _advice(causes: list[Cause]) -> str:
+    """State which removable cause takes the largest share of the weakest focus."""
+    weakest = int(causes[-1].pressures.argmin())
+    best_gain = 1.0
+    words = "No single change would bring more than 10 %: use more or nearer boards."
+    for before, cause in pairwise(causes):
+        gain = float(before.pressures[weakest] / max(cause.pressures[weakest], 1e-9))
+        if cause.remedy and gain > max(best_gain, 1.1):
+            best_gain = gain
+            words = (
+                f"The largest loss is {cause.name}: without it the weakest focus would have "
+                f"{gain:.2g} times the pressure. Remedy: {cause.remedy}."
+            )
+    return words

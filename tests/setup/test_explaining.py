@@ -1,0 +1,85 @@
+"""What takes pressure from a focus: each cause is the true counterfactual, and they add up."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import airtact as at
+from paths import SCENES
+
+POINTS = np.array([[0.0, 0.0, 0.15], [0.04, 0.0, 0.15]])
+BOARD = at.flat_boards(1, 1)
+AIR = at.Scene(at.air(celsius=20.0))
+
+
+def explained(setup: at.Setup, kept: float | None = None) -> tuple:
+    result = at.render(setup)
+    found = at.setup.why(result, kept)
+    return result, found, {cause.name: cause.pressures for cause in found.causes}
+
+
+@pytest.fixture(scope="module")
+def beside_a_ball():
+    return explained(at.read_scene(SCENES / "ball.toml"))
+
+
+def test_the_changes_add_up_to_the_verified_pressure(beside_a_ball, tmp_path) -> None:
+    result, found, by_name = beside_a_ball
+    np.testing.assert_allclose(found.changes.sum(axis=0), found.causes[-1].pressures)
+    np.testing.assert_allclose(by_name["rounding to levels"], result.pressures, rtol=0.02)
+    # Open air from the distances alone, all elements in phase
+    setup = result.setup
+    away = np.linalg.norm(setup.array.positions - setup.target.points[0], axis=1)
+    directivity = np.abs(at.open_air_matrix(setup.scene, setup.array, setup.target).matrix[0])
+    assert by_name["one focus in open air"][0] == pytest.approx(directivity.sum())
+    assert directivity.sum() <= (setup.array.element.sensitivity / away).sum()
+    assert "shadow and reflection by the bodies" in by_name
+    found.save(tmp_path / "why.csv")
+    rows = list(csv.DictReader((tmp_path / "why.csv").read_text().splitlines()))
+    assert len(rows) == len(found.causes) * len(found.foci)
+    total = sum(float(row["change_Pa"]) for row in rows if row["focus"] == found.foci[0])
+    assert total == pytest.approx(found.causes[-1].pressures[0], rel=1e-4)
+
+
+def test_each_setting_is_a_cause_of_its_own() -> None:
+    target = at.Target(POINTS, pressures=np.array([500.0, 500.0]))
+    dead = np.ones(len(BOARD), complex)
+    dead[:60] = 0.0
+    array = at.PhasedArray(BOARD.positions, BOARD.normals, BOARD.element, gains=dead)
+    setup = at.Setup(
+        AIR,
+        array,
+        target,
+        modulation=at.transducers.AmplitudeModulation(depth=1.0),
+        method="weighted_gerchberg_saxton",
+        levels=at.transducers.Levels(np.array([0.0, 1.0]), phases=8),
+    )
+    _, found, by_name = explained(setup, kept=0.7)
+    assert [cause.name for cause in found.causes] == [
+        "one focus in open air",
+        "gains and dead elements",
+        "sharing with 1 other focus",
+        "the method weighted gerchberg saxton",
+        *(name for name in by_name if name in ("the requested pressures",)),
+        "rounding to levels",
+        *(name for name in by_name if name in ("steepening in real air",)),
+        "modulation, root mean square over time",
+        "error and age of the tracked pose",
+    ]
+    alone = by_name["one focus in open air"]
+    np.testing.assert_allclose(by_name["gains and dead elements"], 189 / 249 * alone, rtol=0.1)
+    last = found.causes[-3].pressures
+    # A cosine of the force has half of its maximum on average.
+    np.testing.assert_allclose(found.causes[-2].pressures, np.sqrt(0.5) * last)
+    np.testing.assert_allclose(found.causes[-1].pressures, 0.7 * np.sqrt(0.5) * last)
+
+
+def test_the_advice_names_the_largest_removable_loss() -> None:
+    setup = at.Setup(AIR, BOARD, at.Target(POINTS))
+    assert "sharing" in explained(setup)[1].advice
+    # One weak focus at full scale loses nothing that could be removed.
+    far = at.Target((0.0, 0.0, 0.5))
+    alone = explained(replace(setup, target=far, foci=(), riding=()))[1]
+    assert "No single change" in alone.advice
