@@ -45,12 +45,11 @@ def expected_kept(
     of multiple reflections between both fingers. The benefit of a whole hand is lost as fast as
     that of the phalanges.
 
-    The effect of noise is fitted to drives for the same motion with 0 and 1 mm of noise
-    (``benchmarks/live.py``). For a carried whole hand it is fitted to 30 drives each for an open
-    hand with waving fingers and 0, 0.5 and 1 mm of noise: the median share was 0.89, 0.51 and 0.46,
-    and for distances 0.56, 0.55 and 0.54. Noise in the solved pose matters most: a solution without
-    noise keeps 0.61 for poses with 1 mm. The decrease with the number of foci was measured with 160
-    pairs of poses of an open hand with foci at its palm and all fingertips.
+    The effect of noise, after ``Predictor``, is fitted by hand to medians of ``benchmarks/live.py
+    --emulated`` at 60 frames/s: 23 drives for the same motion with 1 mm of noise kept 0.78, and 17
+    drives of carried whole hands, for an open hand with waving fingers, 0.70 (0.89 without noise).
+    The decrease with the number of foci was measured with 160 pairs of poses of an open hand with
+    foci at its palm and all fingertips.
 
     Parameters
     ----------
@@ -61,21 +60,17 @@ def expected_kept(
     foci : number of foci.
     """
     same, different, spoiled = SHARES[part]
-    if part == "carried":
-        # Carried solutions follow the bones, so poses may differ more. The gaps of the whole hand
-        # are noisier than those of the foci's bones.
-        difference = unlike(gap, turned) / 4.0
-        gap_noise = 0.75
-    else:
-        difference = unlike(gap, turned, foci)
-        gap_noise = 0.75  # divided by the noise of a coordinate of the tracker
+    # Carried solutions follow the bones, so poses may differ more.
+    carried = part == "carried"
+    difference = unlike(gap, turned) / 4.0 if carried else unlike(gap, turned, foci)
     if part == "phalanges":
         same -= 0.0175 * max(foci - FITTED_FOCI, 0)
     same = max(same, different)
     # Without noise the share falls from ``same`` to ``different`` as the poses diverge. Noise
     # lowers it to ``spoiled``, and stronger noise makes the sound miss the foci altogether.
     clean = different + (same - different) * np.exp(-difference)
-    certain = np.exp(-((gap_noise * noise / GAP_SCALE) ** 2))
+    # The fitted 0.75 is about the error of a predicted gap, divided by the tracker's noise.
+    certain = np.exp(-((0.75 * noise / GAP_SCALE) ** 2))
     at_focus = np.exp(-((noise / 3.3e-3) ** 2))
     return at_focus * (spoiled + (clean - spoiled) * certain)
 
