@@ -8,6 +8,7 @@ minimum. If the resulting pose does not match the echoes, other initial poses ar
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float64, Int64, Num
@@ -100,6 +101,12 @@ class Located:
         return float(np.sqrt(self.covariance[6, 6])) if len(self.covariance) > 6 else float("nan")
 
 
+@lru_cache(maxsize=1)
+def _last_matrix(solver: Solver, scene: Scene) -> ScatteringMatrix:
+    # A scene and its matrix cannot change, so the next calls with the same scene need no solve.
+    return scattering_matrix(solver, scene)
+
+
 def locate(
     echoes: Echoes,
     scene: Scene | ScatteringFamily,
@@ -118,8 +125,8 @@ def locate(
         parameter, such as the gap of two fingers.
     array : the transducers in their own frame, in the order of the codes.
     start : initial pose of the obstacles in the array's frame, correct to about 5 mm and 8 degrees.
-    scattering : scattering matrix of the scene; by default the solver computes it. Omit it for a
-        family, which contains its matrices.
+    scattering : scattering matrix of the scene. By default the solver computes it in the first call
+        with a scene, and the last matrix is kept. Omit it for a family, which contains its matrices.
     solver : solver of the scattering matrix; by default
         ``BoundaryElement(accuracy=0.005, estimate=False)``.
 
@@ -167,7 +174,7 @@ def locate(
         scattering = family.at(family.start)
     else:
         solver = solver or BoundaryElement(accuracy=0.005, estimate=False)
-        scattering = scattering or scattering_matrix(solver, scene)
+        scattering = scattering or _last_matrix(solver, scene)
         check_own(scattering, scene)
     model = EchoModel.of(
         scattering, seen, np.asarray(echoes.codes), echoes.receiving, echoes.valid, SPARE_ORDERS
