@@ -7,6 +7,7 @@ import numpy as np
 
 from airtact.errors import counted
 from airtact.evaluation.metrics import not_modelled
+from airtact.evaluation.slices import window_pressure
 from airtact.evaluation.windows import plane_of_scene
 from airtact.reports.field_figure import Cut, draw_field, solid_depth
 from airtact.reports.page import picture, write_page
@@ -26,7 +27,8 @@ def write_methods_page(
     page = folder / "methods.html"
     with clock.step("cuts", "computing the fields in the pictures"):
         window = plane_of_scene(setup.scene, setup.target.points)
-        pressures = dict(zip(emitted, contest.field.at(window.points).T, strict=True))
+        pictured = window_pressure(contest.field.for_pictures, window)
+        pressures = dict(zip(emitted, pictured.T, strict=True))
         cut = Cut(window, pressures, solid_depth(setup.scene, window.points))
     with clock.step("3-D scene", "computing the fields in the 3-D scene"):
         as_emitted = "the levels that they emit"

@@ -125,8 +125,9 @@ def locate(
         parameter, such as the gap of two fingers.
     array : the transducers in their own frame, in the order of the codes.
     start : initial pose of the obstacles in the array's frame, correct to about 5 mm and 8 degrees.
-    scattering : scattering matrix of the scene. By default the solver computes it in the first call
-        with a scene, and the last matrix is kept. Omit it for a family, which contains its matrices.
+    scattering : scattering matrix of the scene; by default the solver computes it in the first call
+        with the scene, and the next calls reuse it. Omit it for a family, which contains its
+        matrices.
     solver : solver of the scattering matrix; by default
         ``BoundaryElement(accuracy=0.005, estimate=False)``.
 
