@@ -4,8 +4,6 @@ import h5py
 import numpy as np
 import pytest
 import trimesh
-import vtk
-from vtk.util import numpy_support
 
 import airtact as at
 from airtact.evaluation.windows import Box
@@ -22,6 +20,14 @@ PANELS = panels_of([BALL.shape, ROD.shape], 4e-3, np.empty((0, 3)), 2e-3)
 WRITTEN = (PANELS.quadratic_triangles, {"deviation": PANELS.deviation, "body": PANELS.body})
 
 
+@pytest.fixture(scope="module")
+def vtk():
+    """The module of that name, which every worker would import with this file."""
+    import vtk.util.numpy_support
+
+    return vtk
+
+
 @pytest.mark.parametrize("ending", FLAT)
 def test_flat_triangles_are_read_back_in_metres(tmp_path, ending):
     path = tmp_path / f"panels{ending}"
@@ -34,7 +40,7 @@ def test_flat_triangles_are_read_back_in_metres(tmp_path, ending):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_vtk_reads_the_panels_back(tmp_path):
+def test_vtk_reads_the_panels_back(vtk, tmp_path):
     path = tmp_path / "panels.vtkhdf"
     write_triangles(path, *WRITTEN)
     reader = vtk.vtkHDFReader()
@@ -46,10 +52,10 @@ def test_vtk_reads_the_panels_back(tmp_path):
         "vtkQuadraticTriangle"
     }
     np.testing.assert_array_equal(
-        numpy_support.vtk_to_numpy(grid.GetPoints().GetData()),
+        vtk.util.numpy_support.vtk_to_numpy(grid.GetPoints().GetData()),
         PANELS.quadratic_triangles.reshape(-1, 3),
     )
-    areas = numpy_support.vtk_to_numpy(grid.GetCellData().GetArray("area"))
+    areas = vtk.util.numpy_support.vtk_to_numpy(grid.GetCellData().GetArray("area"))
     np.testing.assert_array_equal(areas, panel_areas(PANELS.quadratic_triangles))
     skin = vtk.vtkDataSetSurfaceFilter()
     skin.SetNonlinearSubdivisionLevel(
@@ -119,7 +125,7 @@ def test_the_tree_of_the_file_links_to_image_and_bodies(written):
         )
 
 
-def test_vtk_reads_it_back(written):
+def test_vtk_reads_it_back(vtk, written):
     path, pressure, bodies = written
     reader = vtk.vtkHDFReader()
     reader.SetFileName(str(path))
@@ -127,12 +133,12 @@ def test_vtk_reads_it_back(written):
     collection = reader.GetOutputDataObject(0)
     image, polygons = (collection.GetPartition(index, 0) for index in range(2))
     parts = [
-        numpy_support.vtk_to_numpy(image.GetPointData().GetArray(name))
+        vtk.util.numpy_support.vtk_to_numpy(image.GetPointData().GetArray(name))
         for name in ("pressure_real", "pressure_imag")
     ]
     np.testing.assert_array_equal(parts[0] + 1j * parts[1], pressure)
     places = np.array([image.GetPoint(index) for index in range(image.GetNumberOfPoints())])
     np.testing.assert_allclose(places, BOX.points, atol=1e-15)
     assert polygons.GetNumberOfPolys() == sum(len(body.triangles) for body in bodies)
-    numbers = numpy_support.vtk_to_numpy(polygons.GetCellData().GetArray("body"))
+    numbers = vtk.util.numpy_support.vtk_to_numpy(polygons.GetCellData().GetArray("body"))
     assert np.bincount(numbers).tolist() == [len(body.triangles) for body in bodies]

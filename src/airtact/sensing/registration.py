@@ -181,6 +181,9 @@ def locate(
         scattering, seen, np.asarray(echoes.codes), echoes.receiving, echoes.valid, SPARE_ORDERS
     )
     fit = _Fit(model, np.asarray(echoes.pressures), echoes.noise or 0.0, family)
+    # A motion without any effect, such as the rotation of a ball, would send the search far away.
+    derivatives = fit.derivatives(np.zeros(len(fit.units)))
+    _check_determined(derivatives.T @ derivatives, fit.units, 1e-6, start, *fit.measured.shape)
     best = fit.best()
     # The last steps exclude receivers that disagree with every pose.
     missing = fit.missing(best)
