@@ -14,11 +14,13 @@ import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
+import checked_types
 from paths import GENERIC_HAND
 
 mpl.use("Agg")
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs of a shell ignore it
+jaxtyping.jaxtyped = checked_types.jaxtyped
 install_import_hook("airtact", "checked_types.check")
 settings.register_profile("airtact", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("airtact")
