@@ -28,6 +28,7 @@ NAMES = (
     "live",
     "mesh",
     "place",
+    "register",
     "render",
     "selfcheck",
     "sense",

@@ -16,5 +16,8 @@ from .tracking.recordings import Recording as Recording
 from .tracking.recordings import load_recording as load_recording
 from .tracking.recordings import replay as replay
 from .tracking.recordings import save_recording as save_recording
+from .tracking.registration import Registration as Registration
+from .tracking.registration import RestingFingertip as RestingFingertip
+from .tracking.registration import register as register
 from .tracking.stream import HandStream as HandStream
 from .tracking.stream import StreamHealth as StreamHealth

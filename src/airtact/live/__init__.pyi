@@ -11,6 +11,11 @@ from .moment import Controls as Controls
 from .moment import DriveMaker as DriveMaker
 from .moment import Moment as Moment
 from .output import Output as Output
+from .registering import RegisteredTracker as RegisteredTracker
+from .registering import TouchStep as TouchStep
+from .registering import elements_to_touch as elements_to_touch
+from .registering import register_tracker as register_tracker
+from .registering import write_tracker as write_tracker
 from .running import drive_at_rest as drive_at_rest
 from .running import hands_from as hands_from
 from .running import output_to as output_to

@@ -145,7 +145,7 @@ def record(
             f"a recording ends in {ENDING}, not in {file.suffix!r}: change the file name.",
             code="unknown_format",
         )
-    hands = _received(source)
+    hands = received(source)
     if hands is None:
         raise InvalidInput(
             f"only frames from trackers are recorded, not {source}: give websocket or osc.",
@@ -205,9 +205,9 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
         return RecordedHands(moved_to(motion, setup.hands[0]), loop=True, world=world)
     if source == "page":
         return HandSource("the hand on the page", world=world)
-    received = _received(source, setup.tracker, world)
-    if received is not None:
-        return received
+    hands = received(source, setup.tracker, world)
+    if hands is not None:
+        return hands
     path = Path(source)
     path = path / FILE if path.is_dir() else path
     if path.suffix == Path(FILE).suffix:
@@ -224,10 +224,10 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     return hands
 
 
-def _received(
+def received(
     source: str, tracker: Pose | None = None, world: World | None = None
 ) -> ReceivedHands | None:
-    """Open the socket that a source names, if any."""
+    """Open the socket that a source names; None if it names none."""
     kind, colon, port = source.partition(":")
     if kind not in PORTS:
         return None

@@ -1,0 +1,130 @@
+"""``airtact register``: find where the tracker stands, from touches of transducers."""
+
+from pathlib import Path
+
+import click
+
+import airtact as at
+from airtact.cli.console import plain_table, progress, show, status_line
+from airtact.cli.options import FILE, INPUT, as_json, quiet, scene_here
+
+
+@click.command(
+    short_help="Find where the tracker stands, by touching transducers.",
+    epilog="Example: airtact register scene.toml --from websocket --write",
+)
+@click.argument("scene", type=INPUT, default="scene.toml", callback=scene_here)
+@click.option(
+    "--from",
+    "source",
+    default="websocket",
+    show_default=True,
+    metavar="websocket|FILE.jsonl",
+    help="Source of the hand: trackers (websocket or websocket:PORT), or a recording of touches.",
+)
+@click.option(
+    "--touches",
+    type=click.IntRange(min=3),
+    default=6,
+    show_default=True,
+    help="Number of touches, at transducers far from each other.",
+)
+@click.option(
+    "--element",
+    "elements",
+    type=int,
+    multiple=True,
+    help="Number of a transducer to touch; give it once per touch, in order.",
+)
+@click.option(
+    "--offset",
+    type=float,
+    help="Distance of the fingertip's joint from a touched face in metres; the radius of the hand "
+    "there by default.",
+)
+@click.option("--fit-offset", is_flag=True, help="Find that distance, too.")
+@click.option("--fit-scale", is_flag=True, help="Find a factor on the tracker's lengths, too.")
+@click.option("--write", is_flag=True, help="Write [tracker] into SCENE, keeping its comments.")
+@click.option("--out", "file", type=FILE, help="Write a copy of SCENE with [tracker].")
+@as_json
+@quiet
+def register(
+    scene: Path,
+    source: str,
+    touches: int,
+    elements: tuple[int, ...],
+    offset: float | None,
+    fit_offset: bool,
+    fit_scale: bool,
+    write: bool,
+    file: Path | None,
+) -> None:
+    """Print the [tracker] of SCENE: the pose of the tracker relative to the boards.
+
+    Touch each transducer that is named with the tip of an index finger, hold still for a second,
+    and move the finger away. Nothing is emitted. A touch that contradicts the others is asked for
+    again.
+    """
+    with progress() as report_step:
+        report_step(f"reading {scene.name}")
+        from airtact.live.registering import elements_to_touch, register_tracker, with_tracker
+
+        setup = at.read_scene(scene)
+        if write and at.example("live_pinch").parent in scene.resolve().parents:
+            raise at.InvalidInput(
+                f"{scene.name} is an example: give --out for a copy with [tracker].",
+                code="not_writable",
+            )
+        # Check before the user touches anything.
+        with_tracker(setup.text, setup.tracker)
+        chosen = elements or elements_to_touch(setup, touches)
+    with status_line() as report:
+        found = register_tracker(
+            setup,
+            source,
+            chosen,
+            offset=offset,
+            fit_offset=fit_offset,
+            fit_scale=fit_scale,
+            report=report,
+        )
+    fit = found.fit
+    table = plain_table("touch", "transducer", "off by")
+    for number, words in enumerate(found.words):
+        mark = ", left out" if number == fit.repeat else ""
+        table.add_row(f"{number + 1}", words, f"{1e3 * fit.residuals[number]:.2f} mm{mark}")
+    import numpy as np
+
+    lines = [
+        f"Standard deviation: {1e3 * fit.position_error:.2g} mm and "
+        f"{np.degrees(fit.angle_error):.2g} degrees."
+    ]
+    if fit_offset:
+        lines.append(f"The fingertip's joint is {1e3 * fit.offset:.1f} mm from a touched face.")
+    if fit_scale:
+        lines.append(f"Multiply the tracker's lengths by {fit.scale:.4f} before they are sent.")
+    written = file or (scene if write else None)
+    if written is not None:
+        at.live.write_tracker(scene, fit.tracker, written)
+    warnings = []
+    if fit.repeat is not None:
+        warnings.append(f"touch {fit.repeat + 1} contradicts the others and is left out.")
+    show(
+        table,
+        warnings=warnings,
+        lines=[*lines, "", found.table(), *([] if written is None else [f"Scene: {written}"])],
+        record={
+            "rotation": fit.tracker.rotation.tolist(),
+            "translation": fit.tracker.translation.tolist(),
+            "scale": fit.scale,
+            "offset": fit.offset,
+            "position_error": fit.position_error,
+            "angle_error": fit.angle_error,
+            "touches": [
+                {"element": element, "residual": residual}
+                for element, residual in zip(found.elements, fit.residuals.tolist(), strict=True)
+            ],
+            "repeat": fit.repeat,
+            "files": {} if written is None else {"scene": str(written)},
+        },
+    )

@@ -1,0 +1,256 @@
+"""Pose of a tracker in a scene, from touches of known points with a fingertip."""
+
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Real
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from airtact.errors import InvalidInput, fixed, in_short, points_of
+from airtact.geometry.pose import Pose, nearest_motion
+from airtact.hands.joints import GENERIC_RADII, TRACKED
+from airtact.hands.tracking.frame import HandFrame
+
+Points = Float64[np.ndarray, "touches 3"]
+
+# Index of the tip of the index finger among the 25 joints of WebXR.
+INDEX_TIP = 9
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Pose of a tracker, with its uncertainty.
+
+    Attributes
+    ----------
+    tracker : pose of the tracker in the scene.
+    scale : factor on the tracker's lengths, to be applied before the pose; 1 unless fitted.
+    offset : distance of the joint of the fingertip from a touched face [m].
+    residuals : (T,) distance of each touch from its point [m].
+    position_error : standard deviation of the position in the middle of the touched points, in the
+        least certain direction [m].
+    angle_error : standard deviation of the rotation about the least certain axis [rad].
+    repeat : touch that contradicts all others and is left out of the fit; None if they agree.
+    """
+
+    tracker: Pose
+    scale: float
+    offset: float
+    residuals: Float64[np.ndarray, "touches"]
+    position_error: float
+    angle_error: float
+    repeat: int | None
+
+    __repr__ = in_short
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A least-squares fit; see ``Registration``. ``deviations`` are those of all points (T, 3)."""
+
+    tracker: Pose
+    scale: float
+    offset: float
+    deviations: Points
+    rms: float
+    position_error: float
+    angle_error: float
+
+
+def register(
+    touched: Real[np.ndarray, "touches 3"],
+    points: Real[np.ndarray, "touches 3"],
+    normals: Real[np.ndarray, "touches 3"],
+    *,
+    offset: float | None = float(GENERIC_RADII[INDEX_TIP]),
+    scale: float | None = 1.0,
+) -> Registration:
+    """Find the pose of a tracker from touches of known points.
+
+    The fit is that of least squares. A touch is named and left out if the others agree much better
+    without it.
+
+    Parameters
+    ----------
+    touched : (T, 3) positions of the fingertip's joint in the tracker's frame, at least 3 [m].
+    points : (T, 3) touched points in the scene, not in one line [m].
+    normals : (T, 3) outward unit normals of the touched faces.
+    offset : distance of the joint from a touched face, in the finger [m]; None fits it, which needs
+        faces of different directions.
+    scale : factor on the tracker's lengths; None fits it.
+
+    Raises
+    ------
+    InvalidInput
+        If there are fewer than 3 touches, the points are in one line, the offset cannot be
+        distinguished from a shift, or the touches contradict each other by more than 10 mm and no
+        single one is the cause.
+
+    Examples
+    --------
+    >>> corners = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.1, 0.0], [0.2, 0.1, 0.0]])
+    >>> up = np.tile([0.0, 0.0, 1.0], (4, 1))
+    >>> camera = Pose.turn((1, 0, 0), np.pi, translation=(0, 0, 0.5))
+    >>> seen = camera.inverse().apply(corners + 7e-3 * up)
+    >>> register(seen, corners, up, offset=7e-3).tracker.translation[2].round(6)
+    np.float64(0.5)
+    """
+    touched = points_of(touched, "touches")
+    points = points_of(points, "touched points")
+    normals = points_of(normals, "normals of touched faces")
+    if not len(touched) == len(points) == len(normals):
+        raise InvalidInput(
+            f"there are {len(touched)} touches of {len(points)} points with {len(normals)} "
+            "normals; give one of each per touch.",
+            code="sizes_differ",
+        )
+    used = np.ones(len(points), dtype=bool)
+    fit = _fitted(touched, points, normals, used, offset, scale)
+    repeat = None
+    if len(points) > 3 + (scale is None) + (offset is None):
+        fits = {}
+        for index in range(len(points)):
+            others = used.copy()
+            others[index] = False
+            with suppress(InvalidInput):  # without this touch the others do not suffice
+                fits[index] = _fitted(touched, points, normals, others, offset, scale)
+        best = min(fits, key=lambda index: fits[index].rms)
+        distance = float(np.linalg.norm(fits[best].deviations[best]))
+        # A touch that agrees is off by less than 3 times the root mean square of the others.
+        if distance > max(2e-3, 5.0 * fits[best].rms):
+            repeat = best
+            fit = fits[best]
+    if fit.rms > 10e-3:
+        raise InvalidInput(
+            f"the touches contradict each other by {1e3 * fit.rms:.0f} mm: repeat all of them, in "
+            "the order of the points.",
+            code="pose_not_found",
+        )
+    return Registration(
+        fit.tracker,
+        fit.scale,
+        fit.offset,
+        fixed(np.linalg.norm(fit.deviations, axis=1)),
+        fit.position_error,
+        fit.angle_error,
+        repeat,
+    )
+
+
+def _fitted(
+    touched: Points,
+    points: Points,
+    normals: Points,
+    used: np.ndarray,
+    offset: float | None,
+    scale: float | None,
+) -> _Fit:
+    """Fit the used touches."""
+    middle = touched[used].mean(axis=0)
+    goals = points + (0.0 if offset is None else offset) * normals
+    spread = np.linalg.svd(goals[used] - goals[used].mean(axis=0), compute_uv=False)
+    if used.sum() < 3 or spread[1] < 0.02:
+        raise InvalidInput(
+            "the touched points are fewer than 3 or lie in one line; touch others, at least 20 mm "
+            "off the line.",
+            code="too_few",
+        )
+    first, _ = nearest_motion(touched[used], goals[used])
+    start = goals[used].mean(axis=0)
+
+    # Unknowns: small rotation about the middle [rad], its position [m], then the optional scale and
+    # offset [m]. All of them are changes of the start.
+    def unpacked(unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
+        rotation = Rotation.from_rotvec(unknowns[:3]).as_matrix() @ first
+        fitted_scale = 1.0 + unknowns[6] if scale is None else scale
+        fitted_offset = float(unknowns[-1]) if offset is None else offset
+        return rotation, start + unknowns[3:6], float(fitted_scale), fitted_offset
+
+    def deviations(unknowns: np.ndarray) -> Points:
+        rotation, place, fitted_scale, fitted_offset = unpacked(unknowns)
+        moved = fitted_scale * (touched - middle) @ rotation.T + place
+        return moved - points - fitted_offset * normals
+
+    count = 6 + (scale is None) + (offset is None)
+    solved = least_squares(lambda unknowns: deviations(unknowns)[used].ravel(), np.zeros(count))
+    jacobian = solved.jac
+    # Columns of rotation and scale are lengths, the others have no unit: scale before comparing.
+    lengths = np.linalg.norm(jacobian, axis=0)
+    if np.linalg.svd(jacobian / lengths, compute_uv=False)[-1] < 0.05:
+        raise InvalidInput(
+            "the touched faces have nearly the same direction, so the offset of the fingertip "
+            "cannot be told from the distance of the tracker; give the offset, or touch faces of "
+            "other directions.",
+            code="data_missing",
+        )
+    freedom = 3 * int(used.sum()) - count
+    variance = 2.0 * solved.cost / max(freedom, 1)
+    covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
+    rotation, place, fitted_scale, fitted_offset = unpacked(solved.x)
+    return _Fit(
+        Pose(rotation, place - fitted_scale * rotation @ middle),
+        fitted_scale,
+        fitted_offset,
+        deviations(solved.x),
+        float(np.sqrt(2.0 * solved.cost / used.sum())),
+        float(np.sqrt(np.linalg.eigvalsh(covariance[3:6, 3:6])[-1])),
+        float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1])),
+    )
+
+
+class RestingFingertip:
+    """Finds when the tip of the index finger rests for a second, and where.
+
+    Attributes
+    ----------
+    share : share of the second that the tip has rested so far.
+    """
+
+    def __init__(self) -> None:
+        self._window: deque[tuple[float, np.ndarray]] = deque()
+        self._last: np.ndarray | None = None
+        self.share = 0.0
+
+    def take(self, frame: HandFrame) -> Float64[np.ndarray, "3"] | None:
+        """Take a frame; return the mean position of the tip (3,) after a second of rest [m].
+
+        The next rest only counts after the tip has moved by 30 mm.
+        """
+        if frame.landmarks is None:
+            self._window.clear()
+            self.share = 0.0
+            return None
+        tips = {25: INDEX_TIP, 21: int(np.flatnonzero(TRACKED == INDEX_TIP)[0])}
+        tip = frame.landmarks[tips[len(frame.landmarks)]]
+        if self._last is not None:
+            if np.linalg.norm(tip - self._last) < 30e-3:
+                return None
+            self._last = None
+        if self._window and not 0.0 < frame.time - self._window[-1][0] < 0.3:
+            self._window.clear()
+        self._window.append((frame.time, tip))
+        # Begin anew at the newest frame from which on the tip rests.
+        while not self._rests():
+            self._window.popleft()
+        self.share = min(frame.time - self._window[0][0], 1.0)
+        if self.share < 1.0:
+            return None
+        place = np.mean([position for _, position in self._window], axis=0)
+        self._window.clear()
+        self._last = place
+        self.share = 0.0
+        return place
+
+    def _rests(self) -> bool:
+        """Return whether the tip moves less than noise of 3 mm explains."""
+        places = np.array([position for _, position in self._window])
+        half = len(places) // 2
+        if half == 0:
+            return True
+        drift = np.linalg.norm(places[:half].mean(axis=0) - places[half:].mean(axis=0))
+        # Drift is measured between means, so that noise averages out.
+        near = bool((np.ptp(places, axis=0) < 15e-3).all())
+        return near and float(drift) < 2e-3 + 4e-3 / half

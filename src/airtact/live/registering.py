@@ -1,0 +1,305 @@
+"""Where the tracker stands: the user touches known transducers, and a fit gives its pose."""
+
+import queue
+import re
+import time
+import tomllib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
+
+from airtact.errors import InvalidInput, in_mm
+from airtact.files.atomic import whole_file
+from airtact.files.bounded import text_of
+from airtact.geometry.pose import Pose
+from airtact.hands.joints import GENERIC_RADII
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.recordings import load_recording
+from airtact.hands.tracking.registration import (
+    INDEX_TIP,
+    Registration,
+    RestingFingertip,
+    register,
+)
+from airtact.live.running import received
+from airtact.setup.setup import Setup
+from airtact.transducers.boards import board_named
+
+
+@dataclass(frozen=True)
+class TouchStep:
+    """Progress of a registration, for a page or a terminal.
+
+    Attributes
+    ----------
+    number, count : number of the touch, from 1, and of all touches.
+    element, point : transducer to touch, and its position in the scene (3,) [m].
+    words : name of the transducer.
+    share : share of the second that the fingertip has rested; 1 when the touch is taken.
+    trouble : why no fingertip is seen; "" if it is.
+    """
+
+    number: int
+    count: int
+    element: int
+    point: Float64[np.ndarray, "3"]
+    words: str
+    share: float
+    trouble: str = ""
+
+    def __str__(self) -> str:
+        """One line of text."""
+        state = "taken; move away" if self.share == 1.0 else f"hold for {1.0 - self.share:.1f} s"
+        return f"touch {self.number} of {self.count}: {self.words}: {self.trouble or state}"
+
+
+@dataclass(frozen=True, eq=False)
+class RegisteredTracker:
+    """Result of ``register_tracker``.
+
+    Attributes
+    ----------
+    fit : the pose with its uncertainty.
+    elements : (T,) touched transducers.
+    words : their names.
+    """
+
+    fit: Registration
+    elements: tuple[int, ...]
+    words: tuple[str, ...]
+
+    def table(self) -> str:
+        """Write the ``[tracker]`` table of a scene file."""
+        values = _values(self.fit.tracker)
+        return "\n".join(["[tracker]", *(f"{key} = {value}" for key, value in values.items())])
+
+
+def elements_to_touch(setup: Setup, count: int = 6) -> tuple[int, ...]:
+    """Return transducers that are far from each other, such as the corners of boards.
+
+    Raises
+    ------
+    InvalidInput
+        If the count is below 3 or above the number of transducers.
+    """
+    positions = setup.array.positions
+    if not 3 <= count <= len(positions):
+        raise InvalidInput(
+            f"{count} touches are not possible: give 3 to {len(positions)}, better 6 or more.",
+            code="out_of_range",
+        )
+    chosen = [int(np.argmax(np.linalg.norm(positions - positions.mean(axis=0), axis=1)))]
+    while len(chosen) < count:
+        distances = np.linalg.norm(positions[:, None] - positions[chosen], axis=2).min(axis=1)
+        chosen.append(int(distances.argmax()))
+    return tuple(chosen)
+
+
+def register_tracker(
+    setup: Setup,
+    source: str,
+    elements: Iterable[int] | None = None,
+    *,
+    offset: float | None = None,
+    fit_offset: bool = False,
+    fit_scale: bool = False,
+    report: Callable[[TouchStep], None] = lambda step: None,
+) -> RegisteredTracker:
+    """Find the pose of a tracker from touches of transducers with an index fingertip.
+
+    The user touches each transducer for a second, in order, and moves the finger away in between. A
+    touch that contradicts the others is asked for again, up to three times.
+
+    Parameters
+    ----------
+    setup : scene with the array.
+    source : "websocket", with ":PORT" for another port, or a recording of the touches.
+    elements : transducers to touch, in order; by default those of ``elements_to_touch``.
+    offset : distance of the fingertip's joint from a touched face [m]; by default the radius of the
+        scene's hand, or of a generic one.
+    fit_offset, fit_scale : whether the offset, or a factor on the tracker's lengths, is fitted.
+    report : called with the progress, up to ten times per second.
+
+    Raises
+    ------
+    InvalidInput
+        As ``register``; if an element does not exist; or a recording has too few touches.
+    """
+    chosen = elements_to_touch(setup) if elements is None else tuple(elements)
+    wrong = [element for element in chosen if not 0 <= element < len(setup.array)]
+    if wrong:
+        raise InvalidInput(
+            f"there is no transducer {wrong[0]}; give numbers from 0 to {len(setup.array) - 1}.",
+            code="out_of_range",
+        )
+    words = tuple(_named(setup, element) for element in chosen)
+    points = setup.array.positions[list(chosen)]
+    normals = setup.array.normals[list(chosen)]
+    if offset is None:
+        radii = setup.hands[0].radii if setup.hands else GENERIC_RADII
+        offset = float(radii[INDEX_TIP])
+    # The other hand may rest elsewhere.
+    side = setup.hands[0].side if setup.hands else None
+    touched = np.full((len(chosen), 3), np.nan)
+    pending = list(range(len(chosen)))
+    attempts = 3
+    finger = RestingFingertip()
+    reported = -np.inf
+    fit: Registration | None = None
+    for frame in _frames(source):
+        number = pending[0]
+        name = words[number]
+        if fit is not None:
+            name += f" again, which was off by {1e3 * fit.residuals[number]:.0f} mm"
+        step = (number + 1, len(chosen), chosen[number], points[number], name)
+        if isinstance(frame, str):
+            report(TouchStep(*step, share=0.0, trouble=frame))
+            continue
+        side = side or frame.side
+        if frame.side != side:
+            continue
+        place = finger.take(frame)
+        if place is None:
+            if abs(frame.time - reported) >= 0.1:
+                reported = frame.time
+                trouble = "the hand is lost" if frame.landmarks is None else ""
+                report(TouchStep(*step, share=min(finger.share, 0.99), trouble=trouble))
+            continue
+        touched[number] = place
+        report(TouchStep(*step, share=1.0))
+        pending.pop(0)
+        if pending:
+            continue
+        fit = register(
+            touched,
+            points,
+            normals,
+            offset=None if fit_offset else offset,
+            scale=None if fit_scale else 1.0,
+        )
+        attempts -= 1
+        if fit.repeat is None or attempts == 0:
+            return RegisteredTracker(fit, chosen, words)
+        pending.append(fit.repeat)
+    if fit is None:
+        count = int(np.isfinite(touched[:, 0]).sum())
+        raise InvalidInput(
+            f"{source} has {count} touches, but {len(chosen)} transducers were to be touched: rest "
+            "the fingertip on each for a second, and move it away in between.",
+            code="too_few",
+        )
+    return RegisteredTracker(fit, chosen, words)
+
+
+def _frames(source: str) -> Iterator[HandFrame | str]:
+    """Yield the frames of a recording or tracker in its own axes, or why there is none."""
+    hands = received(source)
+    if hands is None:
+        yield from load_recording(source, leave_out=True).frames
+        return
+    frames: queue.SimpleQueue[HandFrame] = queue.SimpleQueue()
+    try:
+        stream = hands.begin(lambda frame, arrived: frames.put(frame))
+        before = stream.health
+        checked = time.monotonic()
+        while True:
+            try:
+                yield frames.get(timeout=0.1)
+            except queue.Empty:
+                if time.monotonic() - checked >= 0.5:
+                    checked = time.monotonic()
+                    health = stream.health
+                    waiting = f"waiting for a hand at {hands.words}"
+                    yield health.rejected_since(before) or hands.remark() or waiting
+                    before = health
+    finally:
+        hands.close()
+
+
+def _named(setup: Setup, element: int) -> str:
+    """Name a transducer by its number, on its board if there are several."""
+    place = in_mm(setup.array.positions[element])
+    count = len(board_named(setup.board)) if setup.board is not None else len(setup.array)
+    if len(setup.array) <= count:
+        return f"transducer {element} at {place}"
+    return f"transducer {element % count} of board {element // count + 1} at {place}"
+
+
+def _values(pose: Pose) -> dict[str, str]:
+    """Write a pose as the values of a table in a scene file."""
+    turn = Rotation.from_matrix(pose.rotation).as_rotvec()
+    angle = float(np.linalg.norm(turn))
+    axis = turn / angle if angle > 0.0 else np.array([1.0, 0.0, 0.0])
+    return {
+        "axis": "[" + ", ".join(f"{number:.6f}" for number in axis) + "]",
+        "degrees": f"{np.degrees(angle):.4f}",
+        "translation": "[" + ", ".join(f"{number:.5f}" for number in pose.translation) + "]",
+    }
+
+
+def with_tracker(text: str, pose: Pose) -> str:
+    """Return the text of a scene file with another ``[tracker]``; all else stays, with comments.
+
+    Raises
+    ------
+    InvalidInput
+        If the tracker is written in another way than as a table ``[tracker]``.
+    """
+    values = _values(pose)
+    lines = text.splitlines(keepends=True)
+    header = re.compile(r"\s*\[\s*tracker\s*\]")
+    starts = [index for index, line in enumerate(lines) if header.match(line)]
+    if starts:
+        start = starts[0] + 1
+        end = start
+        depth = 0  # of brackets: a row of a matrix begins like the header of a table
+        kept = []
+        while end < len(lines) and (depth or not lines[end].lstrip().startswith("[")):
+            line, hash_sign, comment = lines[end].partition("#")
+            key = line.partition("=")[0].strip()
+            if depth == 0 and key in values and hash_sign:
+                values[key] += f" #{comment.rstrip()}"
+            if not depth and key not in ("axis", "degrees", "rotation", "translation"):
+                kept.append(lines[end])
+            depth += line.count("[") - line.count("]")
+            end += 1
+        new = [f"{key} = {value}\n" for key, value in values.items()]
+        changed = "".join([*lines[:start], *new, *kept, *lines[end:]])
+    else:
+        table = "".join(f"{key} = {value}\n" for key, value in values.items())
+        changed = f"{text.rstrip()}\n\n[tracker]\n{table}"
+    try:
+        after = tomllib.loads(changed)
+        before = tomllib.loads(text)
+        same = {**before, "tracker": 0} == {**after, "tracker": 0}
+    except tomllib.TOMLDecodeError:
+        same = False
+    if not same:
+        raise InvalidInput(
+            "the tracker is not written as a table [tracker]: write the values there yourself.",
+            code="not_writable",
+        )
+    return changed
+
+
+def write_tracker(scene: str | Path, pose: Pose, copy: str | Path | None = None) -> None:
+    """Write ``[tracker]`` into a scene file, or into a copy of it; all else stays.
+
+    Parameters
+    ----------
+    scene : the scene file; without ``copy`` it is changed.
+    pose : pose of the tracker.
+    copy : file for the copy, in the same folder if the scene names other files.
+
+    Raises
+    ------
+    InvalidInput
+        As ``with_tracker``.
+    """
+    changed = with_tracker(text_of(Path(scene)), pose)
+    with whole_file(Path(copy or scene)) as unfinished:
+        unfinished.write_bytes(changed.encode())
