@@ -19,7 +19,7 @@ TRACKER = at.Pose.turn((1.0, 0.2, 0.0), 2.9, translation=(0.02, 0.03, 0.5))
 def touching(setup: at.Setup, shifts: dict[int, float], order=None) -> list[at.hands.HandFrame]:
     """Frames of a hand that touches the transducers in turn, some of them too far along x [m]."""
     hand, array = setup.hands[0], setup.array
-    elements = at.live.elements_to_touch(setup)
+    elements = at.live.elements_to_touch(array)
     random = np.random.default_rng(0)
     places = []
     for time, number in enumerate(range(6) if order is None else order):
@@ -55,9 +55,7 @@ def test_touches_of_a_recording_give_the_pose_and_a_wrong_one_is_asked_for_again
     taken = [step.number for step in steps if step.share == 1.0]
     assert taken == [1, 2, 3, 4, 5, 6, 3]
     assert "again, which was off by 20 mm" in str(steps[-1])
-    np.testing.assert_array_equal(
-        steps[0].point, example_setup.array.positions[steps[0].element]
-    )
+    np.testing.assert_array_equal(steps[0].point, example_setup.array.positions[steps[0].element])
     assert tomllib.loads(found.table())["tracker"]["degrees"] == pytest.approx(
         np.degrees(2.9), abs=0.3
     )
@@ -93,7 +91,7 @@ def test_too_few_touches_and_no_such_transducer_are_rejected(example_setup, tmp_
     with raises_code("out_of_range", "9999"):
         at.live.register_tracker(example_setup, str(path), [0, 1, 9999])
     with raises_code("out_of_range"):
-        at.live.elements_to_touch(example_setup, 2)
+        at.live.elements_to_touch(example_setup.array, 2)
 
 
 def test_the_command_writes_a_copy_and_never_an_example(example_setup, tmp_path, capsys):

@@ -77,7 +77,7 @@ def register(
             )
         # Check before the user touches anything.
         with_tracker(setup.text, setup.tracker)
-        chosen = elements or elements_to_touch(setup, touches)
+        chosen = elements or elements_to_touch(setup.array, touches)
     with status_line() as report:
         found = register_tracker(
             setup,

@@ -28,6 +28,7 @@ from airtact.hands.tracking.registration import (
 from airtact.live.running import received
 from airtact.setup.setup import Setup
 from airtact.transducers.boards import board_named
+from airtact.transducers.layout import PhasedArray
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class RegisteredTracker:
         return "\n".join(["[tracker]", *(f"{key} = {value}" for key, value in values.items())])
 
 
-def elements_to_touch(setup: Setup, count: int = 6) -> tuple[int, ...]:
+def elements_to_touch(array: PhasedArray, count: int = 6) -> tuple[int, ...]:
     """Return transducers that are far from each other, such as the corners of boards.
 
     Raises
@@ -86,7 +87,7 @@ def elements_to_touch(setup: Setup, count: int = 6) -> tuple[int, ...]:
     InvalidInput
         If the count is below 3 or above the number of transducers.
     """
-    positions = setup.array.positions
+    positions = array.positions
     if not 3 <= count <= len(positions):
         raise InvalidInput(
             f"{count} touches are not possible: give 3 to {len(positions)}, better 6 or more.",
@@ -94,8 +95,9 @@ def elements_to_touch(setup: Setup, count: int = 6) -> tuple[int, ...]:
         )
     chosen = [int(np.argmax(np.linalg.norm(positions - positions.mean(axis=0), axis=1)))]
     while len(chosen) < count:
-        distances = np.linalg.norm(positions[:, None] - positions[chosen], axis=2).min(axis=1)
-        chosen.append(int(distances.argmax()))
+        distances = np.linalg.norm(positions[:, None] - positions[chosen], axis=2)
+        # The product prefers corners; the smallest distance would prefer places between them.
+        chosen.append(int(distances.prod(axis=1).argmax()))
     return tuple(chosen)
 
 
@@ -129,7 +131,7 @@ def register_tracker(
     InvalidInput
         As ``register``; if an element does not exist; or a recording has too few touches.
     """
-    chosen = elements_to_touch(setup) if elements is None else tuple(elements)
+    chosen = elements_to_touch(setup.array) if elements is None else tuple(elements)
     wrong = [element for element in chosen if not 0 <= element < len(setup.array)]
     if wrong:
         raise InvalidInput(

@@ -17,7 +17,9 @@ OFFSET = 7e-3
 
 def seen(random, points=POINTS, normals=NORMALS, bias=2e-3):
     """A tracker's pose, its bias, and what it measures of touches of a second at 60 frames/s with 1 mm of noise."""
-    tracker = at.Pose.turn(random.normal(size=3), random.uniform(0, 3), random.uniform(-0.5, 0.5, 3))
+    tracker = at.Pose.turn(
+        random.normal(size=3), random.uniform(0, 3), random.uniform(-0.5, 0.5, 3)
+    )
     shift = random.normal(size=3)
     shift *= bias / np.linalg.norm(shift)
     noise = 1e-3 * random.normal(size=(60, len(points), 3)).mean(axis=0)
