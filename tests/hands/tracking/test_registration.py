@@ -68,7 +68,7 @@ def test_scale_and_offset_are_found_if_faces_differ():
     box = at.surrounding_box()
     elements = [0, 248, 300, 480, 600, 700, 800, 995]
     points, normals = box.positions[elements], box.normals[elements]
-    tracker, _, touched = seen(np.random.default_rng(2), points, normals, bias=0.0)
+    _, _, touched = seen(np.random.default_rng(2), points, normals, bias=0.0)
     found = at.hands.register(touched / 1.04, points, normals, offset=None, scale=None)
     assert found.scale == pytest.approx(1.04, abs=2e-3)
     assert found.offset == pytest.approx(OFFSET, abs=0.5e-3)
