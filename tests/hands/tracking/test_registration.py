@@ -91,7 +91,7 @@ TOUCHES = seen(np.random.default_rng(3))[2]
         ("not_finite", (np.nan * TOUCHES, POINTS, NORMALS), {}),
     ],
 )
-def test_touches_that_give_no_pose_are_rejected(code, arguments, options):
+def test_touches_that_give_no_pose_are_rejected(code, arguments, options, as_outside_the_tests):
     with raises_code(code):
         at.hands.register(*arguments, **options)
 
