@@ -18,7 +18,7 @@ PATIENCE = 120.0
 """The pictures are drawn by the processor, which others may be using [s]."""
 
 
-def opened_page(browser, address, script=None):
+def opened_page(browser, address, file=None, script=None):
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     page.set_default_timeout(1e3 * PATIENCE)
     page.asked, page.faults = [], []
@@ -28,10 +28,12 @@ def opened_page(browser, address, script=None):
         lambda message: page.faults.append(message.text) if message.type == "error" else None,
     )
     page.on("pageerror", lambda fault: page.faults.append(str(fault)))
+    if file is not None:
+        page.add_init_script(path=file)
     if script is not None:
-        page.add_init_script(path=script)
+        page.add_init_script(script)
     page.goto(address)
-    page.locator("#foci tr").first.wait_for()
+    page.locator("#numbers tr").first.wait_for()
     page.locator("canvas[data-frames]").wait_for()
     return page
 
@@ -90,7 +92,8 @@ def test_what_is_set_on_the_page_reaches_the_loop(browser) -> None:
         page.get_by_label("index.pad on").click()
         until(lambda: at.controls.levels == {"index.pad": 0.0}, "a focus that is off")
         page.get_by_label("strength of thumb.pad").press("Home")
-        until(lambda: at.controls.levels.get("thumb.pad") == 0.01, "a weak focus")
+        levels = {"index.pad": 0.0, "thumb.pad": 0.01}
+        until(lambda: at.controls.levels == levels, "a weak focus")
         with page.expect_download() as kept:
             page.get_by_role("button", name="save as CSV").click()
         head, thumb, index = kept.value.path().read_text(encoding="utf-8").splitlines()

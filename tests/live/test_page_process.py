@@ -212,6 +212,7 @@ def test_values_that_no_browser_sends_change_nothing() -> None:
         )
         for bad in (
             *(f'{{"controls": {one}}}' for one in values),
+            '{"levels": {"a": 2}}',
             '{"hand": {"position": [0, 0, 9]}}',
             '{"hand": {"position": [0, 0, 0], "turn": [0, 0, 0, 0]}}',
             '{"offset": 7}',
@@ -220,7 +221,7 @@ def test_values_that_no_browser_sends_change_nothing() -> None:
             b"\x00\xff",
         ):
             raw.send(bad)
-        raw.send('{"controls": {"cap": 0.5, "levels": {"index.pad": 0.2}}}')
+        raw.send('{"controls": {"cap": 0.5}, "levels": {"index.pad": 0.2}}')
         until(lambda: page.controls.cap == 0.5)
         assert page.controls == replace(first, cap=0.5, levels={"index.pad": 0.2})
         assert not pressed.is_set()

@@ -53,7 +53,9 @@ class Panel {
     this.socket = new WebSocket(location.href.replace(/^http/, "ws").replace(/#.*/, ""));
     this.socket.binaryType = "arraybuffer";
     this.socket.onmessage = (message) => this.take(message.data);
+    this.socket.onopen = () => this.lost && location.reload(); // it may be another loop
     this.socket.onclose = () => {
+      this.lost = true;
       this.write("no connection to the loop", "#c92a2a");
       setTimeout(() => this.connect(), 1000);
     };
@@ -100,7 +102,7 @@ class Panel {
     const length = new DataView(buffer).getUint32(0, true);
     const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
     const { foci, controls, stopped } = facts;
-    Object.assign(this, { foci, controls });
+    this.foci = foci;
     const now = performance.now();
     this.history.push([facts.time, facts.drives, facts.latency, facts.kept]);
     this.write(...STATES[stopped ? "stopped" : facts.state]);
@@ -184,9 +186,8 @@ class Panel {
     level.setAttribute("aria-label", `strength of ${name}`);
     for (const input of [on, level]) {
       input.addEventListener("input", () => {
-        const levels = { ...this.controls.levels, [name]: on.checked ? level.value / 100 : 0 };
-        this.controls = { ...this.controls, levels };
-        this.change({ levels }, level);
+        level.until = performance.now() + 700;
+        this.send({ levels: { [name]: on.checked ? level.value / 100 : 0 } });
       });
     }
     const row = this.row(name, on, level, "");
@@ -195,8 +196,10 @@ class Panel {
 
   csv() {
     const quoted = (word) => `"${String(word).replaceAll('"', '""')}"`;
-    const lines = this.foci.map(({ name, position, pressure }) =>
-      [quoted(name), ...(position ?? ["", "", ""]), pressure ?? "", this.controls.levels[name] ?? 1].join());
+    const lines = this.foci.map(({ name, position, pressure }) => {
+      const { on, level } = this.rows.get(name);
+      return [quoted(name), ...(position ?? ["", "", ""]), pressure ?? "", on.checked ? level.value / 100 : 0].join();
+    });
     const head = "focus,x [m],y [m],z [m],peak pressure [Pa],strength";
     save("foci.csv", new Blob([[head, ...lines, ""].join("\n")], { type: "text/csv" }));
   }

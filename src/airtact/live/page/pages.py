@@ -60,6 +60,7 @@ class Said(msgspec.Struct, forbid_unknown_fields=True):
     drawn : whether a picture was drawn, so that another one can be sent.
     emergency : whether the emergency stop was pressed.
     controls : changed settings by name.
+    levels : changed strengths of foci by name.
     across, offset : axis normal to the slice of the field, and its offset from the foci [m].
     hand : changed parts of where the hand was dragged to.
     frame : a hand that a headset tracks, as trackers send it.
@@ -69,6 +70,7 @@ class Said(msgspec.Struct, forbid_unknown_fields=True):
     drawn: bool = False
     emergency: bool = False
     controls: dict[str, Any] = {}
+    levels: dict[str, float] = {}
     across: Axis | None = None
     offset: Annotated[float, msgspec.Meta(ge=-0.06, le=0.06)] | None = None
     hand: dict[str, Any] = {}
@@ -185,9 +187,13 @@ class Pages:
         if said.emergency:
             self._send(("emergency", None))
             self._stopped = True
-        if said.controls and not self._stopped:
-            # The constructor checks every value.
+        if (said.controls or said.levels) and not self._stopped:
             changed = {**asdict(self._controls), **said.controls}
+            if said.levels:
+                # Foci come and go; those changed last are kept.
+                levels = {**self._controls.levels, **said.levels}
+                changed["levels"] = dict(list(levels.items())[-256:])
+            # The constructor checks every value.
             self._controls = msgspec.convert(changed, Controls)
             self._send(("controls", self._controls))
         if said.across is not None:

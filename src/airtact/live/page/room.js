@@ -130,6 +130,7 @@ class Room extends Stage {
     const count = triangles.reduce((most, vertex) => Math.max(most, vertex), 0) + 1;
     const mesh = this.surfaceOf(new Float32Array(3 * count), triangles);
     this.colourSkin(mesh, new Uint8Array(count));
+    this.sound = null; // the newest pressure is not on this mesh yet
     return mesh;
   }
 
@@ -169,6 +170,11 @@ class Room extends Stage {
     this.uniforms.plain.value = !heard || !this.control("surfaces").checked;
     this.slice.visible = heard && this.control("slice").checked;
     this.draw();
+  }
+
+  // In a headset, the session asks for pictures.
+  draw() {
+    if (!this.renderer.xr.isPresenting) super.draw();
   }
 
   prepare() {}
