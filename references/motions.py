@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from airtact.hands.hand import hand_from_joints
 from airtact.hands.tracking.frame import HandFrame
@@ -106,4 +107,34 @@ def reaching_recording() -> list[HandFrame]:
         gone = np.array([reached(time), 0.0, 0.0])
         joints = motion.at(time) - gone + to_and_fro(time)
         frames.append(HandFrame(time, "left", index, joints))
+    return frames
+
+
+SMALL = 0.8
+"""Size of the hand that fits into the paper's box, relative to the pinch pose."""
+
+UPRIGHT = (0.954, 0.373, -0.933)
+"""Its rotation vector [rad]: of 40,000, the one whose hand is farthest from the walls."""
+
+
+BETWEEN_FINGERS = np.array([-0.01606, 0.00563, -0.01817])
+"""Middle of the gap between its thumb and index finger [m], before it is moved to the ball."""
+
+
+@cache
+def grasping_recording() -> list[HandFrame]:
+    """Make the frames of ``examples/hands/grasping.jsonl``: 2 s at 30 frames/s, which can be played in a loop.
+
+    Thumb and index finger close from 34.5 to 20.5 mm around the ball of ``touch_ball``, at the origin.
+    """
+    turn = Rotation.from_rotvec(UPRIGHT)
+    motion = Pinching()
+    poses = SMALL * turn.apply(motion.joints.reshape(-1, 3)).reshape(motion.joints.shape)
+    frames = []
+    for index in range(60):
+        gap = 0.0275 + 0.007 * np.cos(np.pi * index / 30)
+        position = np.interp(gap / SMALL, motion.gaps, np.arange(len(motion.gaps)))
+        low = min(int(position), len(motion.gaps) - 2)
+        joints = poses[low] + (position - low) * (poses[low + 1] - poses[low]) - BETWEEN_FINGERS
+        frames.append(HandFrame(index / 30, "left", index, np.round(joints, 5)))
     return frames

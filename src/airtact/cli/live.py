@@ -114,8 +114,8 @@ def live(
 ) -> None:
     """Follow the hand of SCENE with the sound, and record the run in session.h5.
 
-    SCENE is the example live_pinch by default. Its foci must be named points of a hand, such as
-    at = "thumb.pad". The sound fades to silence when the hand is lost, leaves the workspace or is
+    SCENE is the example live_pinch by default. Its foci are where the hands touch its [[objects]],
+    or named points of a hand, such as at = "thumb.pad". The sound fades to silence when the hand is lost, leaves the workspace or is
     not seen for 150 ms. Without --cap and --full-scale the level half a metre from the array is
     limited to 110 dB. Ctrl-C ends the run in silence.
 
@@ -134,6 +134,8 @@ def live(
         for index, pressures, kept in zip(
             verified.indices, verified.pressures.tolist(), verified.kept.tolist(), strict=True
         ):
+            # A drive with fewer foci than others is padded with NaN.
+            pressures = [pressure for pressure in pressures if pressure == pressure]
             time = float(recorded.time_in_air[index] - start)
             rule = recorded.rules[index]
             table.add_row(f"{time:.2f} s", rule, f"{min(pressures):,.0f} Pa", f"{kept:.0%}")
@@ -155,7 +157,7 @@ def live(
         # Check these before trackers and boards are opened.
         if share is not None:
             check_cap(share)
-        setup = at.read_scene(scene)
+        setup = at.read_scene(scene, moving=True)
         writable_folder(folder)
         output = at.live.output_to(setup, folder, board, link, **settings)
         notes = []

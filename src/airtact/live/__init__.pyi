@@ -1,5 +1,6 @@
 from .client import Client as Client
 from .drives.maker import HandAware as HandAware
+from .drives.touching import TouchAware as TouchAware
 from .loop import Followed as Followed
 from .loop import Status as Status
 from .loop import follow as follow

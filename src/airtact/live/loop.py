@@ -7,13 +7,15 @@ from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Complex128
+from jaxtyping import Complex128, Float64
 from threadpoolctl import threadpool_limits
 
+from airtact.acoustics.target import Target
 from airtact.drives.head_level import HeadLevel
+from airtact.drives.transfer import focus_by_distance
 from airtact.emission.link import LinkFailed
 from airtact.errors import InvalidInput
-from airtact.hands.hand import Hand
+from airtact.hands.hand import Hand, Side
 from airtact.hands.tracking.clock import FrameClock, checked_latency
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.stream import StreamHealth
@@ -21,7 +23,7 @@ from airtact.live.moment import Controls, DriveMaker, Moment, State
 from airtact.live.output import Output
 from airtact.live.page.process import PageProcess
 from airtact.live.safety import MAX_FRAME_AGE, Gain, Workspace, hand_of
-from airtact.live.scene import Amplitudes, LiveScene, foci_on
+from airtact.live.scene import SIDES, Amplitudes, LiveScene, foci_on
 from airtact.live.session import SessionWriter
 from airtact.live.sources import HandSource, checked_seconds
 from airtact.live.world import World
@@ -171,12 +173,12 @@ def follow(
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s].
     cap : largest amplitude of an element, as a share of full scale. By default it limits the level
-        at a head 0.5 m from the array to 110 dB SPL, computed for the first drive; 1 without
-        boards.
+        at a head 0.5 m from the array to 110 dB SPL, wherever the foci are; 1 without boards.
     controls : initial settings; those of the page replace them.
     page : shows every moment, and changes the controls.
     report : called twice a second with the status.
-    world : objects and foci that applications change; it is told what the loop does.
+    world : objects and foci that applications change; it is told what the loop does. By default
+        the objects of the scene stay.
 
     Returns
     -------
@@ -193,8 +195,10 @@ def follow(
     output = output or Output()
     if cap is not None:
         output.limit(cap)
-    clock = hands.stream.clock(scene.side)
-    clock.latency = checked_latency(latency)
+    clocks: dict[Side, FrameClock] = {side: hands.stream.clock(side) for side in SIDES}
+    for clock in clocks.values():
+        clock.latency = checked_latency(latency)
+    world = world or World(scene.objects)
     with ExitStack() as closing:
         closing.callback(maker.close)
         if session is not None:
@@ -203,8 +207,8 @@ def follow(
         closing.enter_context(output)
         if session is not None:
             session.begin()
-        loop = _Loop(scene, maker, output, clock, session, cap, controls or Controls(), page)
-        loop.world = world or World()
+        controls = controls or Controls()
+        loop = _Loop(scene, maker, output, clocks, session, cap, controls, page, world)
         done = loop.run(hands, duration, report)
     # Closing the session may fail, too.
     return done if session is None else replace(done, unrecorded=session.fault)
@@ -224,12 +228,12 @@ class _Loop:
     scene: LiveScene
     maker: DriveMaker
     output: Output
-    clock: FrameClock
+    clocks: dict[Side, FrameClock]
     session: SessionWriter | None
-    cap: float | None
+    given_cap: float | None
     controls: Controls
     page: PageProcess | None
-    world: World = field(default_factory=World)
+    world: World
     gain: Gain = field(default_factory=Gain)
     modulated: bool = False
     # Times by the frames' clock and by the computer's, from which the next due time follows.
@@ -240,7 +244,10 @@ class _Loop:
     begun: float = 0.0  # when the last drive was started
     duration: float = MIN_INTERVAL / 2.0  # running mean of the time to make and send a drive
     moment: Moment | None = None  # the last safe one
-    hand: Hand | None = None
+    hands: dict[Side, Hand] = field(default_factory=dict)
+    good: dict[Side, float] = field(default_factory=dict)  # when each hand was last good
+    # Foci for which the cap keeps the level at a head under the limit.
+    capped: list[Float64[np.ndarray, "3"]] = field(default_factory=list)
     # When the newest drives with sound were sent, their ages and expected shares.
     played: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=4096))
     delays: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
@@ -251,6 +258,10 @@ class _Loop:
 
     def __post_init__(self) -> None:
         self.workspace = Workspace(self.scene)
+        # Without a given cap, that of boards follows from the foci.
+        self.limited = self.given_cap is None and self.output.levels is not None
+        self.cap = 1.0 if self.given_cap is None else self.given_cap
+        self.clock = self.clocks[self.scene.side]
 
     @property
     def silent(self) -> bool:
@@ -282,7 +293,7 @@ class _Loop:
 
     def arrived(self, frame: HandFrame, now: float) -> None:
         """Note the arrival of a frame; called by the thread that received it."""
-        if frame.side != self.scene.side:
+        if frame.side != self.scene.side and not self.scene.both:
             return
         self.arrivals.append((frame.time, now))
         if self.session is not None:
@@ -361,24 +372,35 @@ class _Loop:
 
     def _take(self, frame: HandFrame) -> None:
         side = self.scene.side
-        if frame.side != side:
+        if frame.side != side and not self.scene.both:
             if self.fault is not None and self.last_good == -np.inf:
                 self.fault = f"waiting for the {side} hand: the frames are of the {frame.side} one"
             return
-        # A faulty frame silences at once; MAX_FRAME_AGE applies to missing frames only.
         hand = hand_of(frame, self.scene)
-        self.hand = None
-        if isinstance(hand, str):
-            self.fault = hand
-            return
-        self.hand = hand
+        self.hands.pop(frame.side, None)
+        now = time.monotonic()
         try:
+            if isinstance(hand, str):
+                self.maker.take(HandFrame(frame.time, frame.side, frame.sequence))
+                raise InvalidInput(hand, code="data_missing")
             self.maker.take(frame)
         except InvalidInput as fault:
-            self.fault = str(fault)
+            # A faulty frame silences at once, unless there is a second hand; MAX_FRAME_AGE applies
+            # to missing frames only.
+            self.good.pop(frame.side, None)
+            if all(now - last >= MAX_FRAME_AGE for last in self.good.values()):
+                self.fault = str(fault)
             return
+        assert isinstance(hand, Hand)
+        self.hands[frame.side] = hand
+        self.good[frame.side] = now
+        # The clock of the scene's hand, or that of the other while only this one is seen.
+        if now - self.good.get(side, -np.inf) >= MAX_FRAME_AGE:
+            self.clock = self.clocks[frame.side]
+        elif frame.side == side:
+            self.clock = self.clocks[side]
         self.fault = None
-        self.last_good = time.monotonic()
+        self.last_good = now
         self.frames += 1
 
     def _emit(self, now: float, on: bool) -> None:
@@ -399,9 +421,8 @@ class _Loop:
             self.output.beat()
             return
         state = "playing" if on else "silent" if share == 0.0 else "fading"
-        if self.cap is None:
-            self.cap = self._safe_cap(self.moment.amplitudes)
-            self.output.limit(self.cap)
+        if self.limited:
+            self._limit(self.moment)
         cap = min(self.cap, self.controls.cap)
         amplitudes = share * capped(self.moment.amplitudes, cap)
         self._send(amplitudes, share, cap)
@@ -421,16 +442,28 @@ class _Loop:
             self.played.append(played)
             self.duration += 0.1 * (sent - now - self.duration)
 
-    def _safe_cap(self, amplitudes: Amplitudes) -> float:
-        if self.output.levels is None:
-            return 1.0
-        return HeadLevel(
-            amplitudes[None],
-            self.scene.array.positions,
-            self.output.levels,
-            self.scene.wavenumber.real,
-            self.scene.array.element.sensitivity,
-        ).safe_cap()
+    def _limit(self, moment: Moment) -> None:
+        """Lower the cap if a focus comes to a place where the level at a head would be too high."""
+        assert self.output.levels is not None
+        for focus in [] if moment.foci is None else moment.foci:
+            # The level changes little within 30 mm.
+            if self.capped and np.linalg.norm(self.capped - focus, axis=1).min() < 0.03:
+                continue
+            # A single focus at full scale is louder there than one of several.
+            scene = self.scene
+            drive = focus_by_distance(
+                scene.array, Target(focus), scene.medium, scene.frequency
+            ).amplitudes
+            level = HeadLevel(
+                drive[None],
+                scene.array.positions,
+                self.output.levels,
+                scene.wavenumber.real,
+                scene.array.element.sensitivity,
+            )
+            self.capped.append(focus)
+            self.cap = min(self.cap, level.safe_cap())
+            self.output.limit(self.cap)
 
     def _send(self, amplitudes: Amplitudes, share: float, cap: float) -> None:
         moving = self.scene.moving
@@ -444,6 +477,7 @@ class _Loop:
         self.output.send(amplitudes)
 
     def _made(self, now: float) -> Moment | None:
+        self.maker.feel(self.world.objects, self.world.foci(now))
         try:
             return self.maker.make(self.clock.time(now) + self.duration, self.controls)
         except InvalidInput:
@@ -451,12 +485,19 @@ class _Loop:
 
     def _fault_of(self, moment: Moment | None) -> str | None:
         """Return a short reason not to emit a drive, or None."""
-        if moment is not None and moment.joints is not None and moment.foci is not None:
-            return self.workspace.fault(moment.joints, moment.foci)
+        if moment is not None and moment.foci is not None:
+            faults = [
+                self.workspace.fault(joints, moment.foci)
+                for joints in (moment.joints, moment.other)
+                if joints is not None
+            ]
+            return next((fault for fault in faults if fault is not None), None)
         # Without a prediction, the newest frame shows whether the hand left the workspace.
         fault = None
-        if self.hand is not None:
-            fault = self.workspace.fault(self.hand.joints, foci_on(self.hand, self.scene))
+        hand = self.hands.get(self.scene.side)
+        if hand is not None:
+            foci = np.zeros((0, 3)) if self.scene.both else foci_on(hand, self.scene)
+            fault = self.workspace.fault(hand.joints, foci)
             # Frames come, but were taken long ago.
             if moment is not None and time.monotonic() - self.last_good < MAX_FRAME_AGE / 2.0:
                 age = moment.time - moment.frame_time
@@ -482,7 +523,10 @@ class _Loop:
 
     def status(self, health: StreamHealth, remark: str = "") -> Status:
         now = time.monotonic()
-        parts = [self.fault or "playing", health.rejected_since(self.healthy), remark]
+        state = self.fault or "playing"
+        if self.fault is None and self.moment is not None and not self.moment.amplitudes.any():
+            state = "no contact"
+        parts = [state, health.rejected_since(self.healthy), remark]
         state = "; ".join(part for part in parts if part)
         if self.fault is None:
             self.healthy = health

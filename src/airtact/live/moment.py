@@ -1,13 +1,14 @@
 """A drive of the live loop, its controls, and the interface of drive makers."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
 
+import airtact as at
 from airtact.drives.methods import FOR_SAMPLES, METHODS
 from airtact.errors import between, check_choice, in_short, of_kind
 from airtact.hands.tracking.frame import HandFrame
@@ -15,8 +16,13 @@ from airtact.live.scene import Amplitudes, Foci, Frames, Joints, LiveScene
 from airtact.touch.objects import VirtualObject
 
 # Basis of a drive: distances, without the hand; a solution of the last phalanges or of the whole
-# hand; or a solution of the whole hand, carried from an earlier pose with the bones.
-Rule = Literal["distances", "phalanges", "hand", "carried"]
+# hand; a solution of the whole hand, carried from an earlier pose with the bones; or a solution of
+# the skin near contacts.
+Rule = Literal["distances", "phalanges", "hand", "carried", "contacts"]
+
+# Largest numbers of foci and contacts in a drive, for which the session has columns.
+MOST_FOCI = 24
+MOST_CONTACTS = 24
 
 # State of the loop: waiting for a hand, playing, fading after the hand was lost, silent, or stopped
 # permanently.
@@ -32,7 +38,7 @@ class Moment:
     time : when the sound is expected in the air, on the tracker's clock [s].
     frame_time : timestamp of the newest frame used [s].
     joints : (25, 3) joints predicted for ``time`` [m], or None if the hand is lost.
-    foci : (F, 3) foci predicted for ``time`` [m], or None.
+    foci : (F, 3) foci predicted for ``time`` [m], or None if no hand is seen.
     amplitudes : (E,) complex share of full scale; zeros for silence.
     pressures : (F,) predicted pressures at the foci [Pa], or None.
     rule : basis of the drive.
@@ -46,6 +52,7 @@ class Moment:
     contacts : (C, 3) points of the skin that touch an object [m], or None without objects.
     depths : (C,) their depths in the objects [m], or None.
     objects : the virtual objects.
+    rejected : why wanted foci get no sound, by their names.
     """
 
     time: float
@@ -65,6 +72,7 @@ class Moment:
     contacts: Float64[np.ndarray, "contacts 3"] | None = None
     depths: Float64[np.ndarray, "contacts"] | None = None
     objects: tuple[VirtualObject, ...] = ()
+    rejected: Mapping[str, str] = field(default_factory=dict)
 
     __repr__ = in_short
 
@@ -128,6 +136,11 @@ class DriveMaker(ABC):
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:
         """Make the drive for sound that is in the air at a time of the tracker's clock [s]."""
+
+    def feel(  # noqa: B027 (some makers have fixed foci)
+        self, objects: Sequence[VirtualObject], foci: "Sequence[at.live.WantedFocus]"
+    ) -> None:
+        """Set the objects and wanted foci; the loop calls it before each drive."""
 
     def revive(self) -> int:
         """Restart processes of the maker that ended; return the number of restarts so far."""

@@ -16,6 +16,7 @@ from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.recordings import ENDING, load_recording, save_recording
 from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.drives.maker import HandAware
+from airtact.live.drives.touching import TouchAware
 from airtact.live.loop import Followed, Status, follow
 from airtact.live.moment import Controls
 from airtact.live.output import Output
@@ -28,6 +29,7 @@ from airtact.live.sources import (
     RecordedHands,
     checked_seconds,
     moved_to,
+    touching_motion,
 )
 from airtact.live.world import World
 from airtact.setup.examples import example, file_or_example
@@ -57,7 +59,7 @@ def run(
 
     Parameters
     ----------
-    setup : scene whose foci are on a hand, see ``live_scene``.
+    setup : scene with objects or with foci on hands, see ``live_scene``.
     hands : source of the frames, as returned by ``hands_from``.
     output : receiver of the drives, as returned by ``output_to``; none by default.
     folder : folder for ``session.h5``.
@@ -89,7 +91,8 @@ def run(
             report_step("starting the page")
             port, host = page
             # The page only has a hand to drag if the frames come from it.
-            joints = setup.hands[0].joints if type(hands) is HandSource else None
+            dragged = type(hands) is HandSource and setup.hands
+            joints = setup.hands[0].joints if dragged else None
             shown = PageProcess(
                 scene,
                 port,
@@ -108,7 +111,7 @@ def run(
         return follow(
             scene,
             hands,
-            HandAware(scene),
+            TouchAware(scene) if scene.both else HandAware(scene),
             output=output,
             seconds=seconds,
             session=session,
@@ -200,6 +203,8 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
         If the source does not exist or cannot be read, or its port is taken.
     """
     world = World(setup.objects)
+    if source is None and setup.contacts is not None:
+        return RecordedHands(touching_motion(setup.contacts, setup.hands), loop=True, world=world)
     if source is None:
         motion = load_recording(example("reaching.jsonl"))
         return RecordedHands(moved_to(motion, setup.hands[0]), loop=True, world=world)

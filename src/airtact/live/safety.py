@@ -26,8 +26,10 @@ class Workspace:
         self._elements = KDTree(scene.array.positions)
         self._radius = float(scene.array.element.reach)
 
-    def fault(self, joints: Joints, foci: Foci) -> str | None:
-        """Return a short reason why a hand with these foci must not get sound, or None."""
+    def out_of_reach(self, foci: Foci) -> str | None:
+        """Return a short reason why there must be no sound at points, or None."""
+        if not len(foci):
+            return None
         distances, _ = self._elements.query(foci)
         if float(distances.max()) > 0.6:  # farther from every element: the hand has left [m]
             return f"left the workspace: a focus is {distances.max():.2g} m from the array"
@@ -35,6 +37,17 @@ class Workspace:
             check_reach(self._scene.array, foci)
         except InvalidInput as fault:
             return f"left the workspace: {fault}"
+        for plane in self._scene.planes:
+            lowest = float(plane.height(foci).min())
+            if lowest < 0.0:
+                return f"through the plane: {-1e3 * lowest:.2g} mm behind it"
+        return None
+
+    def fault(self, joints: Joints, foci: Foci) -> str | None:
+        """Return a short reason why a hand with these foci must not get sound, or None."""
+        fault = self.out_of_reach(foci)
+        if fault is not None:
+            return fault
         # Compare the skin of each bone with the elements at 6 points along the bone.
         share = np.linspace(0.0, 1.0, 6)[:, None]
         starts, ends = np.array(BONES).T
@@ -48,7 +61,7 @@ class Workspace:
         if room < 0.0:
             return f"through the array's face: {-1e3 * room:.2g} mm too near"
         for plane in self._scene.planes:
-            lowest = float(plane.height(np.concatenate([joints, foci])).min())
+            lowest = float(plane.height(joints).min())
             if lowest < 0.0:
                 return f"through the plane: {-1e3 * lowest:.2g} mm behind it"
         return None
@@ -59,7 +72,7 @@ def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
     if frame.landmarks is None:
         return "lost" if frame.lost else "no landmarks"
     try:
-        return hand_in(scene, frame.landmarks)
+        return hand_in(scene, frame.landmarks, frame.side)
     except InvalidInput as fault:
         return f"not a hand: {fault}"
 

@@ -21,10 +21,14 @@ from airtact.drives.sequence import MIN_FRAMES
 from airtact.errors import InvalidInput, counted, fixed, in_short
 from airtact.hands.hand import PLACES, Hand, Side
 from airtact.hands.joints import CHAINS, check_finger_order, cross, joints_of, radii_of, unit
+from airtact.setup.bodies import unsided
 from airtact.setup.setup import Setup
+from airtact.touch.objects import VirtualObject
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.plates import flush
+
+SIDES: tuple[Side, Side] = ("left", "right")
 
 Joints = Float64[np.ndarray, "25 3"]
 Foci = Float64[np.ndarray, "foci 3"]
@@ -129,6 +133,9 @@ class LiveScene:
     modulation : amplitude modulation that makes the drive perceptible, or None.
     moving : paths of the foci, or None.
     planes : a rigid plane, such as a table; none for open air.
+    objects : virtual objects at the start.
+    both : whether both hands are followed, each with the radii of the one; ``side`` is then the
+        hand of places without a side.
     """
 
     medium: Medium
@@ -142,6 +149,8 @@ class LiveScene:
     modulation: AmplitudeModulation | None = None
     moving: MovingFoci | None = None
     planes: tuple[Plane, ...] = ()
+    objects: tuple[VirtualObject, ...] = ()
+    both: bool = False
 
     __repr__ = in_short
 
@@ -162,23 +171,29 @@ def live_scene(setup: Setup) -> LiveScene:
     Raises
     ------
     InvalidInput
-        If the scene is not one sound-hard hand with all foci on its places; if it requests
-        pressures, phases or suppression; or if the path of a moving focus leaves the skin, has more
+        If the scene has other bodies than one or two sound-hard hands; if it has foci that are not
+        on their places; if it requests pressures, phases or suppression; if it has paths of foci
+        and objects or two hands; or if the path of a moving focus leaves the skin, has more
         than 64 frames, or is too fast for frames of whole periods of the sound.
     """
     name = _file_name(setup)
     check_no_boards(setup.scene, "live")
-    on_hand = [place for place in setup.riding if place is not None and place[0] in PLACES]
-    if len(on_hand) < len(setup.foci) or not setup.hands:
+    on_hand = [place for place in setup.riding if place and unsided(place[0]) in PLACES]
+    # Without foci, the objects that the hands will touch define them.
+    touched = setup.contacts is not None
+    if not touched and (len(on_hand) < len(setup.foci) or not setup.hands):
         raise InvalidInput(
             f"{name}: {len(on_hand) if setup.hands else 0} of {len(setup.foci)} foci are on a hand "
-            f'with joints, but live needs all: give [[foci]] at = "thumb.pad"; the places are '
-            f"{', '.join(PLACES)}.",
+            f'with joints, but live needs all: give [[foci]] at = "thumb.pad" or [[objects]]; the '
+            f"places are {', '.join(PLACES)}.",
             code="misplaced",
         )
-    if len(setup.bodies) != 1 or setup.scene.obstacles[0].boundary != "sound_hard":
+    # The two fingers of a pinch stand for the tracked hand.
+    stands_in = touched and setup.bodies == ("thumb", "finger")
+    hard = all(body.boundary == "sound_hard" for body in setup.scene.obstacles)
+    if not hard or not (stands_in or len(setup.bodies) == len(setup.hands)):
         raise InvalidInput(
-            f"{name}: live follows one sound-hard hand, and the scene has "
+            f"{name}: live follows one or two sound-hard hands, and the scene has "
             f"{counted(len(setup.bodies), 'body', 'bodies')}: leave the others out.",
             code="not_supported",
         )
@@ -186,7 +201,7 @@ def live_scene(setup: Setup) -> LiveScene:
     if (
         target.pressures is not None
         or target.phases is not None
-        or np.ptp(target.weights)
+        or (np.ptp(target.weights) and not touched)
         or target.suppression_points.size
     ):
         raise InvalidInput(
@@ -199,17 +214,26 @@ def live_scene(setup: Setup) -> LiveScene:
             f'{name}: live makes no drives for an uncertain hand: give method = "best".',
             code="options_clash",
         )
+    both = touched or bool(setup.objects) or len(setup.hands) > 1
+    if both and (setup.motion is not None or any(one.style == "outline" for one in setup.objects)):
+        raise InvalidInput(
+            f'{name}: with objects or two hands, live moves no foci along paths: leave kind = "stm"'
+            ' and style = "outline" out.',
+            code="not_supported",
+        )
     scene = LiveScene(
         medium=setup.medium,
         frequency=setup.frequency,
         array=setup.array,
-        side=setup.hands[0].side,
-        radii=setup.hands[0].radii,
+        side=setup.hands[0].side if setup.hands else "right",
+        radii=setup.hands[0].radii if setup.hands else None,
         places=tuple(place for place, _ in on_hand),
-        offsets=fixed(np.array([offset for _, offset in on_hand])),
+        offsets=fixed(np.array([offset for _, offset in on_hand], dtype=np.float64)),
         method=setup.method,
         modulation=setup.modulation if isinstance(setup.modulation, AmplitudeModulation) else None,
         planes=tuple(setup.scene.planes),
+        objects=setup.objects,
+        both=both,
     )
     if isinstance(setup.modulation, Motion):
         return replace(scene, moving=_moving_foci(setup, setup.modulation, scene))
@@ -259,14 +283,16 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
     return MovingFoci(places, fixed(shifts), rate, words)
 
 
-def hand_in(scene: LiveScene, landmarks: Float64[np.ndarray, "landmarks 3"]) -> Hand:
+def hand_in(
+    scene: LiveScene, landmarks: Float64[np.ndarray, "landmarks 3"], side: Side | None = None
+) -> Hand:
     """Return the hand with these landmarks, or joints (25, 3) [m]; raises as ``hand_from_joints``.
 
-    The side is not checked again, because it was checked with the frame.
+    The side, by default that of the scene, was checked with the frame and is not checked again.
     """
     joints = joints_of(landmarks)
     check_finger_order(joints)
-    return Hand(joints, radii_of(scene.radii, None, joints), scene.side)
+    return Hand(joints, radii_of(scene.radii, None, joints), side or scene.side)
 
 
 def foci_on(hand: Hand, scene: LiveScene, offset: float | None = None) -> Foci:

@@ -28,14 +28,15 @@ from airtact.errors import (
 )
 from airtact.files.atomic import writable_folder
 from airtact.files.bounded import datasets_of
-from airtact.hands.hand import PLACES
+from airtact.hands.hand import PLACES, Side
 from airtact.hands.joints import joints_of
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.recordings import Recording
 from airtact.hands.tracking.stream import StreamHealth
-from airtact.live.moment import Moment, Rule, State
-from airtact.live.scene import LiveScene
+from airtact.live.moment import MOST_CONTACTS, MOST_FOCI, Moment, Rule, State
+from airtact.live.scene import SIDES, LiveScene
 from airtact.live.worker import dump
+from airtact.setup.bodies import unsided
 from airtact.timing import start_python
 from airtact.transducers.element import Element
 from airtact.transducers.layout import PhasedArray
@@ -63,10 +64,15 @@ class Session:
     rules, states : (N,) basis of each drive, and state of the loop.
     kept : (N,) expected share of the attainable pressure; NaN if unknown.
     shape_age : (N,) age of the solution used by each drive [s]; NaN without a solution.
-    foci : (N, F, 3) predicted foci [m]; NaN if the hand was lost.
+    foci : (N, F, 3) predicted foci [m]; NaN if the hand was lost, or if there were fewer.
     joints : (N, 25, 3) predicted joints of the hand [m]; NaN if it was lost.
     frame_time : (M,) timestamps of the tracker's frames [s].
     landmarks : (M, 25, 3) landmarks in scene coordinates [m]; NaN if the hand was lost.
+    sides : (M,) side of the hand in each frame.
+    strengths : (N, F) strengths of the foci; 1 if all are equal.
+    contacts, depths : (N, C, 3) skin in contact with objects [m], and (N, C) its depth [m]; NaN if
+        there were fewer contacts.
+    other : (N, 25, 3) predicted joints of the hand of the other side [m]; NaN if it was not seen.
     """
 
     scene: LiveScene
@@ -82,6 +88,11 @@ class Session:
     joints: Float64[np.ndarray, "drives 25 3"]
     frame_time: Float64[np.ndarray, "frames"]
     landmarks: Float64[np.ndarray, "frames 25 3"]
+    sides: tuple[Side, ...]
+    strengths: Float64[np.ndarray, "drives foci"]
+    contacts: Float64[np.ndarray, "drives contacts 3"]
+    depths: Float64[np.ndarray, "drives contacts"]
+    other: Float64[np.ndarray, "drives 25 3"]
 
     __repr__ = in_short
 
@@ -147,24 +158,31 @@ class SessionWriter:
     def frame(self, frame: HandFrame) -> None:
         """Record a frame of the hand, in scene coordinates."""
         landmarks = None if frame.landmarks is None else joints_of(frame.landmarks)
-        self._take("frames", {"time": frame.time, "landmarks": landmarks})
+        row = {"time": frame.time, "landmarks": landmarks}
+        if self._scene.both:
+            row["side"] = SIDES.index(frame.side)
+        self._take("frames", row)
 
     def drive(self, moment: Moment, time_in_air: float) -> None:
         """Record a drive that reached the link at a time of the frames' clock [s]."""
-        self._take(
-            "drives",
-            {
-                "amplitudes": moment.amplitudes.astype(np.complex64),
-                "time_in_air": time_in_air,
-                "frame_time": moment.frame_time,
-                "rule": RULES.index(moment.rule),
-                "state": STATES.index(moment.state),
-                "kept": moment.kept,
-                "shape_age": moment.shape_age,
-                "foci": moment.foci,
-                "joints": moment.joints,
-            },
-        )
+        row = {
+            "amplitudes": moment.amplitudes.astype(np.complex64),
+            "time_in_air": time_in_air,
+            "frame_time": moment.frame_time,
+            "rule": RULES.index(moment.rule),
+            "state": STATES.index(moment.state),
+            "kept": moment.kept,
+            "shape_age": moment.shape_age,
+            "foci": moment.foci,
+            "joints": moment.joints,
+        }
+        if self._scene.both:
+            row["foci"] = _padded(moment.foci, (MOST_FOCI, 3))
+            row["strengths"] = _padded(moment.strengths, (MOST_FOCI,))
+            row["contacts"] = _padded(moment.contacts, (MOST_CONTACTS, 3))
+            row["depths"] = _padded(moment.depths, (MOST_CONTACTS,))
+            row["other"] = moment.other
+        self._take("drives", row)
 
     def close(self) -> None:
         """Write the remaining rows and close the file; ``fault`` says what is missing."""
@@ -208,21 +226,38 @@ class SessionWriter:
 
     def _columns(self, rows: list[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
         """Stack rows into the columns to append; unknown values become NaN."""
-        shapes = {"foci": (len(self._scene.places), 3), "joints": (25, 3), "landmarks": (25, 3)}
-        types = {"rule": np.uint8, "state": np.uint8}
+        lengths = {
+            "foci": (len(self._scene.places), 3),
+            "joints": (25, 3),
+            "landmarks": (25, 3),
+            "other": (25, 3),
+            "contacts": (MOST_CONTACTS, 3),
+            "depths": (MOST_CONTACTS,),
+        }
+        types = {"rule": np.uint8, "state": np.uint8, "side": np.uint8}
         columns = {}
         for group in ("frames", "drives"):
             of_group = [row for name, row in rows if name == group]
             for key in of_group[0] if of_group else []:
-                unknown = np.full(shapes.get(key, ()), np.nan)
+                unknown = np.full(lengths.get(key, ()), np.nan)
                 values = [unknown if row[key] is None else row[key] for row in of_group]
                 column = np.array(values, dtype=types.get(key))
                 if key == "amplitudes":
                     column = _rounded(column)
-                elif key in shapes:
+                elif key in lengths:
                     column = (np.round(2.0**20 * column) / 2.0**20).astype(np.float32)
                 columns[f"+{group}/{key}"] = column
         return columns
+
+
+def _padded(
+    values: Float64[np.ndarray, "*some"] | None, shape: tuple[int, ...]
+) -> Float64[np.ndarray, "*most"]:
+    """Pad values with NaN to a shape whose first axis is longer."""
+    padded = np.full(shape, np.nan)
+    if values is not None:
+        padded[: len(values)] = values
+    return padded
 
 
 def _rounded(amplitudes: Complex64[np.ndarray, "drives elements"]) -> np.ndarray:
@@ -262,14 +297,12 @@ def _header(scene: LiveScene, text: str) -> dict[str, Any]:
     element = array.element
     attributes: dict[str, Any] = {
         "format": "airtact session",
-        "format_version": 2 if scene.planes else 1,
+        "format_version": 3 if scene.both else 2 if scene.planes else 1,
         "frequency": scene.frequency,
         "sound_speed": scene.medium.sound_speed,
         "density": scene.medium.density,
         "absorption": scene.medium.absorption,
         "side": scene.side,
-        "places": list(scene.places),
-        "offsets": np.asarray(scene.offsets),
         "method": scene.method,
         "rules": list(RULES),
         "states": list(STATES),
@@ -278,6 +311,11 @@ def _header(scene: LiveScene, text: str) -> dict[str, Any]:
         "directional": element.directional,
         "radius": element.radius,
     }
+    if scene.places:
+        attributes["places"] = list(scene.places)
+        attributes["offsets"] = np.asarray(scene.offsets)
+    if scene.both:
+        attributes["both"] = True
     if scene.modulation is not None:
         attributes["modulation"] = np.array([scene.modulation.frequency, scene.modulation.depth])
     if scene.planes:
@@ -304,6 +342,15 @@ def _header(scene: LiveScene, text: str) -> dict[str, Any]:
         "+drives/foci": np.zeros((0, len(scene.places), 3), dtype=np.float32),
         "+drives/joints": np.zeros((0, 25, 3), dtype=np.float32),
     }
+    if scene.both:
+        header |= {
+            "+frames/side": np.zeros(0, dtype=np.uint8),
+            "+drives/foci": np.zeros((0, MOST_FOCI, 3), dtype=np.float32),
+            "+drives/strengths": np.zeros((0, MOST_FOCI)),
+            "+drives/contacts": np.zeros((0, MOST_CONTACTS, 3), dtype=np.float32),
+            "+drives/depths": np.zeros((0, MOST_CONTACTS), dtype=np.float32),
+            "+drives/other": np.zeros((0, 25, 3), dtype=np.float32),
+        }
     if scene.radii is not None:
         header["hand/radii"] = np.asarray(scene.radii)
     return header
@@ -315,6 +362,7 @@ FRAME_LAYOUT = {
     "@side": "text",
     "frames/time": "real *",
     "frames/landmarks": "real * 25 3",
+    "frames/side": "optional whole *",
 }
 
 SCENE_LAYOUT = {
@@ -322,8 +370,9 @@ SCENE_LAYOUT = {
     "@sound_speed": "real",
     "@density": "real",
     "@absorption": "real",
-    "@places": "text foci",
-    "@offsets": "real foci",
+    "@places": "optional text foci",
+    "@offsets": "optional real foci",
+    "@both": "optional whole",
     "@method": "text",
     "@modulation": "real *",
     "@planes": "optional real * 2 3",
@@ -350,8 +399,12 @@ DRIVE_LAYOUT = {
     "drives/state": "whole *",
     "drives/kept": "real *",
     "drives/shape_age": "real *",
-    "drives/foci": "real * foci 3",
+    "drives/foci": "real * most 3",
     "drives/joints": "real * 25 3",
+    "drives/strengths": "optional real * most",
+    "drives/contacts": "optional real * touching 3",
+    "drives/depths": "optional real * touching",
+    "drives/other": "optional real * 25 3",
 }
 
 
@@ -372,6 +425,7 @@ def read_session(path: str | Path) -> Session:
     with about(Path(path).name):
         for name in ("amplitudes", "time_in_air", "frame_time"):
             check_finite(raw[f"drives/{name}"], name)
+        count = len(raw["drives/time_in_air"])
         return Session(
             scene=_scene_of(raw),
             text=raw["scene"],
@@ -386,6 +440,11 @@ def read_session(path: str | Path) -> Session:
             joints=raw["drives/joints"],
             frame_time=raw["frames/time"],
             landmarks=raw["frames/landmarks"],
+            sides=_sides(raw),
+            strengths=raw.get("drives/strengths", np.ones((count, raw["drives/foci"].shape[1]))),
+            contacts=raw.get("drives/contacts", np.zeros((count, 0, 3))),
+            depths=raw.get("drives/depths", np.zeros((count, 0))),
+            other=raw.get("drives/other", np.full((count, 25, 3), np.nan)),
         )
 
 
@@ -408,9 +467,9 @@ def recording_of(path: str | Path) -> Recording:
         )
     with about(Path(path).name):
         frames = [
-            HandFrame(time, raw["side"], index, joints if np.isfinite(joints).all() else None)
-            for index, (time, joints) in enumerate(
-                zip(raw["frames/time"].tolist(), raw["frames/landmarks"], strict=True)
+            HandFrame(time, side, index, joints if np.isfinite(joints).all() else None)
+            for index, (time, side, joints) in enumerate(
+                zip(raw["frames/time"].tolist(), _sides(raw), raw["frames/landmarks"], strict=True)
             )
         ]
     return Recording(tuple(frames), StreamHealth(received=len(frames), used=len(frames)))
@@ -422,7 +481,7 @@ def _read(path: str | Path, layout: Mapping[str, str]) -> dict[str, Any]:
     path = path / FILE if path.is_dir() else path
     # A session may be hours long, but a file whose numbers unpack to far more bytes is none.
     largest = max(LARGEST_DATA, 16 * path.stat().st_size) if path.is_file() else LARGEST_DATA
-    raw = datasets_of(path, layout, newest=2, largest=largest)
+    raw = datasets_of(path, layout, newest=3, largest=largest)
     with about(path.name):
         check_choice(raw["format"], "its format", ["airtact session"])
         check_choice(raw["side"], "the side of the hand", ["left", "right"])
@@ -432,6 +491,14 @@ def _read(path: str | Path, layout: Mapping[str, str]) -> dict[str, Any]:
         count = min((len(raw[name]) for name in columns), default=0)
         raw.update({name: raw[name][:count] for name in columns})
     return raw
+
+
+def _sides(raw: Mapping[str, Any]) -> tuple[Side, ...]:
+    """Return the side of the hand in each frame."""
+    count = len(raw["frames/time"])
+    if "frames/side" not in raw:
+        return (raw["side"],) * count
+    return tuple(SIDES[index % 2] for index in raw["frames/side"].tolist())
 
 
 def _words(raw: Mapping[str, Any], column: str) -> tuple[Any, ...]:
@@ -448,8 +515,14 @@ def _words(raw: Mapping[str, Any], column: str) -> tuple[Any, ...]:
 
 
 def _scene_of(raw: Mapping[str, Any]) -> LiveScene:
-    for place in raw["places"]:
-        check_choice(place, "a place of a focus", PLACES)
+    places = tuple(raw.get("places", ()))
+    for place in places:
+        check_choice(unsided(place), "a place of a focus", PLACES)
+    offsets = raw.get("offsets", np.zeros(0))
+    if len(offsets) != len(places):
+        raise InvalidInput(
+            f"it has {len(places)} places, but {len(offsets)} offsets.", code="sizes_differ"
+        )
     for name in ("offsets", "hand/radii"):
         check_finite(raw.get(name, np.zeros(0)), name)
     element = Element(
@@ -477,8 +550,9 @@ def _scene_of(raw: Mapping[str, Any]) -> LiveScene:
         ),
         side=raw["side"],
         radii=fixed(raw["hand/radii"]) if "hand/radii" in raw else None,
-        places=tuple(raw["places"]),
-        offsets=fixed(raw["offsets"]),
+        places=places,
+        offsets=fixed(offsets),
+        both=bool(raw.get("both", 0)),
         method=raw["method"],
         modulation=AmplitudeModulation(*modulation) if modulation else None,
         planes=tuple(plane(point, normal) for point, normal in raw.get("planes", [])),

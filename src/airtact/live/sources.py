@@ -2,7 +2,7 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from threading import Event, Lock, Thread
 
@@ -12,11 +12,13 @@ from airtact.errors import InvalidInput, check_choice, positive
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.hands.hand import Hand
 from airtact.hands.tracking.frame import HandFrame
-from airtact.hands.tracking.recordings import Recording
-from airtact.hands.tracking.stream import HandStream
+from airtact.hands.tracking.recordings import Recording, load_recording
+from airtact.hands.tracking.stream import HandStream, StreamHealth
 from airtact.live.applications import ApplicationServer
 from airtact.live.osc import OscServer
 from airtact.live.world import World
+from airtact.setup.examples import example
+from airtact.touch.contacts import Contacts
 
 # Takes a frame and the time of its arrival, by ``time.monotonic`` [s].
 OnFrame = Callable[[HandFrame, float], None]
@@ -209,6 +211,29 @@ def moved_to(recording: Recording, hand: Hand) -> Recording:
         return replace(frame, side=hand.side, landmarks=landmarks, cloud=None)
 
     return replace(recording, frames=tuple(moved(frame) for frame in recording.frames))
+
+
+def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
+    """Let a hand touch an object and leave it by 12 mm, once in 2 s, at 60 frames per second.
+
+    Without a hand, it is the packaged recording of a small hand around the ball of ``touch_ball``.
+    """
+    if not hands:
+        return load_recording(example("grasping.jsonl"))
+    skin = contacts.skin
+    depths = [np.zeros(len(skin.points))]
+    if contacts.virtual_objects:
+        depths = [thing.depth(skin.points) for thing in contacts.virtual_objects]
+    deepest = np.max(depths, axis=0)
+    nearest = int(deepest.argmax())
+    # Skin that does not touch at rest moves on until it is 2 mm deep.
+    reach = max(2e-3 - float(deepest[nearest]), 0.0)
+    frames = []
+    for index in range(120):
+        away = reach - 6e-3 * (1.0 - np.cos(np.pi * index / 60.0))
+        joints = hands[0].joints + away * skin.normals[nearest]
+        frames.append(HandFrame(index / 60.0, hands[0].side, index, joints))
+    return Recording(tuple(frames), StreamHealth(received=120, used=120))
 
 
 def checked_seconds(seconds: float | None) -> float:

@@ -1,5 +1,6 @@
 """Verification of a session: compare its drives with the best ones for the recorded hand."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,11 +9,13 @@ from jaxtyping import Float64
 from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.target import Target
+from airtact.acoustics.target_points import outward
 from airtact.drives.methods import best
 from airtact.drives.transfer import transfer_matrix
 from airtact.errors import InvalidInput, fixed, in_short
-from airtact.hands.hand import hand_from_joints
-from airtact.live.scene import Joints, foci_on
+from airtact.hands.hand import Hand, Side
+from airtact.hands.joints import radii_of
+from airtact.live.scene import SIDES, Foci, Joints, foci_on
 from airtact.live.session import Session
 from airtact.timing import Progress, no_progress
 
@@ -24,13 +27,13 @@ class VerifiedSession:
     Attributes
     ----------
     indices : (V,) indices of the drives.
-    pressures : (V, F) pressures at the foci [Pa].
-    kept : (V,) pressure at the weakest focus, divided by that of the drive made for the hand at
-        that time, at equal energy.
+    pressures : (V, F) pressures at the foci [Pa]; NaN if a drive has fewer foci.
+    kept : (V,) pressure at the weakest focus in proportion to its strength, divided by that of the
+        drive made for the hands at that time, at equal energy.
     """
 
     indices: tuple[int, ...]
-    pressures: Float64[np.ndarray, "verified foci"]
+    pressures: Float64[np.ndarray, "verified most"]
     kept: Float64[np.ndarray, "verified"]
 
     __repr__ = in_short
@@ -60,14 +63,22 @@ def verify_session(
     kept = []
     for number, index in enumerate(chosen.tolist()):
         report_step(f"drive {number + 1} of {len(chosen)}")
-        joints = _joints_at(session, float(session.time_in_air[index]))
-        if joints is None:
+        hands = []
+        for side in SIDES if scene.both else (scene.side,):
+            joints = _joints_at(session, float(session.time_in_air[index]), side)
+            if joints is not None:
+                hands.append(Hand(joints, radii_of(scene.radii, None, joints), side))
+        if scene.both:
+            foci, strengths = _touched(session, index, hands)
+        else:
+            foci = np.array([foci_on(hand, scene) for hand in hands]).reshape(-1, 3)
+            strengths = np.ones(len(foci))
+        if not hands or not len(foci):
             continue
-        hand = hand_from_joints(joints, scene.radii, side=scene.side)
-        target = Target(foci_on(hand, scene))
+        target = Target(foci, shares=strengths)
         body = Scene(
             scene.medium,
-            [sound_hard(hand.surface)],
+            [sound_hard(hand.surface) for hand in hands],
             frequency=scene.frequency,
             planes=scene.planes,
         )
@@ -75,9 +86,10 @@ def verify_session(
         transfer = transfer_matrix(field, scene.array)
         received = np.abs(transfer.matrix @ session.amplitudes[index])
         # For equal energy, divide each weakest pressure by the norm of its drive.
-        share = received.min() / np.linalg.norm(session.amplitudes[index])
+        share = (received / strengths).min() / np.linalg.norm(session.amplitudes[index])
         ideal = best(transfer, target)
-        attainable = np.abs(transfer.pressure(ideal)).min() / np.linalg.norm(ideal.amplitudes)
+        weakest = (np.abs(transfer.pressure(ideal)) / strengths).min()
+        attainable = weakest / np.linalg.norm(ideal.amplitudes)
         indices.append(index)
         pressures.append(received)
         kept.append(share / attainable)
@@ -87,12 +99,37 @@ def verify_session(
             "longer session.",
             code="empty",
         )
-    return VerifiedSession(tuple(indices), fixed(np.array(pressures)), fixed(np.array(kept)))
+    padded = np.full((len(pressures), max(map(len, pressures))), np.nan)
+    for row, values in zip(padded, pressures, strict=True):
+        row[: len(values)] = values
+    return VerifiedSession(tuple(indices), fixed(padded), fixed(np.array(kept)))
 
 
-def _joints_at(session: Session, time: float) -> Joints | None:
+def _touched(
+    session: Session, index: int, hands: Sequence[Hand]
+) -> tuple[Foci, Float64[np.ndarray, "foci"]]:
+    """Return the foci (F, 3) of a drive [m], in front of the true skin, and their strengths (F,).
+
+    Weak foci are left out, because those of the others drown them.
+    """
+    foci = []
+    strengths = []
+    for focus, strength in zip(session.foci[index], session.strengths[index], strict=True):
+        if not strength > 0.05:  # NaN without a focus
+            continue
+        for hand in hands:
+            # The hand was predicted, so a focus at its skin is off the true one.
+            if -3e-3 < hand.shape.depth(focus[None])[0] < 5e-3:
+                skin = hand.shape.project(focus[None])
+                focus = (skin + 0.5e-3 * outward(hand.shape.depth, skin))[0]
+        foci.append(focus)
+        strengths.append(strength)
+    return np.array(foci).reshape(-1, 3), np.array(strengths)
+
+
+def _joints_at(session: Session, time: float, side: Side) -> Joints | None:
     """Joints at a time of the frames' clock [m], between two frames with a hand; or None."""
-    seen = np.isfinite(session.landmarks[:, 0, 0])
+    seen = np.isfinite(session.landmarks[:, 0, 0]) & (np.array(session.sides) == side)
     times = session.frame_time[seen]
     landmarks = session.landmarks[seen]
     after = int(np.searchsorted(times, time))

@@ -34,7 +34,7 @@ from airtact.setup.tables import (
     SceneFile,
     Shape,
 )
-from airtact.setup.touching import touched
+from airtact.setup.touching import nearest_skin, touched
 from airtact.transducers.boards import MURATA_RADIUS, board_named
 from airtact.transducers.element import (
     DEFAULT_SENSITIVITY,
@@ -51,7 +51,9 @@ from airtact.transducers.modulation import AmplitudeModulation
 DEFAULT_OFFSET = 0.5e-3
 
 
-def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None) -> Setup:
+def read_scene(
+    path: str | Path, changes: Mapping[str, Value] | None = None, moving: bool = False
+) -> Setup:
     """Read a scene file and build its setup.
 
     Parameters
@@ -61,6 +63,9 @@ def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None) -> 
     changes : values that replace those in the file, by the paths of their keys, such as
         ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``; None removes a key. ``hand`` names the only
         obstacle of that kind.
+
+    moving : whether the bodies will move, so that none needs to touch an object yet. Without foci
+        and contacts the target is then the skin that is nearest to an object.
 
     Raises
     ------
@@ -78,10 +83,10 @@ def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None) -> 
         )
     text = text_of(path, LARGEST_SCENE_FILE)
     with about(path.name):
-        return _set_up(path, text, parse_scene(text, changes))
+        return _set_up(path, text, parse_scene(text, changes), moving)
 
 
-def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
+def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
     def medium_of(table: MediumTable) -> Medium:
         if table.sound_speed is None:
             return built(partial(air, frequency=file.frequency), table)
@@ -97,7 +102,7 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
     with about("array"):
         array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
         plates = at.reflecting_boards(array) if file.array.reflects else ()
-    objects, contacts = touched(file, path.parent, bodies, obstacles, hands)
+    objects, contacts = touched(file, path.parent, bodies, obstacles, hands, moving)
     # Reflecting boards are bodies of the scene too, so warnings and reports need their names.
     bodies += ["boards"] if len(plates) == 1 else [f"board {index}" for index in range(len(plates))]
     scene = Scene(medium, [*obstacles, *plates], frequency=file.frequency, planes=planes)
@@ -126,7 +131,10 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
         with about("uncertainty"):
             uncertainty["uncertainty"] = at.Uncertainty(**values)
     riding = [
-        None if focus.at is None else (unsided(focus.at), _offset(focus)) for focus in file.foci
+        None
+        if focus.at is None
+        else (focus.at if len(hands) > 1 else unsided(focus.at), _offset(focus))
+        for focus in file.foci
     ]
     return Setup(
         scene,
@@ -270,7 +278,11 @@ def _target(
     points = []
     names = []
     wanted: dict[str, Any] = {}
-    if contacts is not None:
+    if contacts is not None and not len(contacts):
+        points.append(nearest_skin(contacts))
+        names.append("nearest skin")
+        total += 1
+    elif contacts is not None:
         with about("objects"):
             touch = contacts.target(wavelength=wavelength)
             names += list(contacts.foci(wavelength=wavelength).names)

@@ -3,6 +3,9 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float64
+
 import airtact as at
 from airtact.acoustics.scene import Obstacle
 from airtact.errors import InvalidInput, about
@@ -17,6 +20,7 @@ def touched(
     bodies: Sequence[str],
     obstacles: Sequence[Obstacle],
     hands: "Mapping[str, at.Hand]",
+    moving: bool = False,
 ) -> "tuple[tuple[at.VirtualObject, ...], at.touch.Contacts | None]":
     """Build the objects of a scene file and compute the contacts, unless the file has foci.
 
@@ -24,13 +28,16 @@ def touched(
     ----------
     bodies, obstacles : bodies and their names.
     hands : hands by the names of their bodies.
+    moving : whether the bodies will move, so that none needs to touch an object yet.
 
     Raises
     ------
     InvalidInput
-        If there are no foci and nothing touches; or as for ``at.contact``.
+        If there are no foci and nothing touches, unless the bodies will move; or as for
+        ``at.contact``.
     """
-    if not file.objects:
+    # An application may ask for foci on hands later.
+    if not file.objects and (file.foci or not (moving and hands)):
         return (), None
     # Importing the package takes time, so only scenes with objects import it.
     from airtact.touch.objects import objects_of
@@ -49,7 +56,7 @@ def touched(
             modelled = name in hands and obstacle.surface.primitive is not None
             skins[name] = hands[name] if modelled else obstacle.surface
         contacts = at.contact(skins, things)
-        if not len(contacts):
+        if not len(contacts) and not moving:
             points = contacts.skin.points
             near = {thing.name: -float(thing.exact_depth(points).max()) for thing in things}
             name = min(near, key=lambda name: near[name])
@@ -59,6 +66,16 @@ def touched(
                 code="empty",
             )
         return things, contacts
+
+
+def nearest_skin(contacts: "at.touch.Contacts") -> Float64[np.ndarray, "1 3"]:
+    """Return the focus (1, 3) at the skin that is nearest to an object [m]."""
+    skin = contacts.skin
+    depths = [np.zeros(len(skin.points))]  # any point if there is no object
+    if contacts.virtual_objects:
+        depths = [thing.depth(skin.points) for thing in contacts.virtual_objects]
+    nearest = int(np.max(depths, axis=0).argmax())
+    return (skin.points[nearest] + contacts.offset * skin.normals[nearest])[None]
 
 
 def _object(table: ObjectTable, folder: Path) -> "at.VirtualObject":

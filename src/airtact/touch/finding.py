@@ -8,8 +8,9 @@ from jaxtyping import Float64, Int64
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from airtact.geometry.mesh.arrays import PointLengths
 from airtact.touch.objects import VirtualObject
-from airtact.touch.skin import Skin
+from airtact.touch.skin import Look, Points, Skin
 
 Indices = Int64[np.ndarray, "contacts"]
 
@@ -50,6 +51,20 @@ class ContactArrays(NamedTuple):
             members=tuple(self.members[index] for index in indices),
             member_depths=tuple(self.member_depths[index] for index in indices),
         )
+
+
+NO_CONTACTS = ContactArrays(
+    points=np.zeros((0, 3)),
+    normals=np.zeros((0, 3)),
+    depths=np.zeros(0),
+    areas=np.zeros(0),
+    objects=np.zeros(0, dtype=np.int64),
+    places=np.zeros(0, dtype=np.int64),
+    patches=np.zeros(0, dtype=np.int64),
+    deepest=np.zeros(0, dtype=np.int64),
+    members=(),
+    member_depths=(),
+)
 
 
 def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> ContactArrays:
@@ -93,19 +108,55 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
         skin.points[ring],
         depths[row[first][:, None], ring],
     )
+    of_object = np.array(near, dtype=np.int64)[row[first]]
+    if skin.look is not None and len(keys):
+        points, normals, peak = _on_surface(skin.look, objects, of_object, points)
     areas = np.bincount(contact, skin.areas[point] * (depth > 0.0), len(keys))
     return ContactArrays(
         points=points,
         normals=normals,
         depths=peak,
         areas=areas,
-        objects=np.array(near, dtype=np.int64)[row[first]],
+        objects=of_object,
         places=place[first],
         patches=np.unique(labels[first], return_inverse=True)[1],
         deepest=deepest,
         members=tuple(np.split(point[order], starts[1:])) if len(keys) else (),
         member_depths=tuple(np.split(depth[order], starts[1:])) if len(keys) else (),
     )
+
+
+def _on_surface(
+    look: Look, objects: Sequence[VirtualObject], of_object: Indices, points: Points
+) -> tuple[Points, Points, PointLengths]:
+    """Move points of contacts to the deepest points of the true surface near them.
+
+    Returns
+    -------
+    The points, and the normals and depths there.
+    """
+    turns = 2.0 * np.pi * np.arange(8) / 8.0
+    circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    depths = np.zeros(len(points))
+    normals = np.zeros(points.shape)
+    # The fit of ``peaks`` in smaller and smaller circles of points on the surface.
+    for radius in (1e-3, 0.3e-3):
+        distances, normals = look(points)
+        points = points - distances[:, None] * normals
+        axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+        first = np.cross(normals, axis)
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        across = np.stack([first, np.cross(normals, first)], axis=1)
+        ring = points[:, None] + radius * circle @ across
+        distances, slopes = look(ring.reshape(-1, 3))
+        ring -= (distances[:, None] * slopes).reshape(ring.shape)
+        around = np.concatenate([points[:, None], ring], axis=1)
+        deep = np.zeros(around.shape[:2])
+        for index in set(of_object.tolist()):
+            own = of_object == index
+            deep[own] = objects[index].depth(around[own].reshape(-1, 3)).reshape(-1, 9)
+        points, normals, depths = peaks(points, normals, deep[:, 0], ring, deep[:, 1:])
+    return points, normals, depths
 
 
 def _connected(

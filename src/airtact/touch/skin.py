@@ -1,13 +1,14 @@
 """Points of skin that can touch: positions, normals, areas, neighbours, and parts of a hand."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, Real
 
 from airtact.errors import InvalidInput, between, fixed, in_short, of_kind
+from airtact.geometry.mesh.arrays import PointLengths
 from airtact.geometry.mesh.quadratic_triangles import area_vectors, longest_edges, unit
 from airtact.geometry.mesh.topology import edge_ends
 from airtact.geometry.surface import Surface
@@ -15,8 +16,13 @@ from airtact.hands.body import FREE, OWNER
 from airtact.hands.hand import Hand
 from airtact.hands.joints import FINGERS
 
+Points = Float64[np.ndarray, "points 3"]
+
 MAX_POINTS = 100_000
 """Largest number of skin points."""
+
+# Distances [m] and normals of a surface at points.
+Look = Callable[[Real[np.ndarray, "points 3"]], tuple[PointLengths, Points]]
 
 Bodies = Hand | Surface | Sequence[Hand | Surface] | Mapping[str, Hand | Surface]
 
@@ -38,6 +44,8 @@ class Skin:
     neighbours : (N, K) points at the other ends of each point's edges, padded with its own index;
         by default found from the triangles.
     bodies : true surface of the body of each part, or None if it is unknown.
+    look : of a moved skin, returns the signed distance (P,) [m] of points (P, 3) from its true
+        surface, and the outward unit normals (P, 3) there; None if that is unknown.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -48,6 +56,7 @@ class Skin:
     place: Int64[np.ndarray, "points"]
     neighbours: Int64[np.ndarray, "points most"] = None  # pyright: ignore
     bodies: tuple[Surface, ...] | None = None
+    look: Look | None = None
 
     __repr__ = in_short
 
@@ -57,7 +66,10 @@ class Skin:
             object.__setattr__(self, "neighbours", found)
 
     def moved(
-        self, points: Float64[np.ndarray, "points 3"], normals: Float64[np.ndarray, "points 3"]
+        self,
+        points: Float64[np.ndarray, "points 3"],
+        normals: Float64[np.ndarray, "points 3"],
+        look: Look | None = None,
     ) -> "Skin":
         """Return the same skin in another pose.
 
@@ -65,8 +77,9 @@ class Skin:
         ----------
         points : (N, 3) new positions [m].
         normals : (N, 3) new outward unit normals.
+        look : gives the true surface, see ``look``. The points of contacts are then exact.
         """
-        return replace(self, points=points, normals=normals, bodies=None)
+        return replace(self, points=points, normals=normals, bodies=None, look=look)
 
 
 def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:

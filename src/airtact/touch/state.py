@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from airtact.errors import between, number
-from airtact.touch.finding import find
+from airtact.touch.finding import NO_CONTACTS, ContactArrays, find
 from airtact.touch.foci import MAX_FOCI, WAVELENGTH, TouchFoci, chosen_foci
 from airtact.touch.objects import VirtualObject, objects_of
 from airtact.touch.skin import Skin
@@ -42,6 +42,10 @@ class TouchState:
     release : distance outside an object at which a contact ends [m].
     ramp : time from silence to full level [s].
 
+    Attributes
+    ----------
+    found : contacts of the last update, including skin up to ``release`` outside that has a focus.
+
     Raises
     ------
     InvalidInput
@@ -74,6 +78,7 @@ class TouchState:
         self.most = int(between(most, 1, 64, "the largest number of foci", "", "each is solved."))
         self.wavelength = between(wavelength, 3e-4, 0.35, "wavelength", "m", slip)
         self.objects = objects
+        self.found: ContactArrays = NO_CONTACTS
         self._playing: list[_Focus] = []
         self._time: float | None = None
         self._count = 0
@@ -119,6 +124,7 @@ class TouchState:
             if found.depths[index] > 0.0 or (name, found.places[index]) in held
         ]
         found = found.chosen(np.array(begun, dtype=np.int64))
+        self.found = found
         foci = chosen_foci(skin, self._objects, found, self.offset, self.most, self.wavelength)
         self._match(skin, foci, [names[index] for index in begun], found.places)
         for focus in self._playing:

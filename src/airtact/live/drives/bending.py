@@ -82,7 +82,8 @@ def bones_of(hand: Hand) -> Bones:
     )
 
 
-def _moved(points: Points, weights: Weights, before: Bones, now: Bones) -> Points:
+def moved_by_bones(points: Points, weights: Weights, before: Bones, now: Bones) -> Points:
+    """Move points (P, 3) [m] with the bones of a hand to another pose."""
     turns, shifts = before.motions_to(now)
     return np.einsum("pj,pjk->pk", points, np.tensordot(weights, turns, 1)) + weights @ shifts
 
@@ -155,7 +156,7 @@ class SkinSources:
         """
         wavenumber = scene.wavenumber
         bones = bones_of(posed.hand)
-        points = _moved(self.points, self.weights, self.bones, bones)
+        points = moved_by_bones(self.points, self.weights, self.bones, bones)
         elements = scene.with_images.array.positions[subset.chosen]
         detour = cdist(points, posed.foci) - cdist(self.points, self.posed.foci)
         # The strength has the phase of the path from the focus to the source, the wave that of the
@@ -280,11 +281,11 @@ class BendingPanels:
         air = Scene(scene.medium, [body], frequency=scene.frequency)
         solver = BoundaryElement(accuracy=accuracy, estimate=False)
         panels = solver.moving_panels(air, posed.foci)
-        self._panels = panels.facing(scene.with_images.array.positions, min_seen)
+        self.panels = panels.facing(scene.with_images.array.positions, min_seen)
         self._bones = bones_of(hand)
-        corners = self._panels.corners.reshape(-1, 3)
+        corners = self.panels.corners.reshape(-1, 3)
         self._corner_weights = hull_weights(hand.shape.hulls, corners)
-        self._inside_weights = hull_weights(hand.shape.hulls, self._panels.inside)
+        self._inside_weights = hull_weights(hand.shape.hulls, self.panels.inside)
         # The six sources on a panel move like the mean of its corners. The inner ones come last.
         panel_weights = self._corner_weights.reshape(-1, 6, len(PARTS)).mean(axis=1)
         self._source_weights = np.concatenate(
@@ -294,9 +295,9 @@ class BendingPanels:
 
     def solved(self, posed: PosedHand, time: float) -> SkinSources:
         """Solve another pose, at a time [s]; raises ``NotConverged``."""
-        bones, corners, inside = self._bent(posed)
+        bones, corners, inside = self.bent(posed.hand)
         # Below a relative residual of 0.2, the error of the panels dominates.
-        solution = self._panels.radiated(corners, inside, Target(posed.foci).beacons(), 0.2)
+        solution = self.panels.radiated(corners, inside, Target(posed.foci).beacons(), 0.2)
         return SkinSources(
             time=time,
             posed=posed,
@@ -309,20 +310,21 @@ class BendingPanels:
 
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
         """Solve another pose for sources off the skin, on all panels; raises as ``solved``."""
-        _, corners, inside = self._bent(posed)
-        return self._panels.received(corners, inside, sources, residual)
+        _, corners, inside = self.bent(posed.hand)
+        return self.panels.received(corners, inside, sources, residual)
 
-    def _bent(self, posed: PosedHand) -> tuple[Bones, QuadraticTriangles, Points]:
-        bones = bones_of(posed.hand)
-        corners = _moved(
-            self._panels.corners.reshape(-1, 3), self._corner_weights, self._bones, bones
+    def bent(self, hand: Hand) -> tuple[Bones, QuadraticTriangles, Points]:
+        """Return the bones of a hand, the panels on it, and their second collocation points."""
+        bones = bones_of(hand)
+        corners = moved_by_bones(
+            self.panels.corners.reshape(-1, 3), self._corner_weights, self._bones, bones
         )
-        skin = posed.hand.shape.hulls.look(corners)
+        skin = hand.shape.hulls.look(corners)
         lifted = skin.distance - self._heights
         # Bending moves corners up to 2 mm off the skin: project them back onto it.
         lifted = np.where(np.abs(lifted) < 2e-3, lifted, 0.0)
         corners -= lifted[:, None] * skin.gradient
-        inside = _moved(self._panels.inside, self._inside_weights, self._bones, bones)
+        inside = moved_by_bones(self.panels.inside, self._inside_weights, self._bones, bones)
         return bones, corners.reshape(-1, 6, 3), inside
 
 

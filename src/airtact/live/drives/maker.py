@@ -5,10 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from airtact.acoustics.target import Target
-from airtact.drives.gerchberg_saxton import weighted_gerchberg_saxton
-from airtact.drives.methods import METHODS
-from airtact.drives.transfer import TransferMatrix
+import airtact as at
 from airtact.errors import InvalidInput
 from airtact.hands.joints import joints_of
 from airtact.hands.tracking.frame import HandFrame
@@ -17,8 +14,9 @@ from airtact.live.drives.factors import OpenAir
 from airtact.live.drives.library import Library, expected_kept, worth_solving
 from airtact.live.drives.moving import Rounds, turned_towards
 from airtact.live.drives.solver_process import Request, SolverProcess
+from airtact.live.drives.strengths import balanced
 from airtact.live.moment import Controls, DriveMaker, Moment, Rule, silent_moment
-from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, Rows, pose_hand
+from airtact.live.scene import Joints, LiveScene, pose_hand
 
 
 def solved_for(scene: LiveScene) -> list[Rule]:
@@ -74,6 +72,7 @@ class HandAware(DriveMaker):
         self._solvers = list(solvers)
         self._newest: HandFrame | None = None
         self._previous = np.zeros(len(scene.array), dtype=np.complex128)
+        self._rejected: dict[str, str] = {}
         self.fault: str | None = None
         self.solutions = 0
 
@@ -85,10 +84,17 @@ class HandAware(DriveMaker):
         InvalidInput
             If it is not later than the frame before.
         """
-        if frame.side != self._scene.side:
+        if frame.side != self._scene.side or frame.landmarks is None:
             return
         self._predictor.take(frame)
         self._newest = frame
+
+    def feel(
+        self, objects: "Sequence[at.VirtualObject]", foci: "Sequence[at.live.WantedFocus]"
+    ) -> None:
+        """Reject wanted foci, because the places of the scene are fixed."""
+        reason = "the scene has [[foci]], which stay: leave them out, or give [[objects]]."
+        self._rejected = {focus.name: reason for focus in foci}
 
     def make(self, time: float, controls: Controls) -> Moment:
         """Make the drive for sound that is in the air at a time [s]; zeros if there is no hand.
@@ -152,7 +158,9 @@ class HandAware(DriveMaker):
             rows = rows * solution.at(self._scene, posed)
         method = controls.method or self._scene.method
         # A jump of the global phase has no effect at the foci, but the boards would click.
-        amplitudes = turned_towards(self._made(method, rows, posed.foci), self._previous)
+        strengths = np.array([controls.levels.get(place, 1.0) for place in self._scene.places])
+        made = balanced(self._scene, method, rows, posed.foci, strengths)
+        amplitudes = turned_towards(made, self._previous)
         self._previous = amplitudes
         frames = None
         if self._rounds is not None:
@@ -169,9 +177,7 @@ class HandAware(DriveMaker):
             shape_age=None if solution is None else time - solution.time,
             kept=kept,
             frames=frames,
+            names=self._scene.places,
+            strengths=strengths,
+            rejected=self._rejected,
         )
-
-    def _made(self, name: str, rows: Rows, foci: Foci) -> Amplitudes:
-        method = weighted_gerchberg_saxton if name == "best" else METHODS[name]
-        folded = self._scene.with_images.folded(rows)
-        return method(TransferMatrix(folded, float("nan")), Target(foci)).amplitudes

@@ -7,11 +7,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from threading import Thread, get_native_id
+from typing import Any
 
 from airtact.errors import InvalidInput, NotConverged, in_short
 from airtact.hands.joints import joints_of
 from airtact.live.drives.bending import BendingHand
-from airtact.live.drives.factors import HandFactors, PartSolver
+from airtact.live.drives.factors import PartSolver
+from airtact.live.drives.skin_solver import SkinRequest, SkinSolver
 from airtact.live.moment import Rule
 from airtact.live.scene import Joints, LiveScene
 from airtact.live.worker import Mailbox, Worker
@@ -63,7 +65,7 @@ class SolverProcess:
     """
 
     def __init__(self, scene: LiveScene, part: Rule) -> None:
-        self._solutions: deque[HandFactors | str | None] = deque(maxlen=64)
+        self._solutions: deque[Any] = deque(maxlen=64)
         self._arguments = (scene, part)
         self._restarts = 0
         self._start()
@@ -79,11 +81,11 @@ class SolverProcess:
             self._restarts += 1
         return self._restarts
 
-    def ask(self, request: Request) -> None:
+    def ask(self, request: Request | SkinRequest) -> None:
         """Hand over the newest hand."""
         self._worker.put(request)
 
-    def solutions(self) -> list[HandFactors | str]:
+    def solutions(self) -> list[Any]:
         """Return the solutions since the last call, and the messages of failed requests."""
         answers = [self._solutions.popleft() for _ in range(len(self._solutions))]
         return [answer for answer in answers if answer is not None]
@@ -94,11 +96,14 @@ class SolverProcess:
 
 
 def solve_hands(
-    mailbox: Mailbox, send: Callable[[HandFactors | str], None], scene: LiveScene, part: Rule
+    mailbox: Mailbox, send: Callable[[object], None], scene: LiveScene, part: Rule
 ) -> None:
     """Solve a part of the newest hand in the mailbox repeatedly, until the mailbox ends."""
     # Phalanges and carried solutions are urgent; whole hands are not.
     give_way(15 if part == "hand" else 5)
+    if part == "contacts":
+        _answer(mailbox, send, SkinSolver(scene).solved)
+        return
     if part != "carried":
         solver = PartSolver(scene)
         _answer(mailbox, send, lambda joints, time: solver.solved(joints, part, time))
@@ -118,8 +123,8 @@ def solved_ahead(seconds: float) -> float:
 
 def _answer(
     mailbox: Mailbox,
-    send: Callable[[HandFactors | str], None],
-    solve: Callable[[Joints, float], HandFactors | None],
+    send: Callable[[object], None],
+    solve: Callable[[Any, float], object],
     interval: float = 0.0,
 ) -> None:
     """Answer the newest request repeatedly, at most once per interval [s], until the end."""

@@ -1,0 +1,413 @@
+"""Drives for what hands touch: contacts with virtual objects, and foci that applications want."""
+
+import time as clock
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.errors import InvalidInput
+from airtact.hands.hand import Hand, Side
+from airtact.hands.joints import Point, joints_of
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.prediction import AGILITY, Predictor
+from airtact.live.drives.bending import Bones, bones_of
+from airtact.live.drives.factors import OpenAir
+from airtact.live.drives.moving import turned_towards
+from airtact.live.drives.moving_skin import MovingSkin
+from airtact.live.drives.skin_solver import SkinFactors, SkinRequest
+from airtact.live.drives.solver_process import SolverProcess
+from airtact.live.drives.strengths import balanced
+from airtact.live.moment import (
+    MOST_CONTACTS,
+    MOST_FOCI,
+    Controls,
+    DriveMaker,
+    Moment,
+    silent_moment,
+)
+from airtact.live.safety import Workspace
+from airtact.live.scene import SIDES, LiveScene, hand_in
+from airtact.live.world import WantedFocus
+from airtact.touch.finding import find
+from airtact.touch.objects import VirtualObject
+from airtact.touch.skin import Skin
+from airtact.touch.state import TouchState
+
+# Time in which a focus rises from silence to full strength, or falls [s].
+RAMP = 20e-3
+
+# Skin nearer to an object than this gets a beacon before it touches [m].
+EARLY = 15e-3
+
+# Distance of the foci of contacts from the skin [m].
+OFFSET = 0.5e-3
+
+# Foci of applications that are nearer to the skin than this are affected by it [m].
+NEAR_SKIN = 20e-3
+
+# Older solutions are not used [s].
+MAX_AGE = 0.25
+
+# Largest number of beacons on a hand.
+MOST_BEACONS = 12
+
+
+@dataclass(eq=False)
+class _TrackedHand:
+    """A hand, and what it touches."""
+
+    predictor: Predictor
+    touch: TouchState
+    moving: MovingSkin = field(default_factory=MovingSkin)
+    newest: HandFrame | None = None  # None while the hand is not seen
+    hand: Hand | None = None
+    skin: Skin | None = None  # of the newest pose
+    velocities: Float64[np.ndarray, "25 3"] | None = None
+
+
+@dataclass(eq=False)
+class _WantedState:
+    """A wanted focus while it is emitted."""
+
+    point: Point = field(default_factory=lambda: np.zeros(3))
+    side: Side | None = None  # of the hand that it is on
+    goal: float = 0.0
+    level: float = 0.0
+
+
+@dataclass(eq=False)
+class _Foci:
+    """The foci of one drive."""
+
+    points: list[Point] = field(default_factory=list)
+    strengths: list[float] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+    sides: list[Side | None] = field(default_factory=list)  # of the hands that they are on
+
+    def add(self, name: str, point: Point, strength: float, side: Side | None) -> None:
+        if len(self.points) < MOST_FOCI:
+            self.points.append(point)
+            self.strengths.append(strength)
+            self.names.append(name)
+            self.sides.append(side)
+
+
+class TouchAware(DriveMaker):
+    """Maker of drives for contacts with virtual objects and for wanted foci, on both hands.
+
+    Contacts are found on the predicted hands at each drive. Foci appear, move and fade as
+    ``TouchState`` says; wanted foci rise and fall as fast. The transfer matrix is that of open air
+    times the factors of the newest solution of the skin near contacts, which a process of its own
+    computes; beacons are solved before the skin touches. The amplitude follows the strongest
+    focus, so that a focus of strength s gets s times the pressure.
+
+    Parameters
+    ----------
+    scene : the fixed part of the scene.
+    noise, agility : as for ``HandAware``.
+    solvers : solver of skin; by default a process. Without one, phases are set from path lengths
+        alone.
+
+    Attributes
+    ----------
+    fault : message of the last pose that could not be used or solved, or None.
+    solutions : number of solutions so far.
+    """
+
+    def __init__(
+        self,
+        scene: LiveScene,
+        noise: float | None = None,
+        agility: float = AGILITY,
+        solvers: Sequence[SolverProcess] | None = None,
+    ) -> None:
+        self._scene = scene
+        self._workspace = Workspace(scene)
+        self._open_air = OpenAir(scene)
+        wavelength = scene.medium.wavelength(scene.frequency)
+        sides = SIDES if scene.both else (scene.side,)
+        self._hands: dict[Side, _TrackedHand] = {
+            side: _TrackedHand(
+                Predictor(0.0, noise, agility),
+                TouchState((), OFFSET, wavelength=wavelength, ramp=RAMP),
+            )
+            for side in sides
+        }
+        self._solvers = [SolverProcess(scene, "contacts")] if solvers is None else list(solvers)
+        self._factors: SkinFactors | None = None
+        self._objects = tuple(scene.objects)
+        # The places of a scene file are wanted all the time.
+        self._always = tuple(
+            WantedFocus(place, place=place, offset=float(offset))
+            for place, offset in zip(scene.places, scene.offsets, strict=True)
+        )
+        self._asked: tuple[WantedFocus, ...] = ()
+        self._wanted: dict[str, _WantedState] = {}
+        self._time: float | None = None
+        self._previous = np.zeros(len(scene.array), dtype=np.complex128)
+        self.fault: str | None = None
+        self.solutions = 0
+
+    def take(self, frame: HandFrame) -> None:
+        """Take the newest frame of a hand; after one without a hand, its foci fade.
+
+        Raises
+        ------
+        InvalidInput
+            If it is not later than the frame before.
+        """
+        tracked = self._hands.get(frame.side)
+        if tracked is None:
+            return
+        tracked.newest = None
+        if frame.landmarks is not None:
+            tracked.predictor.take(frame)
+            tracked.newest = frame
+
+    def feel(self, objects: Sequence[VirtualObject], foci: Sequence[WantedFocus]) -> None:
+        """Set what is to be felt from now on."""
+        self._objects = tuple(objects)
+        self._asked = tuple(foci)
+
+    def make(self, time: float, controls: Controls) -> Moment:
+        """Make the drive for sound that is in the air at a time [s].
+
+        Without a hand, or without a focus, all amplitudes are 0.
+        """
+        self._collect()
+        elapsed = 0.0 if self._time is None else max(time - self._time, 0.0)
+        self._time = time
+        seen: dict[Side, _TrackedHand] = {
+            side: tracked
+            for side, tracked in self._hands.items()
+            if self._pose(side, tracked, time)
+        }
+        foci = _Foci()
+        contacts = [np.zeros((0, 3))]
+        depths = [np.zeros(0)]
+        for side, tracked in self._hands.items():
+            if tracked.skin is None:
+                continue
+            # A hand that is lost touches nothing, and its foci fade where it was.
+            tracked.touch.objects = self._objects if side in seen else ()
+            tracked.touch.offset = OFFSET if controls.offset is None else controls.offset
+            touched = tracked.touch.update(tracked.skin, time)
+            prefix = f"{side}." if self._scene.both else ""
+            for name, point, strength in zip(
+                touched.names, touched.points, touched.strengths.tolist(), strict=True
+            ):
+                foci.add(prefix + name, point, strength, side)
+            contacts.append(tracked.touch.found.points)
+            depths.append(tracked.touch.found.depths)
+        rejected = self._add_wanted(foci, seen, controls, elapsed)
+        if not seen:
+            return silent_moment(self._scene, time, time)
+        if self._solvers and not controls.ignore_hand:
+            self._ask(time, foci, seen)
+        frames = [tracked.newest.time for tracked in seen.values() if tracked.newest is not None]
+        moment = self._drive(time, max(frames), foci, seen, controls)
+        joints = {side: tracked.hand.joints for side, tracked in seen.items() if tracked.hand}
+        return replace(
+            moment,
+            joints=joints.pop(self._scene.side, None),
+            other=next(iter(joints.values()), None),
+            contacts=np.concatenate(contacts)[:MOST_CONTACTS],
+            depths=np.concatenate(depths)[:MOST_CONTACTS],
+            objects=self._objects,
+            rejected=rejected,
+        )
+
+    def revive(self) -> int:
+        """Restart solvers that ended; return the number of restarts so far."""
+        return sum(solver.revive() for solver in self._solvers)
+
+    def close(self) -> None:
+        """End the solvers."""
+        for solver in self._solvers:
+            solver.close()
+
+    def _collect(self) -> None:
+        for solver in self._solvers:
+            for solution in solver.solutions():
+                if isinstance(solution, str):
+                    self.fault = solution
+                else:
+                    self.solutions += 1
+                    self._factors = solution
+
+    def _pose(self, side: Side, tracked: _TrackedHand, time: float) -> bool:
+        """Predict a hand and its skin; return whether there is one."""
+        tracked.hand = None
+        if tracked.newest is None:
+            return False
+        try:
+            frame = tracked.predictor.at(time)
+            if frame.landmarks is None:
+                return False
+            joints = joints_of(frame.landmarks)
+            # Velocities of the joints from the motion of the landmarks within 20 ms.
+            later = frame.landmarks + 0.02 * tracked.predictor.velocities()
+            tracked.velocities = (joints_of(later, tolerance=1.0) - joints) / 0.02
+            hand = hand_in(self._scene, joints, side)
+            tracked.skin = tracked.moving.at(hand)
+        except InvalidInput as fault:
+            self.fault = str(fault)
+            return False
+        tracked.hand = hand
+        return True
+
+    def _add_wanted(
+        self,
+        foci: _Foci,
+        seen: Mapping[Side, _TrackedHand],
+        controls: Controls,
+        elapsed: float,
+    ) -> dict[str, str]:
+        """Add the wanted foci, and those that fade; return why others are rejected, by name."""
+        rejected = {}
+        present = set()
+        for wanted in (*self._always, *self._asked):
+            try:
+                point, side = self._place_of(wanted, seen, controls)
+            except InvalidInput as fault:
+                rejected[wanted.name] = str(fault)
+                continue
+            state = self._wanted.setdefault(wanted.name, _WantedState())
+            state.point = point
+            state.side = side
+            state.goal = wanted.strength
+            present.add(wanted.name)
+        for name, state in list(self._wanted.items()):
+            goal = state.goal if name in present else 0.0
+            state.level += float(np.clip(goal - state.level, -elapsed / RAMP, elapsed / RAMP))
+            if name not in present and state.level <= 0.0:
+                del self._wanted[name]
+            else:
+                foci.add(name, state.point, state.level, state.side)
+        return rejected
+
+    def _place_of(
+        self, wanted: WantedFocus, seen: Mapping[Side, _TrackedHand], controls: Controls
+    ) -> tuple[Point, Side | None]:
+        """Return where a wanted focus is [m], and the side of the hand that it is on, if any.
+
+        Raises
+        ------
+        InvalidInput
+            If that is unknown, inside a hand or out of reach.
+        """
+        side: Side | None = None
+        if wanted.place is not None:
+            side, place = _sided(wanted.place, self._scene.side)
+            hand = seen[side].hand if side in seen else None
+            if hand is None:
+                raise InvalidInput(
+                    f"the {side} hand is not seen: hold it in front of the tracker.",
+                    code="data_missing",
+                )
+            offset = wanted.offset if controls.offset is None else controls.offset
+            point = hand.focus(place, offset)
+        else:
+            assert wanted.point is not None
+            point = wanted.point
+            if wanted.on is not None:
+                thing = next((one for one in self._objects if one.name == wanted.on), None)
+                if thing is None:
+                    raise InvalidInput(
+                        f"there is no object {wanted.on!r}: add it first.", code="unknown_name"
+                    )
+                point = point if thing.pose is None else thing.pose.apply(point)
+            for one, tracked in seen.items():
+                assert tracked.hand is not None
+                depth = float(tracked.hand.shape.depth(point[None])[0])
+                if depth > 0.0:
+                    raise InvalidInput(
+                        f"the focus is {1e3 * depth:.2g} mm inside the {one} hand: move it out.",
+                        point,
+                        code="inside_body",
+                    )
+                if depth > -NEAR_SKIN:
+                    side = one
+        fault = self._workspace.out_of_reach(point[None])
+        if fault is not None:
+            raise InvalidInput(fault, point, code="misplaced")
+        return point, side
+
+    def _ask(self, time: float, foci: _Foci, seen: Mapping[Side, _TrackedHand]) -> None:
+        """Request a solution for the foci on hands, and for skin that will touch soon."""
+        points = []
+        owners = []
+        for side, tracked in seen.items():
+            assert tracked.skin is not None
+            own = [foci.points[index] for index, one in enumerate(foci.sides) if one == side]
+            found = find(tracked.skin, self._objects, EARLY)
+            early = found.points + OFFSET * found.normals
+            # The nearest to an object first.
+            for point in early[np.argsort(-found.depths)]:
+                if all(np.linalg.norm(point - other) > 2e-3 for other in own):
+                    own.append(point)
+            own = own[:MOST_BEACONS]
+            points += own
+            owners += [SIDES.index(side)] * len(own)
+        if points:
+            request = SkinRequest(
+                time=time,
+                sent=clock.monotonic(),
+                joints={
+                    side: tracked.hand.joints for side, tracked in seen.items() if tracked.hand
+                },
+                velocities={
+                    side: tracked.velocities
+                    for side, tracked in seen.items()
+                    if tracked.velocities is not None
+                },
+                points=np.array(points),
+                owners=np.array(owners),
+            )
+            for solver in self._solvers:
+                solver.ask(request)
+
+    def _drive(
+        self,
+        time: float,
+        frame_time: float,
+        foci: _Foci,
+        seen: Mapping[Side, _TrackedHand],
+        controls: Controls,
+    ) -> Moment:
+        points = np.array(foci.points).reshape(-1, 3)
+        levels = [controls.levels.get(name, 1.0) for name in foci.names]
+        strengths = np.array(foci.strengths) * np.array(levels)
+        moment = silent_moment(self._scene, time, frame_time)
+        moment = replace(
+            moment, foci=points, names=tuple(foci.names), strengths=strengths, state="playing"
+        )
+        if not len(points):
+            return replace(moment, pressures=np.zeros(0))
+        rows = self._open_air.rows(points)
+        solution = self._factors
+        if solution is not None and not controls.ignore_hand and time - solution.time < MAX_AGE:
+            bones: dict[Side, Bones] = {
+                side: bones_of(tracked.hand) for side, tracked in seen.items() if tracked.hand
+            }
+            factors, benefits = solution.at(bones, points)
+            rows = rows * factors
+            if benefits.mean() > 0.5:
+                moment = replace(moment, rule="contacts", shape_age=time - solution.time)
+        method = controls.method or self._scene.method
+        amplitudes = balanced(self._scene, method, rows, points, strengths)
+        # A jump of the global phase has no effect at the foci, but the boards would click.
+        amplitudes = turned_towards(amplitudes, self._previous)
+        if amplitudes.any():
+            self._previous = amplitudes
+        pressures = np.abs(self._scene.with_images.folded(rows) @ amplitudes)
+        return replace(moment, amplitudes=amplitudes, pressures=pressures)
+
+
+def _sided(place: str, default: Side) -> tuple[Side, str]:
+    """Return the side and the name of a place such as "right.index.pad" or "palm"."""
+    first, _, rest = place.partition(".")
+    side: Side = "left" if first == "left" else "right" if first == "right" else default
+    return side, rest if first in SIDES else place
