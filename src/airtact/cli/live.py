@@ -114,10 +114,11 @@ def live(
 ) -> None:
     """Follow the hand of SCENE with the sound, and record the run in session.h5.
 
-    SCENE is the example live_pinch by default. Its foci are where the hands touch its [[objects]],
-    or named points of a hand, such as at = "thumb.pad". The sound fades to silence when the hand is lost, leaves the workspace or is
-    not seen for 150 ms. Without --cap and --full-scale the level half a metre from the array is
-    limited to 110 dB. Ctrl-C ends the run in silence.
+    SCENE is the example live_pinch by default. Its foci are where hands touch its [[objects]], as
+    in touch_ball and touch_button, or named points of a hand, such as at = "thumb.pad". The sound
+    fades to silence when the hand is lost, leaves the workspace or is not seen for 150 ms. Without
+    --cap and --full-scale the level half a metre from the array is limited to 110 dB. Ctrl-C ends
+    the run in silence.
 
     --record writes the frames of trackers to a recording and reads no SCENE. --verify solves for
     the hand of a session at the times of its drives, and compares the drives with the best ones.

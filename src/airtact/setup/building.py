@@ -102,6 +102,11 @@ def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
     with about("array"):
         array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
         plates = at.reflecting_boards(array) if file.array.reflects else ()
+    # Applications may ask for foci on a hand that is tracked.
+    if not (file.foci or file.objects or (moving and hands)):
+        raise InvalidInput(
+            "the key foci is missing: give [[foci]] or [[objects]].", code="key_missing"
+        )
     objects, contacts = touched(file, path.parent, bodies, obstacles, hands, moving)
     # Reflecting boards are bodies of the scene too, so warnings and reports need their names.
     bodies += ["boards"] if len(plates) == 1 else [f"board {index}" for index in range(len(plates))]

@@ -663,11 +663,3 @@ class SceneFile(Table, frozen=True):
     drive: DriveTable = DriveTable()
     uncertainty: UncertaintyTable | None = None
     tracker: PoseTable | None = None
-
-    def __post_init__(self) -> None:
-        """Raise ``InvalidInput`` if there is nothing to feel."""
-        super().__post_init__()
-        if not self.foci and not self.objects:
-            raise InvalidInput(
-                "the key foci is missing: give [[foci]] or [[objects]].", code="key_missing"
-            )

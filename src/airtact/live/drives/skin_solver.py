@@ -178,19 +178,20 @@ class SkinSolver:
         reach = min(REACH, float(ordered[min(MAX_PANELS, len(ordered) - 1)]))
         if ordered[0] >= reach:
             return None
-        kept = [distances < reach for distances in away]
+        parts = []
+        for (body, corners, inside), distances in zip(bodies, away, strict=True):
+            keep = distances < reach
+            two = np.repeat(keep, 2)  # each panel has two of the second collocation points
+            parts.append((corners[keep], inside[two], body.deviation[keep], body.admittance[keep]))
+        corners, inside, deviation, admittance = (
+            np.concatenate(part) for part in zip(*parts, strict=True)
+        )
         panels = replace(
             bodies[0][0],
-            deviation=np.concatenate(
-                [body.deviation[keep] for (body, _, _), keep in zip(bodies, kept, strict=True)]
-            ),
-            admittance=np.concatenate(
-                [body.admittance[keep] for (body, _, _), keep in zip(bodies, kept, strict=True)]
-            ),
-        )
-        corners = np.concatenate([c[keep] for (_, c, _), keep in zip(bodies, kept, strict=True)])
-        inside = np.concatenate(
-            [i[np.repeat(keep, 2)] for (_, _, i), keep in zip(bodies, kept, strict=True)]
+            corners=corners,
+            inside=inside,
+            deviation=deviation,
+            admittance=admittance,
         )
         beacons = Target(points).beacons()
         solution = panels.radiated(corners, inside, beacons, 0.2)
