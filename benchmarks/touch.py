@@ -118,7 +118,7 @@ def ball() -> Setting:
 
 
 def button() -> Setting:
-    """An index finger of 0.8 of the size at a button in the paper's box."""
+    """Press a button with an index finger of 0.8 of the size in the paper's box."""
     # Of 40,000 rotation vectors [rad], the one whose hand is farthest from the walls.
     axis = (0.954, 0.373, -0.933)
     upright = at.Pose.turn(axis, float(np.linalg.norm(axis)))
@@ -139,7 +139,7 @@ def button() -> Setting:
 
 
 def plane() -> Setting:
-    """A flat hand strokes a textured plane, 200 mm over 2 x 2 flat boards."""
+    """Stroke a textured plane with a flat hand, 200 mm over 2 x 2 flat boards."""
     rest, radii = example("relaxed")
     hand = at.hand_from_joints(rest, radii)
     side = hand.side

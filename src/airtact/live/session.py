@@ -426,6 +426,13 @@ def read_session(path: str | Path) -> Session:
         for name in ("amplitudes", "time_in_air", "frame_time"):
             check_finite(raw[f"drives/{name}"], name)
         count = len(raw["drives/time_in_air"])
+        columns = raw["drives/foci"].shape[1]
+        places = len(raw.get("places", ()))
+        if "both" not in raw and columns != places:
+            raise InvalidInput(
+                f"drives/foci has {columns} columns, but there are {places} places.",
+                code="wrong_shape",
+            )
         return Session(
             scene=_scene_of(raw),
             text=raw["scene"],
@@ -441,7 +448,7 @@ def read_session(path: str | Path) -> Session:
             frame_time=raw["frames/time"],
             landmarks=raw["frames/landmarks"],
             sides=_sides(raw),
-            strengths=raw.get("drives/strengths", np.ones((count, raw["drives/foci"].shape[1]))),
+            strengths=raw.get("drives/strengths", np.ones((count, columns))),
             contacts=raw.get("drives/contacts", np.zeros((count, 0, 3))),
             depths=raw.get("drives/depths", np.zeros((count, 0))),
             other=raw.get("drives/other", np.full((count, 25, 3), np.nan)),
