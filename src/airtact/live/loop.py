@@ -7,7 +7,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Float64
 from threadpoolctl import threadpool_limits
 
 from airtact.acoustics.target import Target
@@ -214,13 +214,6 @@ def follow(
     return done if session is None else replace(done, unrecorded=session.fault)
 
 
-def capped(
-    amplitudes: Complex128[np.ndarray, "*shape"], cap: float
-) -> Complex128[np.ndarray, "*shape"]:
-    """Scale all amplitudes by one factor so that none exceeds a cap."""
-    return min(1.0, cap / float(np.abs(amplitudes).max(initial=1e-12))) * amplitudes
-
-
 @dataclass(eq=False)
 class _Loop:
     """State of the loop."""
@@ -424,15 +417,15 @@ class _Loop:
         if self.limited:
             self._limit(self.moment)
         cap = min(self.cap, self.controls.cap)
-        amplitudes = share * capped(self.moment.amplitudes, cap)
+        # Drives of weak foci are weaker than full scale, so all are scaled by the cap.
+        amplitudes = share * cap * self.moment.amplitudes
         self._send(amplitudes, share, cap)
         sent = time.monotonic()
         # The session records what the boards emitted, including their own ramp.
         emitted = self.output.share * amplitudes
         moment = replace(self.moment, amplitudes=emitted, state=state, frames=None)
         self._note(moment, sent, before)
-        largest = float(np.abs(self.moment.amplitudes).max(initial=1e-12))
-        self.world.show(moment, self.fault, share * min(1.0, cap / largest))
+        self.world.show(moment, self.fault, share * cap)
         if on:
             played = {
                 "sent": sent,
@@ -469,7 +462,7 @@ class _Loop:
         moving = self.scene.moving
         frames = None if self.moment is None else self.moment.frames
         if moving is not None and frames is not None and self.controls.modulated and share > 0.0:
-            self.output.cycle(share * capped(frames, cap), moving.rate)
+            self.output.cycle(share * cap * frames, moving.rate)
             return
         if self.modulated != self.controls.modulated:
             self.modulated = self.controls.modulated
