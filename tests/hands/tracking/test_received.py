@@ -174,6 +174,11 @@ def test_frames_without_a_landmark_are_left_out():
     assert (health.received, health.used, health.half_lost) == (7, 4, 3)
 
 
+def test_a_recording_relative_to_the_wrist_says_so():
+    assert "origin" in reading("vuer.json").note
+    assert reading("confidence.jsonl").note == ""
+
+
 def test_further_keys_are_ignored():
     assert reading("confidence.jsonl").health.used == 2
     message = json.loads((RECEIVED / "confidence.jsonl").read_text().splitlines()[0])

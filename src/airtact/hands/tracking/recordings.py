@@ -34,7 +34,7 @@ class Recording:
     ----------
     frames : frames in the order of the file.
     health : counts of frames and of faults in the file.
-    note : what the format of the file lacks, or "".
+    note : what the format of the file lacks, or what is odd about its frames; "" if nothing.
     """
 
     frames: tuple[HandFrame, ...]
@@ -91,7 +91,7 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
                 raise InvalidInput(f"{place}: {fault}", fault.position, code=fault.code)
         if not frames:
             raise InvalidInput(f"it has no valid frame ({stream.health}).", code="empty")
-        return Recording(tuple(frames), stream.health, note)
+        return Recording(tuple(frames), stream.health, note or stream.remark())
 
 
 def is_recording(path: Path) -> bool:
