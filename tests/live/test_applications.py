@@ -125,6 +125,16 @@ def test_moves_turn_and_remove_and_clear_do_what_they_say(world):
     assert world.foci(0.0) == ()
 
 
+def test_an_object_of_the_scene_that_was_replaced_returns(world, clock):
+    (before,) = world.objects
+    world.take(message("objects", add=[{"name": "ball", "sphere": {"radius": 0.05}}]), "app")
+    assert world.objects[0].ball[1] > 0.04
+    world.close("app")
+    clock.now += 2.0 * SILENCE
+    world.show(None, None)
+    assert world.objects == (before,)
+
+
 def test_a_focus_on_an_object_goes_with_it(world, clock):
     world.take(foci_of(point=[0.0, 0.0, 0.02], on="ball"), "app")
     (focus,) = world.foci(clock.now)
@@ -276,7 +286,7 @@ def test_many_names_and_sources_take_no_memory(world, clock):
         world.close(f"source {index}")
         clock.now += 0.01
     held = [value for value in vars(world).values() if isinstance(value, dict)]
-    assert len(held) == 4
+    assert len(held) == 5
     assert max(map(len, held)) <= 64
     for index in range(100):
         world.take(foci_of(place="palm"), f"source {index}")
@@ -313,11 +323,10 @@ def raw(text):
 
 def test_an_application_that_does_not_read_delays_nobody(server):
     with socket.create_connection(("127.0.0.1", server.port)) as slow:
-        slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         lines = ["GET / HTTP/1.1", "Host: x", "Upgrade: websocket", "Connection: Upgrade"]
         lines += ["Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13"]
         slow.sendall("\r\n".join([*lines, "", ""]).encode())
-        slow.sendall(2000 * raw(message("foci", foci=[{"id": 130 * "x"}])))  # 0.3 MB of answers
+        slow.sendall(600 * raw(foci_of(place=400 * "x")))  # 0.3 MB of answers
         slow.sendall(raw(message("objects", add=[{"name": "box", "box": {"sides": [0.1] * 3}}])))
         until(lambda: "box" in names(server.world))
         with at.live.Client(server.words) as client:

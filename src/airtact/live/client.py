@@ -106,9 +106,11 @@ class Client:
         return self._state
 
     def next_state(self, timeout: float = 1.0) -> StateMessage | None:
-        """Wait for a state that is newer than this call; None after the timeout [s]."""
+        """Wait for a state that this method did not return yet; None after the timeout [s]."""
+        if not self._new.wait(timeout):
+            return None
         self._new.clear()
-        return self._state if self._new.wait(timeout) else None
+        return self._state
 
     def objects(self, *objects: VirtualObject) -> None:
         """Add objects, or replace those with the same names; those without get names."""

@@ -124,6 +124,7 @@ class World:
         self._clock = clock
         self._lock = RLock()
         self._objects = objects_of(objects)
+        self._scene = {thing.name: thing for thing in self._objects}
         # Of each object that an application added: the message, and the application.
         self._added: dict[str, tuple[ObjectMessage, str]] = {}
         self._foci: dict[str, dict[str, WantedFocus]] = {}
@@ -318,7 +319,12 @@ class World:
     def _drop(self, sources: set[str]) -> None:
         gone = {name for name, (_, owner) in self._added.items() if owner in sources}
         if gone:
-            self._objects = tuple(thing for thing in self._objects if thing.name not in gone)
+            things = {thing.name: thing for thing in self._objects}
+            for name in gone:
+                del things[name]
+            # Objects of the scene file that were replaced return.
+            things |= {name: thing for name, thing in self._scene.items() if name in gone}
+            self._objects = tuple(things.values())
             self._added = {name: one for name, one in self._added.items() if name not in gone}
 
     def _forget(self, now: float) -> None:
