@@ -51,7 +51,7 @@ namespace Airtact
     [DataContract]
     public class FocusState
     {
-        [DataMember] public string id;
+        [DataMember] public string id, reason;
         [DataMember] public double[] point;
         [DataMember] public double strength;
         [DataMember] public double? pressure;

@@ -4,6 +4,8 @@ import json
 import socket
 import time
 from contextlib import nullcontext
+from dataclasses import replace
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -333,3 +335,55 @@ def test_an_application_that_does_not_read_delays_nobody(server):
             client.clear()
             server.world.show(None, "lost")
             assert client.next_state(PATIENCE) is not None
+
+
+def test_a_client_feels_a_ball_through_the_real_loop(tmp_path):
+    """A recorded hand grasps the client's ball; a focus inside the hand gets a reason instead."""
+    setup = at.read_scene("touch_ball", moving=True)
+    scene = at.live.live_scene(setup)
+    frames = at.hands.load_recording(at.example("grasping.jsonl")).frames
+    hands = at.live.hands_from(setup, "websocket:0", tmp_path)
+    maker = at.live.TouchAware(scene, solvers=[])
+    statuses = []
+    settings = {"seconds": PATIENCE, "world": hands.world, "report": statuses.append}
+    output = at.live.Output()
+    ended = []
+
+    def run():
+        ended.append(at.live.follow(scene, hands, maker, output=output, **settings))
+
+    loop = Thread(target=run)
+    loop.start()
+    felt = inside = bad = False
+    with at.live.Client(hands.words) as client:
+        client.objects(at.VirtualObject(at.sphere(0.012, edge=0.004), name="mine"))
+        client.remove("ball")
+        client.remove("nothing")
+        end = time.monotonic() + PATIENCE / 2.0
+        sequence = 0
+        while not (felt and inside and bad) and time.monotonic() < end:
+            # The frame in the middle holds the ball.
+            frame = frames[min(sequence, len(frames) // 2)]
+            client.hands(replace(frame, time=time.monotonic(), sequence=sequence))
+            client.foci(at.live.WantedFocus("in", point=np.array(frame.landmarks[12])))
+            sequence += 1
+            time.sleep(1.0 / 60.0)
+            state = client.state
+            if state is None:
+                continue
+            touched = {contact.part for contact in state.contacts if contact.object == "mine"}
+            loud = {focus.id for focus in state.foci if (focus.pressure or 0.0) > 100.0}
+            if {f"{part} at mine" for part in touched} & loud:
+                felt = True
+            reasons = [focus.reason for focus in state.foci if focus.id == "in"]
+            inside |= any("inside" in (reason or "") for reason in reasons)
+            bad |= any("'nothing'" in str(status) for status in statuses)
+        output.stop()
+        until(lambda: "stopped" in (client.state.reason or ""))
+        client.foci(at.live.WantedFocus("in", point=np.zeros(3)))
+        time.sleep(0.1)
+        assert client.state.state == "silent"
+    hands.ended = True  # the silent loop ends
+    loop.join()
+    assert ended[0].stopped
+    assert (felt, inside, bad) == (True, True, True)

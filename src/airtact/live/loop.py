@@ -433,7 +433,8 @@ class _Loop:
                 "kept": np.nan if moment.kept is None else moment.kept,
             }
             self.played.append(played)
-            self.duration += 0.1 * (sent - now - self.duration)
+            # One slow drive must not move the prediction so far ahead that the hand counts as lost.
+            self.duration += 0.1 * (min(sent - now, 0.1) - self.duration)
 
     def _limit(self, moment: Moment) -> None:
         """Lower the cap if a focus comes to a place where the level at a head would be too high."""

@@ -270,7 +270,7 @@ class ContactState(msgspec.Struct, frozen=True):
     Attributes
     ----------
     object : name of the object.
-    part : part of the hand, such as "index".
+    part : part of the hand, such as "left.index".
     point : deepest point of the skin in the object [m].
     depth : its depth [m].
     """
@@ -287,15 +287,17 @@ class FocusState(msgspec.Struct, frozen=True):
     Attributes
     ----------
     id : name that the application gave it, or the part of the hand and the object in contact.
-    point : predicted position [m].
+    point : predicted position [m], or null if unknown.
     strength : its strength now, from 0 to 1.
     pressure : predicted pressure [Pa], or null if unknown.
+    reason : why the focus gets no sound, such as that it is inside the hand, or null.
     """
 
     id: str
-    point: Triple
+    point: Triple | None
     strength: float
     pressure: float | None
+    reason: str | None = None
 
 
 class StateMessage(msgspec.Struct, frozen=True, tag="state"):
@@ -307,7 +309,7 @@ class StateMessage(msgspec.Struct, frozen=True, tag="state"):
     state : "playing", "fading" or "silent".
     reason : why there is no sound, or null.
     contacts : contacts of the hand with objects.
-    foci : all foci that are played.
+    foci : all foci.
     """
 
     version: int

@@ -51,6 +51,7 @@ class Moment:
     strengths : (F,) strengths of the foci, from 0 to 1; None if all are equal.
     contacts : (C, 3) points of the skin that touch an object [m], or None without objects.
     depths : (C,) their depths in the objects [m], or None.
+    touching : part of the hand and object of each contact.
     objects : the virtual objects.
     rejected : why wanted foci get no sound, by their names.
     """
@@ -71,6 +72,7 @@ class Moment:
     strengths: Float64[np.ndarray, "foci"] | None = None
     contacts: Float64[np.ndarray, "contacts 3"] | None = None
     depths: Float64[np.ndarray, "contacts"] | None = None
+    touching: tuple[tuple[str, str], ...] = ()
     objects: tuple[VirtualObject, ...] = ()
     rejected: Mapping[str, str] = field(default_factory=dict)
 

@@ -112,7 +112,8 @@ class OscServer:
                 lines.append(("state/contact", [contact.object, contact.part, *numbers]))
             for focus in state.foci:
                 pressure = np.nan if focus.pressure is None else focus.pressure
-                lines.append(("state/focus", [focus.id, *focus.point, focus.strength, pressure]))
+                numbers = [*(focus.point or 3 * [np.nan]), focus.strength, pressure]
+                lines.append(("state/focus", [focus.id, *numbers, focus.reason or ""]))
             self._send(_bundle(lines), *self._heard)
 
     def _take(self, packet: bytes, sender: tuple[str, int]) -> None:

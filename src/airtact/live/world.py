@@ -339,28 +339,28 @@ class World:
 
 
 def _state_of(moment: Moment | None, reason: str | None, scale: float) -> StateMessage:
-    if moment is None or moment.foci is None or moment.state not in ("playing", "fading"):
+    if moment is None or moment.foci is None:
         return StateMessage(VERSION, "silent", reason or "paused")
     foci = []
     for index, point in enumerate(moment.foci):
         pressure = None
         if moment.pressures is not None:
             pressure = round(float(scale * moment.pressures[index]), 1)
-        foci.append(
-            FocusState(
-                moment.names[index] if moment.names else f"focus {index + 1}",
-                _rounded(point),
-                1.0 if moment.strengths is None else round(float(moment.strengths[index]), 3),
-                pressure,
-            )
-        )
+        strength = 1.0 if moment.strengths is None else round(float(moment.strengths[index]), 3)
+        name = moment.names[index] if moment.names else f"focus {index + 1}"
+        foci.append(FocusState(name, _rounded(point), strength, pressure))
+    for name, why in moment.rejected.items():
+        foci.append(FocusState(name, None, 0.0, 0.0, why))
     contacts = []
     if moment.contacts is not None and moment.depths is not None:
-        for index, point in enumerate(moment.contacts):
-            contacts.append(
-                ContactState("", "", _rounded(point), round(float(moment.depths[index]), 6))
-            )
-    return StateMessage(VERSION, moment.state, reason, contacts, foci)
+        depths = moment.depths.round(6).tolist()
+        for (part, name), point, depth in zip(
+            moment.touching, moment.contacts, depths, strict=True
+        ):
+            contacts.append(ContactState(name, part, _rounded(point), depth))
+    if moment.state in ("playing", "fading") and moment.amplitudes.any():
+        return StateMessage(VERSION, moment.state, reason, contacts, foci)
+    return StateMessage(VERSION, "silent", reason or "nothing is touched", contacts, foci)
 
 
 def _rounded(point: Float64[np.ndarray, "3"]) -> tuple[float, float, float]:

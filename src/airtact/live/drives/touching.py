@@ -187,6 +187,7 @@ class TouchAware(DriveMaker):
         foci = _Foci()
         contacts = [np.zeros((0, 3))]
         depths = [np.zeros(0)]
+        touching: list[tuple[str, str]] = []
         for side, tracked in self._hands.items():
             if tracked.skin is None:
                 continue
@@ -199,8 +200,12 @@ class TouchAware(DriveMaker):
                 touched.names, touched.points, touched.strengths.tolist(), strict=True
             ):
                 foci.add(prefix + name, point, strength, side)
-            contacts.append(tracked.touch.found.points)
-            depths.append(tracked.touch.found.depths)
+            found = tracked.touch.found
+            contacts.append(found.points)
+            depths.append(found.depths)
+            for place, index in zip(found.places, found.objects, strict=True):
+                part = prefix + tracked.skin.places[place]
+                touching.append((part, tracked.touch.objects[index].name))
         rejected = self._add_wanted(foci, seen, controls, elapsed)
         if not seen:
             return silent_moment(self._scene, time, time)
@@ -215,6 +220,7 @@ class TouchAware(DriveMaker):
             other=next(iter(joints.values()), None),
             contacts=np.concatenate(contacts)[:MOST_CONTACTS],
             depths=np.concatenate(depths)[:MOST_CONTACTS],
+            touching=tuple(touching[:MOST_CONTACTS]),
             objects=self._objects,
             rejected=rejected,
         )
