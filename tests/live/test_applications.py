@@ -337,6 +337,7 @@ def test_an_application_that_does_not_read_delays_nobody(server):
             assert client.next_state(PATIENCE) is not None
 
 
+@pytest.mark.slow
 def test_a_client_feels_a_ball_through_the_real_loop(tmp_path):
     """A recorded hand grasps the client's ball; a focus inside the hand gets a reason instead."""
     setup = at.read_scene("touch_ball", moving=True)
