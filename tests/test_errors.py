@@ -147,14 +147,14 @@ def test_points_are_finite_real_numbers_in_three_columns(points, code, written):
 @pytest.mark.parametrize(
     ("value", "kind", "written"),
     [
-        (3.0, Medium, "the medium is 3.0, but it must be a Medium: give air()."),
-        (Medium, Medium, "the medium is the class Medium, but it must be a Medium: give air()."),
+        (3.0, Medium, "the medium is 3.0, but it must be a Medium: pass air()."),
+        (Medium, Medium, "the medium is the class Medium, but it must be a Medium: pass air()."),
         (
             np.zeros(3),
             Medium,
-            "the medium is an array of shape (3,), but it must be a Medium: give air().",
+            "the medium is an array of shape (3,), but it must be a Medium: pass air().",
         ),
-        ([1, 2], dict, "the medium is a list of length 2, but it must be a dict: give air()."),
+        ([1, 2], dict, "the medium is a list of length 2, but it must be a dict: pass air()."),
     ],
 )
 def test_another_kind_is_rejected_with_what_to_give(value, kind, written):

@@ -164,8 +164,7 @@ def _pictures(options: argparse.Namespace) -> Iterator[tuple[float, Picture]]:
     camera = cv2.VideoCapture(int(options.camera) if options.camera.isdigit() else options.camera)
     if not camera.isOpened():
         raise SystemExit(
-            f"camera {options.camera} cannot be opened; give another number, or the path of a "
-            "video."
+            f"camera {options.camera} cannot be opened; use another number, or the path of a video."
         )
     while True:
         taken, picture = camera.read()

@@ -77,7 +77,7 @@ def _seen() -> Iterator[Any]:
         pipeline.start(config)
     except RuntimeError as error:
         raise SystemExit(
-            f"no RealSense camera can be read: {error}; plug one in, or give --depths."
+            f"no RealSense camera can be read: {error}; plug one in, or use --depths."
         ) from None
     # The camera is in use until the pipeline is stopped.
     try:
@@ -95,7 +95,7 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
     files = sorted(file for file in options.depths.glob("*.npy") if file.is_file())
     if not files:
         raise SystemExit(
-            f"{options.depths} holds no .npy files; give a folder with pictures of depth."
+            f"{options.depths} holds no .npy files; use a folder with pictures of depth."
         )
     rows, columns = _picture(files[0]).shape
     # A pinhole camera without distortion.
@@ -161,7 +161,7 @@ def _picture(file: Path, shape: tuple[int, int] | None = None) -> Any:
         )
     if shape is not None and metres.shape != shape:
         raise SystemExit(
-            f"{file.name} has the shape {metres.shape}, and the first picture has {shape}; give "
+            f"{file.name} has the shape {metres.shape}, and the first picture has {shape}; use "
             "all the same."
         )
     return metres

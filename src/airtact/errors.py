@@ -169,7 +169,7 @@ def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Va
     if not isinstance(value, kind):
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         raise InvalidInput(
-            f"{what} is {_described(value)}, but it must be {_with_article(name)}: give {instead}.",
+            f"{what} is {_described(value)}, but it must be {_with_article(name)}: pass {instead}.",
             code="wrong_kind",
         )
     return value
@@ -257,7 +257,7 @@ def within(value: float, low: float, high: float, what: str, unit: str, slip: st
 
 def check_frequency(frequency: float) -> float:
     """Return a frequency [Hz] from 1 kHz to 1 MHz as a float; raise as ``between``."""
-    return between(frequency, 1e3, 1e6, "frequency", "Hz", "is it in kHz? Give hertz.")
+    return between(frequency, 1e3, 1e6, "frequency", "Hz", "is it in kHz? Use hertz.")
 
 
 def check_seed(seed: int) -> None:
@@ -285,13 +285,13 @@ def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarra
         numbers = np.asarray(array)
     except ValueError:
         raise InvalidInput(
-            f"{what} are {_described(array)} whose rows differ in length; give an array.",
+            f"{what} are {_described(array)} whose rows differ in length; use an array.",
             code="wrong_shape",
         ) from None
     if numbers.dtype.kind not in "iuf" and numbers.size:
         raise InvalidInput(
             f"{what} are {_described(array)} of type {numbers.dtype} and shape {numbers.shape}; "
-            "give real numbers.",
+            "use real numbers.",
             code="not_a_number",
         )
     return fixed(numbers)
@@ -325,7 +325,7 @@ def points_of(
             code="wrong_shape",
         )
     if len(points) < least:
-        raise InvalidInput(f"{what} are empty; give at least one.", code="empty")
+        raise InvalidInput(f"{what} are empty; pass at least one.", code="empty")
     check_finite(points, what)
     return points
 

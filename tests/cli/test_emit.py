@@ -270,7 +270,7 @@ FAULTS = {
         lambda path: path,
         ("--board", "sonicsurface", "--link", "serial", "--port", "x", "--yes"),
         "sizes_differ",
-        "boards of 256: give a drive for 512",
+        "boards of 256: use a drive for 512",
     ),
     "wrong link": (
         lambda path: path,

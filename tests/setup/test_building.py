@@ -162,12 +162,14 @@ def test_an_array_file_may_number_its_rows_in_any_order(read, tmp_path):
         (
             "out_of_range",
             "element,x,y,z,nx,ny,nz\n1,0.1,0,0,-1,0,0\n1,0,0.1,0,0,-1,0\n",
-            "array: line 2 of ring.csv has 1 for element, which must number the lines from 0 to 1, each once.",
+            "array: line 2 of ring.csv has 1 for element, which must number the lines from 0 to "
+            "1, each once.",
         ),
         (
             "data_missing",
             "x,y,z\n",
-            "array: ring.csv has no column nx, ny, nz: it needs x, y, z, nx, ny, nz, and has x, y, z.",
+            "array: ring.csv has no column nx, ny, nz: it needs x, y, z, nx, ny, nz, and has x, "
+            "y, z.",
         ),
         (
             "wrong_shape",
@@ -203,7 +205,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "options_clash",
             ["[medium]\n", ARRAY, BALL, FOCUS],
-            "medium: give exactly one of celsius, sound_speed; 0 given.",
+            "medium: set exactly one of celsius, sound_speed; 0 given.",
         ),
         (
             "out_of_range",
@@ -214,12 +216,12 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "options_clash",
             [MEDIUM, ARRAY, "[[obstacles]]\n", FOCUS],
-            "obstacles[0]: give exactly one of pinch, capsule, sphere, surface, hand; 0",
+            "obstacles[0]: set exactly one of pinch, capsule, sphere, surface, hand; 0",
         ),
         (
             "options_clash",
             [MEDIUM, ARRAY, BALL, "pinch = {}\n", FOCUS],
-            "obstacles[0]: give exactly one of pinch, capsule, sphere, surface, hand; 2",
+            "obstacles[0]: set exactly one of pinch, capsule, sphere, surface, hand; 2",
         ),
         (
             "out_of_range",
@@ -294,7 +296,8 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
             [
                 MEDIUM,
                 ARRAY,
-                "[array.pose]\naxis = [1, 0, 0]\ndegrees = 3\nrotation = [[1,0,0],[0,1,0],[0,0,1]]\n",
+                "[array.pose]\naxis = [1, 0, 0]\ndegrees = 3\nrotation = "
+                "[[1,0,0],[0,1,0],[0,0,1]]\n",
                 BALL,
                 FOCUS,
             ],
@@ -308,7 +311,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "options_clash",
             [MEDIUM, ARRAY, BALL, "[[foci]]\n"],
-            "foci[0]: give exactly one of at, point, segment, polyline, circle, sphere_shell",
+            "foci[0]: set exactly one of at, point, segment, polyline, circle, sphere_shell",
         ),
         (
             "key_misplaced",
@@ -348,7 +351,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_missing",
             ["foci = []\n", MEDIUM, ARRAY, BALL],
-            "the key foci is missing: give [[foci]] or [[objects]].",
+            "the key foci is missing: add [[foci]] or [[objects]].",
         ),
         (
             "wrong_kind",

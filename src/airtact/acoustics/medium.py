@@ -54,7 +54,7 @@ class Medium:
             ),
             "density": between(self.density, 1e-2, 3e4, "density", "kg/m³", "is it in g/cm³?"),
             "absorption": between(
-                self.absorption, 0.0, 1e6, "absorption", "Np/m", "give 0 for none."
+                self.absorption, 0.0, 1e6, "absorption", "Np/m", "use 0 for none."
             ),
         }
         for name, number in numbers.items():

@@ -92,7 +92,7 @@ def plane(point: Vector, normal: Vector) -> Plane:
     length = float(np.linalg.norm(normal))
     if length == 0.0:
         raise InvalidInput(
-            "the normal of a plane has length 0; give the direction to its front.",
+            "the normal of a plane has length 0; use a vector that points to its front.",
             code="out_of_range",
         )
     return Plane(point, fixed(normal / length))

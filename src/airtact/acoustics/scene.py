@@ -190,7 +190,7 @@ class Scene:
             raise InvalidInput(
                 f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength "
                 f"of {self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in "
-                "kHz? Give hertz.",
+                "kHz? Use hertz.",
                 code="out_of_range",
             )
         for index, obstacle in enumerate(self.obstacles):
@@ -199,7 +199,7 @@ class Scene:
             if distance > 10.0:
                 raise InvalidInput(
                     f"body {index} is {distance:.4g} m from the origin, more than 10 m: is it "
-                    "in millimetres? Give metres.",
+                    "in millimetres? Use metres.",
                     code="out_of_range",
                 )
         decay = self.medium.absorption * self.wavelength

@@ -55,13 +55,13 @@ class Monopoles:
         if strengths.ndim != 2 or len(strengths) != len(positions):
             raise InvalidInput(
                 f"monopole strengths have shape {strengths.shape}, but there are {len(positions)} "
-                f"positions; give ({len(positions)},) for one excitation or ({len(positions)}, "
+                f"positions; use ({len(positions)},) for one excitation or ({len(positions)}, "
                 "number of excitations).",
                 code="wrong_shape",
             )
         if strengths.shape[1] == 0:
             raise InvalidInput(
-                "monopole strengths hold no excitations; give at least one.", code="empty"
+                "monopole strengths hold no excitations; pass at least one.", code="empty"
             )
         check_finite(strengths, "monopole strengths")
         strengths.flags.writeable = False

@@ -104,7 +104,7 @@ class Target:
         points : (F, 3) foci [m], or (3,) for one focus.
         pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers also
             fix the phases; with real numbers the synthesis method chooses them.
-        shares : relative pressures in the same form; give pressures or shares, not both.
+        shares : relative pressures in the same form; use either pressures or shares.
         suppression_points : (Q, 3) points where the pressure is suppressed [m].
 
         Raises
@@ -127,7 +127,7 @@ class Target:
         _check_suppressed_foci(foci, suppressed)
         if pressures is not None and shares is not None:
             raise InvalidInput(
-                "a target has both pressures and shares; give pressures in pascal, or shares.",
+                "a target has both pressures and shares; pass only one of them.",
                 code="options_clash",
             )
         values = None
@@ -189,7 +189,7 @@ def _per_focus(values: PerFocus, foci: int, name: str, unit: str) -> Num[np.ndar
     if numbers.ndim != 0 and numbers.shape != (foci,):
         raise InvalidInput(
             f"{name}s have shape {numbers.shape}, but the target has "
-            f"{counted(foci, 'focus', 'foci')}; give one number or ({foci},).",
+            f"{counted(foci, 'focus', 'foci')}; use one number or ({foci},).",
             code="wrong_shape",
         )
     if not np.iscomplexobj(numbers) and numbers.min() < 0.0:
@@ -200,7 +200,7 @@ def _per_focus(values: PerFocus, foci: int, name: str, unit: str) -> Num[np.ndar
         )
     if np.abs(numbers).max() == 0.0:
         raise InvalidInput(
-            f"every {name} is 0{unit}; give at least one focus a larger one.", code="empty"
+            f"every {name} is 0{unit}; set a larger value for at least one focus.", code="empty"
         )
     return np.broadcast_to(numbers, (foci,))
 
@@ -231,7 +231,7 @@ def _check_no_normal(points: Real[np.ndarray, "foci 3"] | Vector) -> None:
     ):
         raise InvalidInput(
             "the target points are a position and its unit normal, as hand.place returns them. "
-            "Give the position alone, or a focus above the skin: hand.focus(place).",
+            "Pass only the position, or a focus above the skin: hand.focus(place).",
             code="misplaced",
         )
 
@@ -242,7 +242,7 @@ def _check_near_origin(points: Float64[np.ndarray, "points 3"], name: str) -> No
         worst = int(distance.argmax())
         raise InvalidInput(
             f"{name} {worst} at {in_mm(points[worst])} is {distance[worst]:.4g} m from the origin "
-            "of the obstacles' frame, more than 2 m: is this in millimetres? Give metres.",
+            "of the obstacles' frame, more than 2 m: is this in millimetres? Use metres.",
             points[worst],
             code="out_of_range",
         )

@@ -235,7 +235,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     [[0.0, 0.0, 0.011]]
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
-    offset = between(offset, 0.0, MAX_OFFSET, "the offset", "m", "give metres.")
+    offset = between(offset, 0.0, MAX_OFFSET, "the offset", "m", "use metres.")
     points = points_of(points, "points", least=0)
     projected = surface.shape.project(points).copy()
     # Bodies such as hands can only project nearby points. Other points start from the nearest
@@ -285,7 +285,7 @@ def frame_of(
     length = float(np.linalg.norm(towards))
     if length == 0.0:
         raise InvalidInput(
-            "the normal of a plane is (0, 0, 0); give the direction at right angles to it.",
+            "the normal of a plane is (0, 0, 0); use the direction at right angles to it.",
             code="all_zero",
         )
     towards = towards / length
@@ -296,7 +296,7 @@ def frame_of(
     upwards = direction - (direction @ towards) * towards
     if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(direction):
         raise InvalidInput(
-            f"up is {direction.tolist()}, along the normal {towards.tolist()}; give another "
+            f"up is {direction.tolist()}, along the normal {towards.tolist()}; use another "
             "direction up.",
             code="all_zero",
         )
@@ -309,7 +309,7 @@ def check_count(count: float, spacing: float) -> None:
     if count > MOST_POINTS:
         raise InvalidInput(
             f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than "
-            f"{MOST_POINTS}: are the other lengths in millimetres? Give metres, and at 40 kHz a "
+            f"{MOST_POINTS}: are the other lengths in millimetres? Use metres, and at 40 kHz a "
             "spacing of 2e-3 to 4e-3.",
             code="too_many",
         )

@@ -9,7 +9,7 @@ from airtact.errors import InvalidInput, Vector, between, one_line, point_of
 # Angles above zero and below this are probably in radians [degree]
 SMALLEST_ANGLE = 0.1
 
-_MILLIMETRES = "is it in millimetres? Give metres."
+_MILLIMETRES = "is it in millimetres? Use metres."
 
 # Largest value of each deviation, its unit, and the hint in the error for a larger value
 _LIMITS = {
@@ -18,7 +18,7 @@ _LIMITS = {
     "own_position": (0.1, "m", _MILLIMETRES),
     "own_rotation": (90.0, "degrees", "hands are located more accurately."),
     "along_skin": (0.1, "m", _MILLIMETRES),
-    "age": (1.0, "s", "is it in milliseconds? Give seconds."),
+    "age": (1.0, "s", "is it in milliseconds? Use seconds."),
     "temperature": (10.0, "K", "the temperature of a room is known better."),
     "humidity": (0.5, "", "5 per cent is humidity=0.05."),
     "gain": (0.5, "", "5 per cent is gain=0.05."),
@@ -89,14 +89,14 @@ class Uncertainty:
             value = between(getattr(self, name), 0.0, largest, words, unit, slip)
             if unit == "degrees" and 0.0 < value < SMALLEST_ANGLE:
                 raise InvalidInput(
-                    f"{words} is {value:g} degrees: is it in radians? Give degrees, "
+                    f"{words} is {value:g} degrees: is it in radians? Use degrees, "
                     f"np.degrees({value:g}) = {np.degrees(value):.2g}, or 0.",
                     code="out_of_range",
                 )
             object.__setattr__(self, name, value)
         velocity = point_of(self.velocity, "the velocity of the hand")
         speed = float(np.linalg.norm(velocity))
-        between(speed, 0.0, 20.0, "the speed of the hand", "m/s", "is it in mm/s? Give m/s.")
+        between(speed, 0.0, 20.0, "the speed of the hand", "m/s", "is it in mm/s? Use m/s.")
         object.__setattr__(self, "velocity", tuple(velocity.tolist()))
 
     @property

@@ -72,7 +72,7 @@ def emit(
         positive(seconds, "the duration", "s")
     if (link == "file") != (out is not None):
         raise at.InvalidInput(
-            "--link file and --out FILE go together: give both or neither.",
+            "--link file and --out FILE go together: use both or neither.",
             code="key_missing" if out is None else "options_clash",
         )
     share = level_of(cap, full_scale)

@@ -68,7 +68,8 @@ def hand(
         kind = "cloud"
     elif kind == "pose" and path.suffix.lower() in CLOUD_ENDINGS:
         raise at.InvalidInput(
-            f"{path.name} is a point cloud: give rough --landmarks.", code="data_missing"
+            f"{path.name} is a point cloud, which needs rough landmarks: pass --landmarks.",
+            code="data_missing",
         )
     for option, of_kind, is_given in (
         ("gap", "pose", gap is not None),
@@ -84,7 +85,7 @@ def hand(
     # Fitting takes minutes, so check the output first.
     check_output(file, path, *([] if landmarks is None else [landmarks]))
     if edge is not None:
-        within(edge, 0.8e-3, 20e-3, "edge", "m", "is it in millimetres? Give metres.")
+        within(edge, 0.8e-3, 20e-3, "edge", "m", "is it in millimetres? Use metres.")
     with progress() as report_step:
         if landmarks is not None:
             facts, lines = _fit(path, landmarks, file, camera, edge, report_step)
@@ -125,7 +126,7 @@ def _skin(
         if number not in frames:
             raise at.InvalidInput(
                 f"{path.name} has no frame {number} with landmarks. {len(frames)} of "
-                f"{len(recording.frames)} frames have landmarks: give the number of another one, "
+                f"{len(recording.frames)} frames have landmarks: use the number of another one, "
                 "or fit a hand to their point clouds.",
                 code="data_missing",
             )

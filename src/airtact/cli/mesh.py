@@ -134,14 +134,14 @@ def _checked_edge(edge: float, surface: "Surface") -> float:
     if edge > surface.extent:
         raise at.InvalidInput(
             f"edge is {edge:g} m, but the surface spans {1e3 * surface.extent:.3g} mm: is it in "
-            "millimetres? Give metres.",
+            "millimetres? Use metres.",
             code="does_not_match",
         )
     count = surface.area / (math.sqrt(3) / 4 * edge**2)
     # More panels take minutes to compute, and solvers cannot use even a tenth of them.
     if count > 300_000:
         raise at.InvalidInput(
-            f"edge is {edge:g} m, which gives {count:.2g} panels, more than 300000: give a larger "
+            f"edge is {edge:g} m, which gives {count:.2g} panels, more than 300000: use a larger "
             "edge.",
             code="too_many",
         )

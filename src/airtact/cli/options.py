@@ -179,7 +179,7 @@ def agreed(question: str) -> None:
     # A script or a pipe must not emit by accident.
     if not sys.stdin.isatty():
         raise at.InvalidInput(
-            "no confirmation is possible without a terminal, so nothing was sent: give --yes to "
+            "no confirmation is possible without a terminal, so nothing was sent: pass --yes to "
             "emit without asking.",
             code="link_failed",
         )

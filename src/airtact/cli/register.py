@@ -34,7 +34,7 @@ from airtact.cli.options import FILE, INPUT, as_json, quiet, scene_here
     "elements",
     type=int,
     multiple=True,
-    help="Number of a transducer to touch; give it once per touch, in order.",
+    help="Number of a transducer to touch; repeat the option for each touch, in order.",
 )
 @click.option(
     "--offset",
@@ -72,7 +72,7 @@ def register(
         setup = at.read_scene(scene)
         if write and at.example("live_pinch").parent in scene.resolve().parents:
             raise at.InvalidInput(
-                f"{scene.name} is an example: give --out for a copy with [tracker].",
+                f"{scene.name} is an example: use --out for a copy with [tracker].",
                 code="not_writable",
             )
         # Check before the user touches anything.

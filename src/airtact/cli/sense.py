@@ -97,7 +97,7 @@ def sense(
 
         if (echoes is None) != simulate:
             raise at.InvalidInput(
-                "give either a file of echoes (--echoes FILE) or --simulate.", code="data_missing"
+                "use either a file of echoes (--echoes FILE) or --simulate.", code="data_missing"
             )
         setup = at.read_scene(scene)
         writable_folder(folder)

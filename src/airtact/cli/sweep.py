@@ -68,7 +68,7 @@ def sweep(
 
         if not varied and recording is None:
             raise at.InvalidInput(
-                'nothing is varied: give an option such as --vary "foci[0].offset=0.0005:0.003:6".',
+                'nothing is varied: use an option such as --vary "foci[0].offset=0.0005:0.003:6".',
                 code="data_missing",
             )
         points = grid_of(varied)
@@ -151,7 +151,7 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
         except ValueError:
             raise at.InvalidInput(
                 f'--vary "{words}" is not PATH=LOW:HIGH:COUNT, such as '
-                '"foci[0].offset=0.0005:0.003:6": give two numbers, equal for a count of 1, and a '
+                '"foci[0].offset=0.0005:0.003:6": use two numbers, equal for a count of 1, and a '
                 f"count from 1 to {MAX_POINTS:,}.",
                 code="out_of_range",
             ) from None
@@ -162,7 +162,7 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
             values = [int(value) for value in values]
         path = path.strip()
         if path in axes:
-            raise at.InvalidInput(f"{path} is varied twice; give it once.", code="given_twice")
+            raise at.InvalidInput(f"{path} is varied twice; vary it once.", code="given_twice")
         axes[path] = values
     total = prod(map(len, axes.values()))
     if total > MAX_POINTS:

@@ -177,7 +177,7 @@ def save_drives(
 def _check_count(count: int, elements: int, name: str) -> None:
     if count != elements:
         raise InvalidInput(
-            f"{name} has {count} elements, but the drive has {elements}. Give the one that the "
+            f"{name} has {count} elements, but the drive has {elements}. Use the one that the "
             "drive was made for.",
             code="sizes_differ",
         )
@@ -219,7 +219,7 @@ def _write_table(path: Path, contents: DriveFile) -> None:
     levels = contents.levels
     if positions is None or normals is None or levels is None or contents.rate is not None:
         raise InvalidInput(
-            "a .csv file is a table of one drive with its array. Give the array, or save a .h5 "
+            "a .csv file is a table of one drive and its array. Pass the array, or save a .h5 "
             "file.",
             code="data_missing",
         )
@@ -342,7 +342,7 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
         name: points_of(raw[name], name) for name in ("positions", "normals", "foci") if name in raw
     }
     if ("positions" in raw) != ("normals" in raw):
-        raise InvalidInput("give both positions and normals, or neither.", code="data_missing")
+        raise InvalidInput("pass both positions and normals, or neither.", code="data_missing")
     numbers: dict[str, Any] = {
         name: positive(raw[name], words, unit)
         for name, words, unit in (
@@ -393,7 +393,7 @@ def _drives(
     """Return the drives, one row per frame."""
     if amplitude.shape != phase.shape:
         raise InvalidInput(
-            f"amplitude has shape {amplitude.shape}, but phase has shape {phase.shape}. Give one "
+            f"amplitude has shape {amplitude.shape}, but phase has shape {phase.shape}. Use one "
             "phase for each amplitude.",
             code="wrong_shape",
         )

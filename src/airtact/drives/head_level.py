@@ -180,7 +180,7 @@ class HeadLevel:
                     return cap
         raise InvalidInput(
             f"these boards cannot be turned down to {MAX_HEAD_LEVEL:g} dB at a head 0.5 m from the "
-            f"array, where full scale gives up to {self.full:.0f} dB. Give a cap such as 0.3, or 1 "
+            f"array, where full scale gives up to {self.full:.0f} dB. Use a cap such as 0.3, or 1 "
             "for full scale (--cap, --full-scale).",
             code="out_of_range",
         )

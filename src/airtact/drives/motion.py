@@ -77,7 +77,7 @@ class Motion:
         if self.along is not None:
             check_choice(self.along, "the surface of a path", ALONG)
         if self.size is not None:  # a path over 0.1 m leaves any hand
-            hint = "is it in millimetres? Give metres."
+            hint = "is it in millimetres? Use metres."
             size = within(self.size, 0.0, 0.1, "the radius or length of a path", "m", hint)
             object.__setattr__(self, "size", size)
         if self.frequency is not None:
@@ -154,7 +154,7 @@ class Motion:
             where = f"{1e3 * distance:.3g} mm from the nearest body" if surfaces else "in open air"
             raise InvalidInput(
                 f"a path along the skin needs a focus within {1e3 * MAX_OFFSET:g} mm of the skin, "
-                f'but the focus is {where}. Give along = "array".',
+                f'but the focus is {where}. Use along = "array".',
                 focus,
                 code="misplaced",
             )
@@ -243,7 +243,7 @@ def moving_foci(
     if turns * frames > clock:
         raise InvalidInput(
             f"{turns:g} rounds per second of {frames} frames each need more frames per second than "
-            f"the sound has periods ({clock:g} Hz). Give a modulation frequency of "
+            f"the sound has periods ({clock:g} Hz). Use a modulation frequency of "
             f"{clock / frames:.4g} Hz or less.",
             code="out_of_range",
         )

@@ -39,7 +39,7 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
         if apart.max() > 1e-6:  # metres
             raise InvalidInput(
                 f"focus {int(apart.argmax())} of the target is {1e3 * apart.max():.3g} mm from "
-                "that of the transfer matrix. Give the target whose beacons were solved, in the "
+                "that of the transfer matrix. Use the target whose beacons were solved, in the "
                 "obstacles' frame.",
                 code="sizes_differ",
             )
@@ -72,7 +72,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     rows = foci_rows(transfer, target)
     if len(rows) > rows.shape[1]:
         raise InvalidInput(
-            f"there are {len(rows)} foci, but the array has only {rows.shape[1]} elements. Give "
+            f"there are {len(rows)} foci, but the array has only {rows.shape[1]} elements. Use "
             "fewer foci.",
             code="too_many",
         )

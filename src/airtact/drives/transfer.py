@@ -181,7 +181,7 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
         first = int(unknown.argmax())
         raise InvalidInput(
             f"the field is unknown at {int(unknown.sum())} of {len(array)} elements. The first is "
-            f"element {first} at {in_mm(array.positions[first])}. Give a field that reaches all.",
+            f"element {first} at {in_mm(array.positions[first])}. Use a field that reaches all.",
             array.positions[first],
             code="data_missing",
         )
@@ -294,7 +294,7 @@ def rounding_error(
     of_kind(frame, Frame, "the emitted frame", "quantise(drive, levels)")
     if frame.silent:
         raise InvalidInput(
-            "all elements of the frame are off. Give a frame that emits.", code="all_zero"
+            "all elements of the frame are off. Use a frame with sound.", code="all_zero"
         )
     rounded = frame.drive()
     exact = np.abs(transfer.pressure(drive))

@@ -188,7 +188,7 @@ def ensemble(
     if not matrices:
         raise InvalidInput(
             f"all {samples} samples are impossible: an element is inside a body, or a body or a "
-            "focus is behind a face. Give smaller deviations or move the array away.",
+            "focus is behind a face. Use smaller deviations or move the array away.",
             code="empty",
         )
     return TransferEnsemble(
@@ -464,7 +464,7 @@ class _Sampler:
         if self.solver is None:
             raise InvalidInput(
                 "in front of a plane, each sample needs its own solve if the hand is lifted or "
-                "tilted, or if its bodies, foci or air differ. Give solver=BoundaryElement(), or "
+                "tilted, or if its bodies, foci or air differ. Use solver=BoundaryElement(), or "
                 "set these deviations to 0.",
                 code="not_converged",
             )

@@ -116,7 +116,7 @@ class AUTD3Link(AUTD3Boards):
         super().__init__(poses)
         if through not in THROUGH:
             raise InvalidInput(
-                f"{through!r} is not an AUTD3 connection: give one of {', '.join(THROUGH)}.",
+                f"{through!r} is not an AUTD3 connection: use one of {', '.join(THROUGH)}.",
                 code="unknown_name",
             )
         if through in ("remote", "simulator") and address is None:

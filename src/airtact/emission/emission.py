@@ -393,7 +393,7 @@ class Emission:
         if link.poses is None:
             raise InvalidInput(
                 f"the poses of the {link.boards} boards of the {link.name} link are unknown, so no "
-                "safe level can be computed: give a cap, such as 0.1.",
+                "safe level can be computed: use a cap, such as 0.1.",
                 code="key_missing",
             )
         elements = link.codec.board.positions
@@ -528,7 +528,7 @@ def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
             nearest = np.floor(fastest / 2)
             raise InvalidInput(
                 f"an amplitude modulation of {frequency:g} Hz needs {2 * frequency:g} frames/s, "
-                f"and the boards take {fastest:.4g}: give {nearest:g} Hz or less, such as "
+                f"and the boards take {fastest:.4g}: use {nearest:g} Hz or less, such as "
                 f"--modulate am:{nearest:g}.",
                 code="out_of_range",
             )

@@ -193,7 +193,7 @@ class Link(ABC):
         if positive(rate, "the rate of a sequence", "frames/s") > self.fastest:
             raise InvalidInput(
                 f"{rate:g} frames/s exceed the {np.floor(self.fastest):g} frames/s that the "
-                f"{self.name} link to {self.devices} can carry: give a lower rate.",
+                f"{self.name} link to {self.devices} can carry: use a lower rate.",
                 code="out_of_range",
             )
 

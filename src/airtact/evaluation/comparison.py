@@ -78,7 +78,7 @@ class Comparison:
         """
         if name not in self.names:
             raise InvalidInput(
-                f"there is no drive {name!r}. Give one of {', '.join(self.names)}.",
+                f"there is no drive {name!r}. Use one of {', '.join(self.names)}.",
                 code="unknown_name",
             )
         # All drives come first, then their phases alone.

@@ -41,7 +41,7 @@ def drive_sources(
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(drives) == 0:
-        raise InvalidInput("there is no drive. Give at least one.", code="too_few")
+        raise InvalidInput("there is no drive; pass at least one.", code="too_few")
     for index, drive in enumerate(drives):
         check_drive(drive, f"drive {index}" if len(drives) > 1 else "the drive")
         if len(drive) != len(array):

@@ -38,19 +38,19 @@ class Microphone:
         # A diameter of over two wavelengths at 40 kHz is probably in millimetres.
         if positive(self.diameter, "the diameter of a microphone", "m") > 0.02:
             raise InvalidInput(
-                f"the diameter of a microphone is {self.diameter:g} m, more than 20 mm. Give "
+                f"the diameter of a microphone is {self.diameter:g} m, more than 20 mm. Use "
                 "metres.",
                 code="out_of_range",
             )
         if not 0.0 <= number(self.housing, "the housing of a microphone", "m") <= 1.0:
             raise InvalidInput(
-                f"the housing of a microphone is {self.housing:g} m long. Give 0 to 1 m.",
+                f"the housing of a microphone is {self.housing:g} m long. Use 0 to 1 m.",
                 code="out_of_range",
             )
         axis = real_numbers(np.asarray(self.axis), "the axis of a microphone")
         if axis.shape != (3,) or not np.linalg.norm(axis) > 0.0:
             raise InvalidInput(
-                f"the axis of a microphone is {axis.tolist()}. Give a direction of three numbers.",
+                f"the axis of a microphone is {axis.tolist()}. Use a direction of three numbers.",
                 code="wrong_shape",
             )
 

@@ -59,7 +59,7 @@ class Scan:
             pressures = sums / counts
         if len(points) < MIN_POSITIONS:
             raise InvalidInput(
-                f"the scan has {counted(len(points), 'position', 'positions')}; give "
+                f"the scan has {counted(len(points), 'position', 'positions')}; use "
                 f"{MIN_POSITIONS} or more.",
                 code="too_few",
             )
@@ -69,13 +69,13 @@ class Scan:
         if away[worst] > 2.0:
             raise InvalidInput(
                 f"position {worst} of the scan is {away[worst]:.4g} m from the origin. Is it in "
-                "millimetres? Give metres.",
+                "millimetres? Use metres.",
                 points[worst],
                 code="out_of_range",
             )
         if not pressures.any():
             raise InvalidInput(
-                "all pressures of the scan are 0. Give measured pressures.", code="all_zero"
+                "all pressures of the scan are 0. Use measured pressures.", code="all_zero"
             )
         object.__setattr__(self, "repeated", int(np.sum(counts > 1)))
         object.__setattr__(self, "points", points)
@@ -112,7 +112,7 @@ def load_scan(path: str | Path) -> Scan:
         if largest > 2.0 * np.pi + 0.1:
             raise InvalidInput(
                 f"{Path(path).name}: the column phase reaches {largest:.4g}. Is it in degrees? "
-                "Give radians from -π to π.",
+                "Use radians from -π to π.",
                 code="out_of_range",
             )
         pressures = pressures * np.exp(1j * phases)
@@ -188,7 +188,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     """
     if predicted.shape != scan.pressures.shape:
         raise InvalidInput(
-            f"got {len(predicted)} predictions for a scan of {len(scan.points)} positions; give "
+            f"got {len(predicted)} predictions for a scan of {len(scan.points)} positions; use "
             "one per position.",
             code="sizes_differ",
         )

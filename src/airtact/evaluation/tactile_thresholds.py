@@ -17,13 +17,13 @@ def constant_force_note(fastest: float = np.inf) -> str:
     Examples
     --------
     >>> constant_force_note(44.1).partition(": ")[2]
-    'give [drive.modulation] with kind = "am" and frequency = 44 in the scene file, or play the ...
+    'set kind = "am" and frequency = 44 in [drive.modulation] of the scene file, or play the ...
     """
     frequency = min(int(fastest), 200) if np.isfinite(fastest) else 200
     keys = 'kind = "am"' if frequency == 200 else f'kind = "am" and frequency = {frequency}'
     return (
-        f"Skin hardly feels a constant force: give [drive.modulation] with {keys} in the scene "
-        f"file, or play the drive with --modulate am:{frequency}."
+        f"Skin hardly feels a constant force: set {keys} in [drive.modulation] of the "
+        f"scene file, or play the drive with --modulate am:{frequency}."
     )
 
 

@@ -47,7 +47,7 @@ def read_mesh(
     with about(path.name):
         if len(mesh.faces) == 0:
             raise InvalidInput(
-                "it contains no triangles; give a file with a closed triangle surface.",
+                "it contains no triangles; use a file with a closed triangle surface.",
                 code="empty",
             )
         if mesh.vertices.shape[1:] != (3,):

@@ -87,7 +87,7 @@ class TextTable:
             if value is None or not max(abs(value.real), abs(value.imag)) <= LARGEST_NUMBER:
                 raise InvalidInput(
                     f"line {self.lines[row]} of {self.file} has {self.rows[row][column]!r} for "
-                    f"{name}; give {kind} of {LARGEST_NUMBER:g} at most.",
+                    f"{name}; use {kind} of {LARGEST_NUMBER:g} at most.",
                     code="file_unreadable",
                 )
         return values

@@ -113,7 +113,7 @@ class Pose:
         angle = number(angle, "the angle of a rotation", "rad")
         if math.isfinite(angle) and abs(angle) > 2.0 * math.pi * (1.0 + 1e-9):
             raise InvalidInput(
-                f"the angle of a rotation is {angle:g} rad, more than 2π: is it in degrees? Give "
+                f"the angle of a rotation is {angle:g} rad, more than 2π: is it in degrees? Use "
                 f"np.radians({angle:g}).",
                 code="out_of_range",
             )
@@ -125,7 +125,7 @@ class Pose:
         length = float(np.linalg.norm(along))
         if not length > 0.0:
             raise InvalidInput(
-                f"the axis of a rotation has length {length:g}; give a direction.",
+                f"the axis of a rotation has length {length:g}; use a longer vector.",
                 code="all_zero",
             )
         x, y, z = along / length

@@ -167,7 +167,7 @@ class Capsule(Shape):
                 raise InvalidInput(
                     f"a capsule of {1e3 * self.radius:.4g} mm radius and "
                     f"{1e3 * self.length:.4g} mm length needs {count:,} triangles, more than "
-                    "2,000,000; give all lengths in metres.",
+                    "2,000,000; use all lengths in metres.",
                     self.pose.translation,
                     code="too_many",
                 )

@@ -278,7 +278,7 @@ def _check_midpoints(midpoints: np.ndarray, corners: EdgeVectors, twins: Twins) 
         have = counted(len(parted) // 2, "edge has a midpoint", "edges have midpoints")
         raise InvalidInput(
             f"{have} that the two triangles do not share, the first near {in_mm(where)}, "
-            f"{gap[parted[0]] * 1e3:.3g} mm apart; give both triangles the same midpoint.",
+            f"{gap[parted[0]] * 1e3:.3g} mm apart; use the same midpoint for both triangles.",
             where,
             code="mesh_faulty",
         )

@@ -69,7 +69,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     ]
     gap = within(gap, 0.1e-3, 2e-3, "the gap to be bridged", "m", "is it in millimetres?")
     if not bodies:
-        raise InvalidInput("there are no bodies to merge; give one or more.", code="empty")
+        raise InvalidInput("there are no bodies to merge; pass one or more.", code="empty")
     for body in bodies:
         check_not_crossed(body)
     solids = {index: solid_of(*_flattened(body)) for index, body in enumerate(bodies)}
@@ -128,7 +128,7 @@ def _links(
         raise InvalidInput(
             f"bodies {first} and {second} are {distance * 1e3:.3g} mm apart near {in_mm(where)}, "
             f"more than the gap of {gap * 1e3:.3g} mm that is bridged; move them closer, remove "
-            "one, or give a larger gap.",
+            "one, or use a larger gap.",
             where,
             code="misplaced",
         )

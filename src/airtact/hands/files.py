@@ -90,13 +90,13 @@ def _read_pose(path: Path) -> Pose:
         ) from None
     if not pose.positions_m or (pose.joints is not None and tuple(pose.joints) != NAMES):
         raise InvalidInput(
-            f"give positions_m, and the 25 names of WebXR in its order as joints, not "
+            f"use positions_m, and the 25 names of WebXR in its order as joints, not "
             f"{len(pose.positions_m)} positions and {len(pose.joints or ())} names.",
             code="hand_implausible",
         )
     if pose.radii_m is not None and len(pose.radii_m) != len(pose.positions_m):
         raise InvalidInput(
-            f"there are {len(pose.radii_m)} radii for {len(pose.positions_m)} positions; give one "
+            f"there are {len(pose.radii_m)} radii for {len(pose.positions_m)} positions; use one "
             "for each.",
             code="sizes_differ",
         )

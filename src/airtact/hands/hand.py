@@ -121,7 +121,7 @@ class Hand:
         """
         if name not in PLACES:
             raise InvalidInput(
-                f"{name!r} is not a place of a hand; give one of {', '.join(PLACES)}.",
+                f"{name!r} is not a place of a hand; use one of {', '.join(PLACES)}.",
                 code="unknown_name",
             )
         return self._palm if name == "palm" else self._pad(PLACES.index(name))
@@ -160,7 +160,7 @@ class Hand:
             As for ``place``, or if the offset is negative or above 0.1 m.
         """
         point, normal = self.place(name)
-        slip = "is it in millimetres? Give metres."
+        slip = "is it in millimetres? Use metres."
         return point + within(offset, 0.0, 0.1, "the offset of a focus", "m", slip) * normal
 
     def moved(self, pose: Pose) -> "Hand":
@@ -183,7 +183,7 @@ class Hand:
             As for ``place``, or if the height is not from 0 to 1 m, or the elements radiate in all
             directions, so that the array has no front.
         """
-        slip = "is it in millimetres? Give metres."
+        slip = "is it in millimetres? Use metres."
         height = within(height, 0.0, 1.0, "the height of a hand", "m", slip)
         point, normal = self.place(place)
         front = array.normals.mean(axis=0)
@@ -212,10 +212,10 @@ class Hand:
         InvalidInput
             If the gap is out of range or cannot be reached, or a finger is unknown.
         """
-        gap = within(gap, 0.0, 0.15, "gap", "m", "is it in millimetres? Give metres.")
+        gap = within(gap, 0.0, 0.15, "gap", "m", "is it in millimetres? Use metres.")
         if first not in FINGERS or second not in FINGERS or first == second:
             raise InvalidInput(
-                f"{first!r} and {second!r} are not two fingers; give two of {', '.join(FINGERS)}.",
+                f"{first!r} and {second!r} are not two fingers; use two of {', '.join(FINGERS)}.",
                 code="unknown_name",
             )
         pair = (FINGERS.index(first), FINGERS.index(second))

@@ -112,14 +112,14 @@ def joints_of(
     points = points_of(points, f"{word}s of a hand")
     if len(points) not in (21, 25):
         raise InvalidInput(
-            f"there are {counted(len(points), word, f'{word}s')}; give 25 (WebXR), 26 (OpenXR) or "
+            f"there are {counted(len(points), word, f'{word}s')}; use 25 (WebXR), 26 (OpenXR) or "
             "21 (MediaPipe, Leap).",
             code="joint_count",
         )
     span = float(np.ptp(points, axis=0).max())
     if span > 1.0:
         raise InvalidInput(
-            f"the {word}s span {span:.4g} m: are they in millimetres? Give metres.",
+            f"the {word}s span {span:.4g} m: are they in millimetres? Use metres.",
             code="not_in_metres",
         )
     # MediaPipe and Leap lack the bases of the metacarpals, which the palm needs.
@@ -160,10 +160,10 @@ def _check_bone_lengths(joints: Joints, tolerance: float) -> None:
         advice = ": are these the first 25 of OpenXR's 26? Leave out the palm, the first of them."
     elif size > 1.8 or size < 0.5:
         fault = f"the bones are {size:.2g} times as long as those of a hand"
-        advice = ": are these coordinates in a picture, or in another unit? Give metres."
+        advice = ": are these coordinates in a picture, or in another unit? Use metres."
         code = "not_in_metres"
     elif len(wrong) == 1:
-        advice = "; give those joints again."
+        advice = "; send those joints again."
     else:
         more = counted(len(wrong) - 1, "more bone is", "more bones are")
         advice = f", and {more} out of range: are joints swapped or identical?"
@@ -179,7 +179,7 @@ def radii_of(
     to the joints if it is None.
     """
     if radii is None and length is not None:
-        hint = "is it in millimetres? Give metres."
+        hint = "is it in millimetres? Use metres."
         length = within(length, 0.08, 0.3, "the length of a hand", "m", hint)
         return fixed(length / GENERIC_LENGTH * GENERIC_RADII)
     generic = hand_length(joints) / GENERIC_LENGTH * GENERIC_RADII
@@ -190,7 +190,7 @@ def radii_of(
         radii = fixed(radii[1:])  # without the palm
     if radii.shape not in ((25,), (21,)):
         raise InvalidInput(
-            f"radii of a hand have shape {radii.shape}; give 25 or 21, one for each joint.",
+            f"radii of a hand have shape {radii.shape}; use 25 or 21, one for each joint.",
             code="wrong_shape",
         )
     check_finite(radii, "radii of a hand")
@@ -202,7 +202,7 @@ def radii_of(
     if len(wrong):
         raise InvalidInput(
             f"the radius at {NAMES[wrong[0]]} is {1e3 * radii[wrong[0]]:.4g} mm, but skin lies "
-            "3 to 35 mm from a joint; give radii in metres.",
+            "3 to 35 mm from a joint; use radii in metres.",
             code="out_of_range",
         )
     return radii
@@ -218,7 +218,7 @@ def side_named(side: str | None) -> Side | None:
     lower = side.lower() if isinstance(side, str) else side
     if lower not in ("right", "left", None):
         raise InvalidInput(
-            f"the side of a hand is {side!r}; give 'right' or 'left'.", code="unknown_name"
+            f"the side of a hand is {side!r}; use 'right' or 'left'.", code="unknown_name"
         )
     return lower
 
@@ -237,7 +237,7 @@ def checked_side(
     if known is None and abs(evidence) < min_evidence:
         raise InvalidInput(
             f"the {word} do not distinguish a left from a right hand ({evidence:+.2f}, at least "
-            f"{min_evidence:g} in magnitude is needed): the fingers are too straight; give side.",
+            f"{min_evidence:g} in magnitude is needed): the fingers are too straight; set side.",
             code="side_unclear",
         )
     if known not in (None, bent_as) and abs(evidence) >= min_evidence:

@@ -115,6 +115,6 @@ def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: 
     raise InvalidInput(
         f"the {FINGERS[pair[0]]} and the {FINGERS[pair[1]]} cannot be brought {1e3 * gap:g} mm "
         f"apart: turning their roots leaves them {1e3 * (min(excesses) + gap):.3g} to "
-        f"{1e3 * (max(excesses) + gap):.3g} mm apart; give such a gap, or another pose.",
+        f"{1e3 * (max(excesses) + gap):.3g} mm apart; use such a gap, or another pose.",
         code="misplaced",
     )

@@ -59,7 +59,7 @@ class Pinch:
         if not 0.0 <= offset < self.gap:
             raise InvalidInput(
                 f"foci {offset * 1e3:g} mm from the pads do not lie in the gap of "
-                f"{self.gap * 1e3:g} mm; give an offset from 0 to less than the gap.",
+                f"{self.gap * 1e3:g} mm; use an offset from 0 to less than the gap.",
                 code="out_of_range",
             )
         return self.pads + offset * self.normals
@@ -86,7 +86,7 @@ def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
     >>> pinch(gap=0.012).pads.tolist()
     [[-0.006, 0.0, 0.0], [0.006, 0.0, 0.0]]
     """
-    gap = within(gap, 0.0, 0.2, "gap", "m", "is it in millimetres? Give metres.")
+    gap = within(gap, 0.0, 0.2, "gap", "m", "is it in millimetres? Use metres.")
     side = np.array([-1.0, 1.0])
     tips = np.outer(side, [gap / 2.0 + RADIUS, 0.0, 0.0])
     roots = tips + LENGTH * np.stack(

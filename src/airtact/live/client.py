@@ -118,7 +118,7 @@ class Client:
         self._send(ObjectsMessage(VERSION, add=added))
 
     def move(self, name: str, pose: Pose) -> None:
-        """Give an object a new pose in the scene."""
+        """Move an object to a new pose in the scene."""
         self._send(ObjectsMessage(VERSION, move=[MoveMessage(name, PoseMessage.of(pose))]))
 
     def remove(self, *names: str) -> None:

@@ -75,7 +75,7 @@ class PoseMessage(msgspec.Struct, frozen=True, omit_defaults=True):
         length = float(np.linalg.norm(self.quaternion))
         if not 1e-6 < length < 1e6:  # also NaN
             raise InvalidInput(
-                f"the quaternion has length {length:g}; give 0, 0, 0, 1 for no turn.",
+                f"the quaternion has length {length:g}; use 0, 0, 0, 1 for no turn.",
                 code="out_of_range",
             )
         return Pose(Rotation.from_quat(self.quaternion).as_matrix(), np.array(self.translation))
@@ -409,7 +409,7 @@ def converted(data: dict[str, Any]) -> Message:
 
 
 def _not_finite(word: str) -> None:
-    raise InvalidInput(f"the message contains {word}; give finite numbers.", code="not_finite")
+    raise InvalidInput(f"the message contains {word}; use finite numbers.", code="not_finite")
 
 
 def _explained(error: msgspec.ValidationError) -> InvalidInput:

@@ -152,7 +152,7 @@ class OscServer:
             (port,) = _checked(kind, values)
             if not (isinstance(port, int) and 0 < port < 65536):
                 raise InvalidInput(
-                    f"{port!r} is no port for answers; give 1 to 65535.", code="out_of_range"
+                    f"{port!r} is no port for answers; use 1 to 65535.", code="out_of_range"
                 )
             if len(self._ports) < 64:
                 self._ports[sender[0]] = port

@@ -90,7 +90,7 @@ def elements_to_touch(array: PhasedArray, count: int = 6) -> tuple[int, ...]:
     positions = array.positions
     if not 3 <= count <= len(positions):
         raise InvalidInput(
-            f"{count} touches are not possible: give 3 to {len(positions)}, better 6 or more.",
+            f"{count} touches are not possible: use 3 to {len(positions)}, better 6 or more.",
             code="out_of_range",
         )
     chosen = [int(np.argmax(np.linalg.norm(positions - positions.mean(axis=0), axis=1)))]
@@ -135,7 +135,7 @@ def register_tracker(
     wrong = [element for element in chosen if not 0 <= element < len(setup.array)]
     if wrong:
         raise InvalidInput(
-            f"there is no transducer {wrong[0]}; give numbers from 0 to {len(setup.array) - 1}.",
+            f"there is no transducer {wrong[0]}; use numbers from 0 to {len(setup.array) - 1}.",
             code="out_of_range",
         )
     words = tuple(_named(setup, element) for element in chosen)

@@ -151,7 +151,7 @@ def record(
     hands = received(source)
     if hands is None:
         raise InvalidInput(
-            f"only frames from trackers are recorded, not {source}: give websocket or osc.",
+            f"only frames from trackers are recorded, not {source}: use websocket or osc.",
             code="unknown_name",
         )
     frames: list[HandFrame] = []
@@ -238,7 +238,7 @@ def received(
         return None
     if colon and not port.isdecimal():
         raise InvalidInput(
-            f"--from {source} has no port number: give one such as {kind}:{PORTS[kind]}.",
+            f"--from {source} has no port number: use one such as {kind}:{PORTS[kind]}.",
             code="not_a_number",
         )
     return ReceivedHands(int(port) if colon else PORTS[kind], tracker, world, kind)
@@ -265,13 +265,13 @@ def output_to(
         return Output()
     if link is None or board is None:
         raise InvalidInput(
-            "boards need both --board and --link: give them, or none of the options of boards.",
+            "boards need both --board and --link: set both, or none of the board options.",
             code="key_missing",
         )
     if setup.board != board:
         raise InvalidInput(
             f"the array of the scene is made of {setup.board or 'no boards'}, not of "
-            f"{board}: give --board {setup.board}.",
+            f"{board}: use --board {setup.board}.",
             code="does_not_match",
         )
     folder.mkdir(parents=True, exist_ok=True)

@@ -184,8 +184,8 @@ def live_scene(setup: Setup) -> LiveScene:
     if not touched and (len(on_hand) < len(setup.foci) or not setup.hands):
         raise InvalidInput(
             f"{name}: {len(on_hand) if setup.hands else 0} of {len(setup.foci)} foci are on a hand "
-            f'with joints, but live needs all: give [[foci]] at = "thumb.pad" or [[objects]]; the '
-            f"places are {', '.join(PLACES)}.",
+            f'with joints, but live needs all: use at = "thumb.pad" in [[foci]], or '
+            f"[[objects]]; the places are {', '.join(PLACES)}.",
             code="misplaced",
         )
     # The two fingers of a pinch stand for the tracked hand.
@@ -211,7 +211,7 @@ def live_scene(setup: Setup) -> LiveScene:
         )
     if setup.method in FOR_SAMPLES:
         raise InvalidInput(
-            f'{name}: live makes no drives for an uncertain hand: give method = "best".',
+            f'{name}: live makes no drives for uncertain hands: set method = "best".',
             code="options_clash",
         )
     both = touched or bool(setup.objects) or len(setup.hands) > 1
@@ -266,14 +266,14 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
     if len(places) > 64:  # every pose needs a drive for each frame
         raise InvalidInput(
             f"{_file_name(setup)}: live makes at most 64 frames of a path for each pose, not "
-            f"{len(places)}: give frames = {DEFAULT_FRAMES}.",
+            f"{len(places)}: use frames = {DEFAULT_FRAMES}.",
             code="sizes_differ",
         )
     rounds = motion.turns(paths)
     if rounds * len(places) > setup.frequency:
         raise InvalidInput(
             f"{_file_name(setup)}: {rounds:g} rounds of {len(places)} frames per second exceed the "
-            f"{setup.frequency:g} periods of the sound: give "
+            f"{setup.frequency:g} periods of the sound: use "
             f"{setup.frequency / len(places):.4g} Hz or less.",
             code="out_of_range",
         )

@@ -542,7 +542,7 @@ def _scene_of(raw: Mapping[str, Any]) -> LiveScene:
     modulation = raw["modulation"].tolist()
     if len(modulation) not in (0, 2):
         raise InvalidInput(
-            f"modulation has {len(modulation)} numbers; give frequency and depth, or none.",
+            f"modulation has {len(modulation)} numbers; use frequency and depth, or none.",
             code="wrong_shape",
         )
     return LiveScene(

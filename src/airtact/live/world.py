@@ -89,7 +89,7 @@ class WantedFocus:
             object.__setattr__(self, "point", near_point(self.point, what))
         elif self.on is not None:
             raise InvalidInput(
-                f"{what} is at a place of the hand, so it cannot be on {self.on}: give a point.",
+                f"{what} is at a place of the hand, so it cannot be on {self.on}: use a point.",
                 code="options_clash",
             )
         if self.place is not None and unsided(self.place) not in PLACES:
@@ -285,7 +285,7 @@ class World:
                     self._check_known(wanted.on, things)
                 if not keep and wanted.id in foci:
                     raise InvalidInput(
-                        f"two foci have the id {wanted.id!r}; give each its own.",
+                        f"two foci have the id {wanted.id!r}; use a different id for each.",
                         code="given_twice",
                     )
                 foci[wanted.id] = WantedFocus(

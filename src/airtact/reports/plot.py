@@ -182,7 +182,7 @@ def scene(
     foci = empty if target is None else target.points
     if array is None and not surfaces and not len(foci):
         raise InvalidInput(
-            "there is nothing to plot. Give bodies, transducers or foci.", code="empty"
+            "there is nothing to plot; pass bodies, transducers or foci.", code="empty"
         )
     if ax is not None and not isinstance(ax, Axes3D):
         raise InvalidInput(
@@ -254,7 +254,7 @@ def _foci(result: FieldResult, target: Target | None) -> np.ndarray:
     if isinstance(result.sources, Beacons):
         return result.sources.refined_positions
     count = counted(len(result.sources.positions), "source", "sources")
-    raise InvalidInput(f"a field of {count} has no foci: give the target.", code="empty")
+    raise InvalidInput(f"a field of {count} has no foci: pass the target.", code="empty")
 
 
 def _column(result: FieldResult, drive: str | int) -> int:

@@ -94,7 +94,7 @@ class Echoes:
         pressures = _table(self.pressures, "pressures")
         if codes.shape[1] != pressures.shape[1]:
             raise InvalidInput(
-                f"{codes.shape[1]} codes have {pressures.shape[1]} columns of pressures; give one "
+                f"{codes.shape[1]} codes have {pressures.shape[1]} columns of pressures; use one "
                 "column for each code.",
                 code="sizes_differ",
             )
@@ -211,7 +211,7 @@ def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
     if len(echoes.codes) != len(array):
         raise InvalidInput(
             f"the {name} are of an array of {len(echoes.codes)} elements, and this one has "
-            f"{len(array)}. Give the array that they were measured with.",
+            f"{len(array)}. Pass the array that measured them.",
             code="sizes_differ",
         )
 
@@ -259,7 +259,7 @@ def _checked_valid(
     valid = np.array(valid)
     if valid.dtype != np.bool_ or valid.shape != shape:
         raise InvalidInput(
-            f"valid is {valid.dtype} of shape {valid.shape}; give True or False for each pressure, "
+            f"valid is {valid.dtype} of shape {valid.shape}; use True or False for each pressure, "
             f"shape {shape}.",
             code="sizes_differ",
         )
@@ -277,13 +277,13 @@ def _checked_receivers(
     numbers = np.arange(elements) if receivers is None else np.asarray(receivers)
     if numbers.ndim != 1 or numbers.dtype.kind not in "iu":
         raise InvalidInput(
-            f"receivers are {numbers.dtype} of shape {numbers.shape}; give integers of shape (R,).",
+            f"receivers are {numbers.dtype} of shape {numbers.shape}; use integers of shape (R,).",
             code="wrong_shape" if numbers.ndim != 1 else "not_a_number",
         )
     if len(numbers) != rows:
         raise InvalidInput(
             f"{counted(len(numbers), 'receiver has', 'receivers have')} {rows} rows of pressures; "
-            "give one row for each.",
+            "pass one row for each.",
             code="sizes_differ",
         )
     wrong = numbers[(numbers < 0) | (numbers >= elements)]

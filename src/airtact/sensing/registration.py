@@ -383,7 +383,7 @@ def _check_determined(
         f"{counted(receivers, 'receiver', 'receivers')} and "
         f"{counted(transmissions, 'transmission', 'transmissions')} do not determine the pose: "
         f"{kind} ({x:.2f}, {y:.2f}, {z:.2f}){opening} changes the echoes only {effect:.1g} times "
-        "as much as other motions. Give more receivers or transmissions, or bodies without that "
+        "as much as other motions. Use more receivers or transmissions, or bodies without that "
         "symmetry.",
         code="pose_not_found",
     )
@@ -409,7 +409,7 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
     if pressures.size < 4:  # two real numbers each, for up to seven unknowns
         raise InvalidInput(
             f"{counted(pressures.size, 'pressure does', 'pressures do')} not determine the pose; "
-            "give four or more.",
+            "use four or more.",
             code="pose_not_found",
         )
     rms = float(np.sqrt(np.mean(np.abs(pressures) ** 2)))

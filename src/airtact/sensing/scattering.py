@@ -120,7 +120,7 @@ def scattering_matrix(
     accuracy = within(accuracy, 1e-4, 0.1, "accuracy", "parts of 1", "1 per cent is 0.01.")
     if not scene.obstacles:
         raise InvalidInput(
-            "the scene has no obstacles and scatters nothing; give bodies.", code="empty"
+            "the scene has no obstacles and scatters nothing; add bodies.", code="empty"
         )
     check_no_planes(scene, "a scattering matrix")
     centre, radius = ball_of(scene) if ball is None else ball
@@ -384,7 +384,7 @@ def scattering_family(
     if not -np.inf < low <= start <= high < np.inf or low == high or values not in range(3, 13):
         raise InvalidInput(
             f"{values!r} values in the range {low:g} to {high:g} with the start {start:g} are not "
-            "valid; give low < high, a start between them, and 3 to 12 values.",
+            "valid; use low < high, a start between them, and 3 to 12 values.",
             code="out_of_range",
         )
     scenes = [scene_of(float(value)) for value in _nodes(low, high, values)]

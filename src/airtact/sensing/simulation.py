@@ -74,7 +74,7 @@ def random_codes(
 def _count(count: int, name: str, largest: int = 4096) -> int:
     if not isinstance(count, int | np.integer) or not 1 <= count <= largest:
         raise InvalidInput(
-            f"the number of {name} is {count!r}; give an integer from 1 to {largest}.",
+            f"the number of {name} is {count!r}; use an integer from 1 to {largest}.",
             code="out_of_range",
         )
     return int(count)

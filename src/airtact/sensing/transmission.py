@@ -105,13 +105,13 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
         count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
     if count < 2:
         raise InvalidInput(
-            f"the boards of the {len(array)} elements are unknown; give the number of boards (2 or "
+            f"the boards of the {len(array)} elements are unknown; pass the number of boards (2 or "
             "more).",
             code="unknown_name",
         )
     if len(array) % count:
         raise InvalidInput(
-            f"{len(array)} elements do not divide into {count} equal boards; give the number of "
+            f"{len(array)} elements do not divide into {count} equal boards; pass the number of "
             "boards.",
             code="unknown_name",
         )
@@ -169,7 +169,7 @@ def simulate_transmissions(
     if len(codes) != len(array) or received.shape != (len(array),):
         raise InvalidInput(
             f"there are {len(codes)} codes and {len(received)} gains of reception for "
-            f"{len(array)} elements; give one for each element.",
+            f"{len(array)} elements; pass one for each element.",
             code="sizes_differ",
         )
     size = len(parts[0])

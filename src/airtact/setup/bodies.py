@@ -81,7 +81,7 @@ def bodies_of(
                 by_side = side and not name.startswith(side)
                 advice = f'at = "{side}{name}"' if by_side else "point = [x, y, z] instead of at"
                 raise InvalidInput(
-                    f"{name} is a named point of two bodies; give {advice}.", code="given_twice"
+                    f"{name} is a named point of two bodies; use {advice}.", code="given_twice"
                 )
             points |= places
             if of_table:  # such a table defines a single body

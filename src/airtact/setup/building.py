@@ -105,7 +105,7 @@ def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
     # Applications may ask for foci on a hand that is tracked.
     if not (file.foci or file.objects or (moving and hands)):
         raise InvalidInput(
-            "the key foci is missing: give [[foci]] or [[objects]].", code="key_missing"
+            "the key foci is missing: add [[foci]] or [[objects]].", code="key_missing"
         )
     objects, contacts = touched(file, path.parent, bodies, obstacles, hands, moving)
     # Reflecting boards are bodies of the scene too, so warnings and reports need their names.
@@ -272,7 +272,7 @@ def _target(
         if count > file.most_points:
             raise InvalidInput(
                 f"there are at least {count:,} foci and suppression points, but most_points is "
-                f"{file.most_points:,}: give fewer, or raise most_points at the top of the file.",
+                f"{file.most_points:,}: use fewer, or raise most_points at the top of the file.",
                 code="too_many",
             )
 
@@ -334,7 +334,7 @@ def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "fo
         missing = of_tables.count(None)
         if 0 < missing < len(of_tables):
             raise InvalidInput(
-                f"{len(of_tables) - missing} of {len(of_tables)} have a {key}: give it to all or "
+                f"{len(of_tables) - missing} of {len(of_tables)} have a {key}: set it for all or "
                 "none.",
                 code="key_missing",
             )
@@ -342,7 +342,7 @@ def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "fo
             values[key] = np.repeat(np.array(of_tables, dtype=np.float64), counts)
     if "pressure" in values and "share" in values:
         raise InvalidInput(
-            "the foci have pressures and shares: give only one of them.", code="options_clash"
+            "the foci have pressures and shares: set only one of them.", code="options_clash"
         )
     if not values:
         return {}
@@ -378,7 +378,7 @@ def _foci(
         return at.acoustics.onto_surface(points, _body(table.onto, bodies, "onto"), offset)
     if table.at not in named:
         hint = (
-            'no body has named points: give point = [x, y, z], or joints = "FILE.json" beside the '
+            'no body has named points: use point = [x, y, z], or joints = "FILE.json" beside the '
             "mesh of a hand."
         )
         if named:
@@ -391,7 +391,7 @@ def _foci(
     if offset >= room:
         raise InvalidInput(
             f"offset = {offset:g} m exceeds the gap of {1e3 * room:g} mm in front of {table.at}: "
-            "is it in millimetres? Give metres.",
+            "is it in millimetres? Use metres.",
             code="out_of_range",
         )
     return (point + offset * normal)[None]

@@ -56,7 +56,7 @@ def check_output(path: Path, *sources: Path) -> None:
     for source in sources:
         if path.resolve() == source.resolve():
             raise InvalidInput(
-                f"the output would overwrite the input {source.name}: give another file.",
+                f"the output would overwrite the input {source.name}: choose another file.",
                 code="would_overwrite",
             )
 

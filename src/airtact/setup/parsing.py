@@ -224,7 +224,7 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
     for path, value in changes.items():
         steps = _steps(path, changed)
         if steps in seen:
-            raise InvalidInput(f"{path} is given twice; give it once.", code="given_twice")
+            raise InvalidInput(f"{path} is set twice; set it once.", code="given_twice")
         seen.add(steps)
         inner: Any = changed
         for step, following in pairwise(steps):

@@ -376,7 +376,7 @@ class _Search:
         if not found:
             raise InvalidInput(
                 f"{counted(boards, 'board fits', 'boards fit')} nowhere {1e3 * self.distance[0]:g} "
-                f"to {1e3 * self.distance[1]:g} mm from the hand and inside the region: give a "
+                f"to {1e3 * self.distance[1]:g} mm from the hand and inside the region: use a "
                 "larger distance or region.",
                 code="out_of_range",
             )
@@ -511,20 +511,20 @@ def place(
     if setup.left_out:
         raise InvalidInput(
             "the scene has a plane behind its boards, which would reflect the sound of boards "
-            "elsewhere: leave the plane out, and give a region above it.",
+            "elsewhere: leave the plane out, and use a region above it.",
             code="not_supported",
         )
     for count, name in ((boards, "boards"), (tries, "tries")):
         if not isinstance(count, int | np.integer) or count < 1:
             raise InvalidInput(
-                f"the number of {name} is {count!r}: give a whole number, at least 1.",
+                f"the number of {name} is {count!r}: use a whole number, at least 1.",
                 code="out_of_range",
             )
     nearest = positive(distance[0], "the smallest distance", "m")
     farthest = positive(distance[1], "the largest distance", "m")
     if farthest < nearest:
         raise InvalidInput(
-            f"the largest distance, {farthest:g} m, is below the smallest, {nearest:g} m: give "
+            f"the largest distance, {farthest:g} m, is below the smallest, {nearest:g} m: use "
             "the smallest first.",
             code="out_of_range",
         )
@@ -585,12 +585,12 @@ def _hand_poses(
     if hands is None:
         hands = [Pose.identity()]
     if len(of_kind(hands, list | tuple, "the hands", "a list of Hand or Pose")) == 0:
-        raise InvalidInput("there is no hand in the list: give one.", code="empty")
+        raise InvalidInput("the list of hands is empty; pass at least one hand.", code="empty")
     for hand in hands:
         if isinstance(hand, Pose):
             if not all(plane.kept_by(hand) for plane in scene.planes):
                 raise InvalidInput(
-                    "a motion of the hand moves the plane of the scene: give motions along it.",
+                    "a motion of the hand moves the plane of the scene: use motions along it.",
                     code="not_supported",
                 )
             yield scene, setup.target, hand
@@ -599,7 +599,7 @@ def _hand_poses(
         if len(scene.obstacles) != 1 or None in setup.riding:
             raise InvalidInput(
                 "a hand replaces the only body of a scene, and its foci must be on named points: "
-                'give [[foci]] at = "thumb.pad".',
+                'set at = "thumb.pad" in [[foci]].',
                 code="not_supported",
             )
         points = np.stack([hand.focus(*ride) for ride in setup.riding if ride is not None])

@@ -190,7 +190,7 @@ def plan(
     if not np.isfinite(head.at(chosen)[0]):
         raise InvalidInput(
             f"at a cap of {chosen:g} all elements round to level 0, so nothing would be emitted: "
-            "give a larger cap.",
+            "use a larger cap.",
             code="all_zero",
         )
     return replace(made, cap=chosen, limited=cap is None and chosen < 1.0)

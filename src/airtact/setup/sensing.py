@@ -278,9 +278,7 @@ def calibrate_array(
         If no positions of the boards explain the transmissions.
     """
     if (echoes_file is None) == (noise is None):
-        raise InvalidInput(
-            "give either a file of transmissions or --simulate.", code="data_missing"
-        )
+        raise InvalidInput("use either a file of transmissions or --simulate.", code="data_missing")
     clock = Clock(progress)
     array = setup.array
     medium = setup.medium

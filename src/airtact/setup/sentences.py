@@ -79,7 +79,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         )
     if len(setup.target.suppression_points) and not METHODS[setup.method].heeds_suppression_points:
         cautions.append(
-            f"the method {setup.method} ignores the suppression points: give best, gradient or "
+            f"the method {setup.method} ignores the suppression points: use best, gradient or "
             "inverse_filter."
         )
     if setup.contacts is not None and not setup.contacts.runs:
@@ -124,7 +124,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         if 0.0 < pressure < 50.0:
             cautions.append(
                 f"{name} has a request of {pressure:.3g} Pa, too little to be felt: is it in "
-                "kilopascal? Give pascals."
+                "kilopascal? Use pascals."
             )
         if pressure > gain * bound:
             words = {1.0: "", 2.0: ", and at most about twice that on a hard surface"}.get(

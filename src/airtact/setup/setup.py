@@ -121,7 +121,7 @@ class Setup:
         for name, things in (("bodies", self.scene.obstacles), ("foci", self.target.points)):
             if len(getattr(self, name)) != len(things):
                 raise InvalidInput(
-                    f"{name} has {len(getattr(self, name))} names for {len(things)} {name}: give "
+                    f"{name} has {len(getattr(self, name))} names for {len(things)} {name}: use "
                     "one for each.",
                     code="sizes_differ",
                 )

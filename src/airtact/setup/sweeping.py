@@ -166,7 +166,7 @@ def _checked_points(points: Sequence[Mapping[str, Value]]) -> list[Row]:
         )
     if not 1 <= len(rows) <= MAX_POINTS:
         raise InvalidInput(
-            f"there are {len(rows):,} points; give 1 to {MAX_POINTS:,}.", code="out_of_range"
+            f"there are {len(rows):,} points; use 1 to {MAX_POINTS:,}.", code="out_of_range"
         )
     return rows
 
@@ -222,7 +222,7 @@ def _computed(
         except Exception as fault:
             raise InvalidInput(
                 f"the function cannot be passed to a process ({fault}): define it in a module, or "
-                "give an executor of threads.",
+                "pass an executor of threads.",
                 code="wrong_kind",
             ) from None
         running = processes(process_count(len(waiting), executor, memory))
@@ -408,7 +408,7 @@ def scene_points(scene: Setup | str | Path) -> ScenePoints:
     if isinstance(scene, Setup):
         if scene.path is None:
             raise InvalidInput(
-                "a setup without a scene file has no keys to vary: give a function instead.",
+                "a setup without a scene file has no keys to vary: pass a function instead.",
                 code="wrong_kind",
             )
         scene = scene.path

@@ -62,7 +62,7 @@ def touched(
             name = min(near, key=lambda name: near[name])
             raise InvalidInput(
                 f"no body touches an object: the nearest, {name}, is {1e3 * near[name]:.2g} mm "
-                "from the skin. Move one of them, or give [[foci]].",
+                "from the skin. Move one of them, or add [[foci]].",
                 code="empty",
             )
         return things, contacts

@@ -138,7 +138,7 @@ class Contacts:
         if "outline" in styles and len(styles) > 1:
             raise InvalidInput(
                 'only some of the touched objects have style = "outline": one focus runs along all '
-                "outlines, so give this style to all of them or none.",
+                "outlines, so use this style for all of them or for none.",
                 code="options_clash",
             )
         return styles == {"outline"}
@@ -177,7 +177,7 @@ def contact(
     >>> ((1e3 * contacts.points).round(3) + 0.0).tolist()
     [[-6.0, 0.0, 0.0], [6.0, 0.0, 0.0]]
     """
-    slip = "is it in millimetres? Give metres."
+    slip = "is it in millimetres? Use metres."
     offset = between(offset, 0.0, 0.1, "the offset of a focus", "m", slip)
     things = objects_of(objects)
     skin = skin_of(hand)

@@ -164,7 +164,7 @@ def objects_of(objects: "VirtualObject | Sequence[VirtualObject]") -> tuple[Virt
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InvalidInput(
-            f"two virtual objects are named {twice!r}; give them different names.",
+            f"two virtual objects are named {twice!r}; use different names.",
             code="given_twice",
         )
     return tuple(listed)

@@ -110,7 +110,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     >>> skin.places, bool(skin.areas.min() > 0.0)
     (('body 1', 'body 2'), True)
     """
-    slip = "is it in millimetres? Give metres."
+    slip = "is it in millimetres? Use metres."
     longest_edge = between(longest_edge, 1e-3, 0.05, "the longest edge", "m", slip)
     if isinstance(bodies, Hand | Surface):
         named: dict[str, Hand | Surface] = {"skin": bodies}
@@ -121,7 +121,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     else:
         named = {"skin": bodies}
     if not named:
-        raise InvalidInput("there is no skin; give at least one hand or surface.", code="empty")
+        raise InvalidInput("there is no skin; pass at least one hand or surface.", code="empty")
     hands = [body for body in named.values() if isinstance(body, Hand)]
     sided = len({hand.side for hand in hands}) > 1
     meshes = []
@@ -174,7 +174,7 @@ def _fine_mesh(
         if len(vertices) + len(edges) > MAX_POINTS:
             raise InvalidInput(
                 f"the surface needs more than {MAX_POINTS:,} skin points at most "
-                f"{1e3 * longest_edge:g} mm apart: give only the part that touches.",
+                f"{1e3 * longest_edge:g} mm apart: use only the part that touches.",
                 code="too_many",
             )
         middles = surface.shape.project(vertices[edges].mean(axis=1))

@@ -345,7 +345,7 @@ def near_point(vector: Vector, what: str) -> Vector3:
     if distance > 2.0:
         raise InvalidInput(
             f"{what} is {distance:.4g} m from the origin, more than 2 m: is it in millimetres? "
-            "Give metres.",
+            "Use metres.",
             point,
             code="out_of_range",
         )
@@ -356,7 +356,7 @@ def _direction(vector: Vector, what: str) -> Vector3:
     direction = point_of(vector, what)
     length = float(np.linalg.norm(direction))
     if not length > 0.0:
-        raise InvalidInput(f"{what} has length 0; give a direction.", code="all_zero")
+        raise InvalidInput(f"{what} has length 0; use a nonzero vector.", code="all_zero")
     return fixed(direction / length)
 
 

@@ -71,7 +71,7 @@ class TouchState:
         release: float = 1e-3,
         ramp: float = 20e-3,
     ) -> None:
-        slip = "is it in millimetres? Give metres."
+        slip = "is it in millimetres? Use metres."
         self.offset = between(offset, 0.0, 0.1, "the offset of a focus", "m", slip)
         self.release = between(release, 0.0, 0.02, "the distance of release", "m", slip)
         self.ramp = between(ramp, 1e-3, 1.0, "the ramp of a focus", "s", "is it in ms?")

@@ -34,13 +34,13 @@ class Grating:
     direction: Vector = (1.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        slip = "is it in millimetres? Give metres."
+        slip = "is it in millimetres? Use metres."
         pitch = within(self.pitch, 0.0, 0.1, "the pitch of a grating", "m", slip)
         object.__setattr__(self, "pitch", pitch)
         direction = point_of(self.direction, "the direction of a grating")
         if not direction.any():
             raise InvalidInput(
-                "the direction of a grating has length 0; give a direction.", code="all_zero"
+                "the direction of a grating has length 0; use a nonzero vector.", code="all_zero"
             )
         object.__setattr__(self, "direction", fixed(direction / np.linalg.norm(direction)))
 
@@ -90,7 +90,7 @@ class HeightMap:
                 "must lie between 0 and 1; divide them by the largest.",
                 code="out_of_range",
             )
-        slip = "is it in millimetres? Give metres."
+        slip = "is it in millimetres? Use metres."
         width = within(self.width, 0.0, 2.0, "the width of a texture", "m", slip)
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "width", width)

@@ -110,7 +110,7 @@ def _whole_boards(board: Board, elements: int) -> int:
         near = len(board) * min(max(count, 1), board.max_boards)
         raise InvalidInput(
             f"{counted(elements, 'element does', 'elements do')} not fill whole {board.name} "
-            f"boards of {len(board)}: give a drive for {near} elements.",
+            f"boards of {len(board)}: use a drive for {near} elements.",
             code="sizes_differ",
         )
     return count

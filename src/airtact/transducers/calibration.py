@@ -102,7 +102,7 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
             row = int(values.argmax())
             raise InvalidInput(
                 f"line {table.lines[row]} of {Path(path).name} has {values[row]:g} {unit} for "
-                f"{column}, which must be below {limit:.3g}: give metres and radians.",
+                f"{column}, which must be below {limit:.3g}: use metres and radians.",
                 code="out_of_range",
             )
     # Elements that are not listed keep their positions.

@@ -77,7 +77,7 @@ class Element:
                 code="out_of_range",
             )
         sensitivity = positive(self.sensitivity, "the sensitivity of an element", "Pa·m")
-        hint = "is it in millimetres? Give 0 or a length in metres."
+        hint = "is it in millimetres? Use 0 or a length in metres."
         radius = between(self.radius, 0.0, 0.1, "the radius of an element", "m", hint)
         # ``vars`` bypasses the frozen dataclass.
         vars(self).update(points=points, weights=weights, sensitivity=sensitivity, radius=radius)
@@ -190,11 +190,11 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     >>> round(float(piston(4.8e-3).far_pattern(sideways, 3.5 / 4.8e-3)[0].real), 3)
     0.216
     """
-    hint = "is it in millimetres? Give metres, such as 4.5e-3."
+    hint = "is it in millimetres? Use metres, such as 4.5e-3."
     radius = within(radius, 0.0, 0.1, "the radius of a piston", "m", hint)
     if points not in MAX_PISTON_SIZE:
         raise InvalidInput(
-            f"a piston cannot have {points} points: give 12 or 19.", code="out_of_range"
+            f"a piston cannot have {points} points: use 12 or 19.", code="out_of_range"
         )
     # Boards use 12 points, because their transducers have ka below 3.5 and more points cost more.
     places, weights = _degree_7() if points == 12 else _degree_9()
@@ -244,7 +244,7 @@ def check_pattern(element: Element, wavenumber: complex | float) -> None:
         finer = ", piston(radius, points=19)" if size <= MAX_PISTON_SIZE[19] else ""
         raise InvalidInput(
             f"a face of {element.radius * 1e3:.3g} mm radius has ka = {size:.2f}, and its {count} "
-            f"points are accurate only up to {largest}: give a radius of at most "
+            f"points are accurate only up to {largest}: use a radius of at most "
             f"{largest / wavenumber.real * 1e3:.3g} mm{finer} or a lower frequency.",
             code="out_of_range",
         )

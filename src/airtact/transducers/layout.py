@@ -85,7 +85,7 @@ class PhasedArray:
         if spread > MAX_ARRAY_EXTENT:
             raise InvalidInput(
                 f"the elements span {spread:.4g} m, more than {MAX_ARRAY_EXTENT:g} m: is this in "
-                "millimetres? Give metres.",
+                "millimetres? Use metres.",
                 code="out_of_range",
             )
         if element is None:
@@ -432,7 +432,7 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
     """
     of_kind(arrays, list | tuple, "the arrays to join", "a list of arrays")
     if len(arrays) == 0:
-        raise InvalidInput("there is no array to join; give at least one.", code="empty")
+        raise InvalidInput("there is no array to join; pass at least one.", code="empty")
     for index, array in enumerate(arrays):
         of_kind(array, PhasedArray, f"array {index}", "such as autd3_board(pose)")
         if not array.element.same_as(arrays[0].element):

@@ -184,7 +184,7 @@ def _check_metres(distances: Depths, place: str) -> None:
     if distances[farthest] > MAX_ELEMENT_DISTANCE:
         raise InvalidInput(
             f"element {farthest} is {distances[farthest]:.4g} m from {place}, more than "
-            f"{MAX_ELEMENT_DISTANCE:g} m: is the array or its pose in millimetres? Give metres.",
+            f"{MAX_ELEMENT_DISTANCE:g} m: is the array or its pose in millimetres? Use metres.",
             code="not_in_metres",
         )
 

@@ -47,12 +47,12 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     from manifold3d import Error, Manifold, OpType
 
     of_kind(array, PhasedArray, "the array", "one such as autd3_board()")
-    slip = "is it in millimetres? Give metres."
+    slip = "is it in millimetres? Use metres."
     within(thickness, 0.5e-3, 50e-3, "the thickness of a board", "m", slip)
     boards = kind_of_array(array.positions, array.normals)
     if boards is None:
         raise InvalidInput(
-            "the elements are not laid out like boards of one kind. Give an array of boards, or "
+            "the elements are not laid out like boards of one kind. Use an array of boards, or "
             "the bodies behind the elements as obstacles.",
             code="wrong_kind",
         )
@@ -60,7 +60,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     if board.outline is None:
         raise InvalidInput(
             f"boards of {board.name} cannot reflect, because the maker does not state their "
-            "outline. Give the plates as obstacles.",
+            "outline. Use the plates as obstacles.",
             code="unknown_name",
         )
     # Boards within 0.5 mm are one body, with the seam between them filled.

@@ -62,7 +62,9 @@ def signature(
     check_choice(kind, "the kind of trap", ("twin", "vortex", "bottle"))
     axis = point_of(axis, "the axis of a trap")
     if not np.linalg.norm(axis) > 0.0:
-        raise InvalidInput("the axis of a trap has length 0. Give a direction.", code="all_zero")
+        raise InvalidInput(
+            "the axis of a trap has length 0; use a nonzero vector.", code="all_zero"
+        )
     axis = axis / np.linalg.norm(axis)
     offsets = array.positions - array.positions.mean(axis=0)
 
@@ -72,7 +74,7 @@ def signature(
         if np.ptp(height) < 1e-6:
             raise InvalidInput(
                 "the axis of a twin trap is perpendicular to the array, so it does not divide the "
-                "elements. Give an axis along the array.",
+                "elements. Use an axis along the array.",
                 code="misplaced",
             )
         return Drive(drive.amplitudes * np.where(height > 0.0, -1.0, 1.0))
@@ -87,7 +89,7 @@ def signature(
     distance = np.linalg.norm(across, axis=1)
     if distance.max() < 1e-6:
         raise InvalidInput(
-            f"all elements lie on the axis of the {kind} trap. Give another axis.",
+            f"all elements lie on the axis of the {kind} trap. Use another axis.",
             code="misplaced",
         )
     if kind == "vortex":

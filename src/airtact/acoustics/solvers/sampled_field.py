@@ -101,7 +101,7 @@ class SampledField(RadiatedField):
         nodes = self.nodes
         if len(nodes) < 4:
             raise InvalidInput(
-                f"there are {len(nodes)} nodes, but a tetrahedron has 4; give more.",
+                f"there are {len(nodes)} nodes, but a tetrahedron has 4; use more.",
                 code="too_few",
             )
         try:
@@ -111,7 +111,7 @@ class SampledField(RadiatedField):
             spread = np.linalg.svd(nodes - nodes.mean(axis=0), compute_uv=False)[-1]
             raise InvalidInput(
                 f"the {len(nodes)} nodes lie in one plane, to "
-                f"{1e3 * spread / np.sqrt(len(nodes)):.2g} mm; give nodes that fill a space.",
+                f"{1e3 * spread / np.sqrt(len(nodes)):.2g} mm; use nodes that fill a volume.",
                 code="misplaced",
             ) from None
 
@@ -240,7 +240,7 @@ def _scale_of(table: TextTable, scale: float | None) -> float:
             if scale is not None and abs(scale / stated - 1.0) > 1e-3:
                 raise InvalidInput(
                     f"its length unit is {words[-1]}, and the scale given is {scale:g}; leave the "
-                    f"scale out, or give {stated:g}.",
+                    f"scale out, or use {stated:g}.",
                     code="does_not_match",
                 )
             return stated
@@ -302,7 +302,7 @@ def _check_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
     if opposite > max(1.5 * stated, 0.4):
         raise InvalidInput(
             f"time_sign is {time_sign}, but around the sources the pressures fit the other sign "
-            f"{opposite / stated:.2g} times better; give the other sign, or check the positions of "
+            f"{opposite / stated:.2g} times better; use the other sign, or check the positions of "
             "the sources and the unit of length.",
             code="does_not_match",
         )

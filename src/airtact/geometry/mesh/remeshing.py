@@ -108,7 +108,7 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
     except RuntimeError as fault:
         raise InvalidInput(
             f"the surface of {len(triangles)} triangles cannot be remeshed with an edge of "
-            f"{1e3 * edge:.3g} mm ({fault}); repair it, or give a mesh with fewer slivers.",
+            f"{1e3 * edge:.3g} mm ({fault}); repair it, or use a mesh with fewer slivers.",
             code="mesh_faulty",
         ) from fault
     result = np.asarray(mesh.get_triangles(), dtype=np.int64)

@@ -88,7 +88,7 @@ def repaired(
     triangles = triangles.astype(np.int64)
     check_indices(len(vertices), triangles)
     if len(triangles) == 0:
-        raise InvalidInput("the surface has no triangles; give a closed one.", code="empty")
+        raise InvalidInput("the surface has no triangles; pass a closed surface.", code="empty")
     notes: list[str] = []
     vertices, triangles = _with_used_vertices(vertices, triangles, notes)
     check_size(float(np.ptp(vertices, axis=0).max()))
@@ -147,7 +147,7 @@ def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[st
         beside = "" if where is None else f" near {in_mm(where)}"
         are = counted(len(wrong), "vertex of the surface is", "vertices of the surface are")
         raise InvalidInput(
-            f"{are} NaN or infinite, the first is vertex {wrong[0]}{beside}; give it a position "
+            f"{are} NaN or infinite, the first is vertex {wrong[0]}{beside}; set its position "
             "or remove its triangles.",
             where,
             code="not_finite",
@@ -380,7 +380,7 @@ def _turned_outward(vertices: Vertices, triangles: Triangles, notes: list[str]) 
         where = vertices[triangles[(piece == flat[0]).argmax()]].mean(axis=0)
         raise InvalidInput(
             f"{counted(len(flat), 'closed piece encloses', 'closed pieces enclose')} 0 cm³, the "
-            f"first near {in_mm(where)}; remove it or give it a thickness.",
+            f"first near {in_mm(where)}; remove it or make it thicker.",
             where,
             code="mesh_faulty",
         )

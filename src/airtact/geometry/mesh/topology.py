@@ -102,7 +102,7 @@ def check_size(extent: float) -> None:
     if extent > largest * (1.0 + 1e-9):
         raise InvalidInput(
             f"the surface spans {extent:.4g} m, more than {largest:g} m: is this in millimetres? "
-            "Give metres, or scale it by 1e-3.",
+            "Use metres, or scale it by 1e-3.",
             code="too_many",
         )
     if extent < smallest * (1.0 - 1e-9):

@@ -274,7 +274,7 @@ def _checked_camera(camera: Real[np.ndarray, "3"], cloud: Points) -> Point:
     if ahead.min() < 30e-3:
         raise InvalidInput(
             f"the camera is at {in_mm(eye)}, but {(ahead < 30e-3).sum()} of {len(cloud)} points "
-            "are beside it, behind it or less than 30 mm in front of it; give the position of the "
+            "are beside it, behind it or less than 30 mm in front of it; pass the position of the "
             "camera in metres.",
             eye,
             code="misplaced",
@@ -292,7 +292,7 @@ def _checked_cloud(
     cloud = points_of(points, "points of a cloud", least=0)
     if len(cloud) < MIN_POINTS:
         raise InvalidInput(
-            f"the cloud has {counted(len(cloud), 'point', 'points')}; give at least {MIN_POINTS} "
+            f"the cloud has {counted(len(cloud), 'point', 'points')}; use at least {MIN_POINTS} "
             "of a hand.",
             code="too_few",
         )
@@ -300,7 +300,7 @@ def _checked_cloud(
     if largest.max() > 1e6:
         raise InvalidInput(
             f"point {largest.argmax()} of the cloud has a coordinate of {largest.max():.3g} m: "
-            "give metres, and remove points that the camera did not see.",
+            "use metres, and remove points that the camera did not see.",
             code="out_of_range",
         )
     distance = _distance_to_bones(cloud, joints)
@@ -315,13 +315,12 @@ def _checked_cloud(
         # If the cloud matches the landmarks after scaling by 0.001, it is in millimetres.
         if (_distance_to_bones(1e-3 * cloud, joints) < HAND_RADIUS).mean() > 0.5:
             raise InvalidInput(
-                f"the cloud is {usual:.4g} m from the landmarks: is it in millimetres? Give "
-                "metres.",
+                f"the cloud is {usual:.4g} m from the landmarks: is it in millimetres? Use metres.",
                 code="not_in_metres",
             )
         raise InvalidInput(
             f"only {near.sum()} of {len(cloud)} points are within {1e3 * HAND_RADIUS:g} mm of the "
-            f"landmarks (median distance {1e3 * usual:.4g} mm); give both in the same frame.",
+            f"landmarks (median distance {1e3 * usual:.4g} mm); use the same frame for both.",
             code="misplaced",
         )
     elsewhere = ~near & ~forearm

@@ -95,7 +95,7 @@ class HandFrame:
             raise FaultyFrame(
                 "unreadable",
                 f"time {self.time!r}, side {self.side!r} or sequence number {self.sequence!r} is "
-                "invalid; give a number below 1e19, 'left' or 'right', and an integer from 0 to "
+                "invalid; use a number below 1e19, 'left' or 'right', and an integer from 0 to "
                 "2^53.",
             )
         object.__setattr__(self, "time", float(self.time))
@@ -112,7 +112,7 @@ class HandFrame:
             if span > 20.0:
                 raise FaultyFrame(
                     "not_in_metres",
-                    f"the cloud spans {span:.4g} m: is it in millimetres? Give metres.",
+                    f"the cloud spans {span:.4g} m: is it in millimetres? Use metres.",
                 )
             object.__setattr__(self, "cloud", cloud)
 

@@ -58,7 +58,7 @@ def from_json(text: bytes | str) -> HandFrame:
         raise FaultyFrame("unreadable", f"it is not a frame in JSON: {reason}.") from None
     side = message.side.lower()
     if side != "left" and side != "right":
-        raise FaultyFrame("unreadable", f"its side is {message.side!r}; give 'left' or 'right'.")
+        raise FaultyFrame("unreadable", f"its side is {message.side!r}; use 'left' or 'right'.")
     landmarks = [point or (None, None, None) for point in message.landmarks or []]
 
     def array(points: Sequence[Coordinates]) -> np.ndarray | None:

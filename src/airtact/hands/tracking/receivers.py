@@ -30,7 +30,7 @@ def bound_socket(kind: socket.SocketKind, host: str, port: int) -> socket.socket
     """Make a socket bound to a port; 0 selects a free one."""
     if not 0 <= port <= 65535:
         raise InvalidInput(
-            f"port {port} does not exist; give 1 to 65535, or 0 for any free port.",
+            f"port {port} does not exist; use 1 to 65535, or 0 for any free port.",
             code="out_of_range",
         )
     bound = socket.socket(socket.AF_INET, kind)

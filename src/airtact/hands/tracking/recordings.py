@@ -143,7 +143,7 @@ def save_recording(path: str | Path, frames: Iterable[HandFrame]) -> None:
     frames = tuple(frames)
     if path.suffix != ENDING or not frames:
         raise InvalidInput(
-            f"{len(frames)} frames cannot be written to {path.name}: give at least one frame, and "
+            f"{len(frames)} frames cannot be written to {path.name}: use at least one frame, and "
             f"a name that ends in {ENDING}.",
             code="not_writable",
         )

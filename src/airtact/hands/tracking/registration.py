@@ -104,7 +104,7 @@ def register(
     if not len(touched) == len(points) == len(normals):
         raise InvalidInput(
             f"there are {len(touched)} touches of {len(points)} points with {len(normals)} "
-            "normals; give one of each per touch.",
+            "normals; pass one position and one normal per touch.",
             code="sizes_differ",
         )
     used = np.ones(len(points), dtype=bool)
@@ -182,8 +182,8 @@ def _fitted(
     if np.linalg.svd(jacobian / lengths, compute_uv=False)[-1] < 0.05:
         raise InvalidInput(
             "the touched faces have nearly the same direction, so the offset of the fingertip "
-            "cannot be told from the distance of the tracker; give the offset, or touch faces of "
-            "other directions.",
+            "cannot be distinguished from the distance of the tracker; set the offset, or touch "
+            "faces of other directions.",
             code="data_missing",
         )
     freedom = 3 * int(used.sum()) - count

@@ -93,7 +93,7 @@ class HandAware(DriveMaker):
         self, objects: "Sequence[at.VirtualObject]", foci: "Sequence[at.live.WantedFocus]"
     ) -> None:
         """Reject wanted foci, because the places of the scene are fixed."""
-        reason = "the scene has [[foci]], which stay: leave them out, or give [[objects]]."
+        reason = "the scene has [[foci]], which do not move: remove them, or add [[objects]]."
         self._rejected = {focus.name: reason for focus in foci}
 
     def make(self, time: float, controls: Controls) -> Moment:

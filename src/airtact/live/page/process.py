@@ -215,7 +215,7 @@ def serve_page(
 ) -> None:
     """Serve the page until the loop ends; the mailbox has the newest ``Shown``."""
     try:
-        with extra("live", "to go without a page give --no-page; the page needs websockets"):
+        with extra("live", "the page needs websockets; to run without a page, set --no-page"):
             from airtact.live.page.pages import Pages
 
         pages = Pages(send, scene, port, host, hand, follows, controls, certificate)

@@ -72,7 +72,7 @@ def start_server(
             context.load_cert_chain(certificate)
         except OSError as fault:
             raise InvalidInput(
-                f"the certificate {certificate} cannot be used ({fault}): give a PEM file that has "
+                f"the certificate {certificate} cannot be used ({fault}): use a PEM file that has "
                 "the certificate and its key.",
                 code="file_unreadable",
             ) from None

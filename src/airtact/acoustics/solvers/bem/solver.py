@@ -429,7 +429,7 @@ class BoundaryElement(Solver):
         coarse = [
             f"the panels of body {body} deviate from its triangles by up to "
             f"{1e3 * farthest:.2g} mm ({1e3 * mean:.2g} mm on average), more than 1/20 of the "
-            "wavelength. The triangles are too coarse for a curved surface: give a mesh with "
+            "wavelength. The triangles are too coarse for a curved surface: use a mesh with "
             "shorter edges, or sharp_degrees = 0 for a faceted body."
             for body, (farthest, mean) in enumerate(
                 zip(panels.farthest, panels.mean_distance, strict=True)
