@@ -45,7 +45,7 @@ def serve(file: str) -> None:
             return moment
 
     class Boards(at.live.Output):
-        def send(self, amplitudes):
+        def send(self, amplitudes, at=None):
             loud = float(np.abs(amplitudes).max())
             noted.append([time.monotonic(), loud, *(foci or [np.nan] * 3)])
 

@@ -344,9 +344,23 @@ def emulated_for(scene: LiveScene) -> list[Emulated]:
 
 
 def emulated(
-    maker: HandAware, frames: Sequence[HandFrame], seconds: float, latency: float = LATENCY
+    maker: HandAware,
+    frames: Sequence[HandFrame],
+    seconds: float,
+    latency: float = LATENCY,
+    spread: float = 0.0,
+    ahead: bool = False,
 ) -> list[Played]:
-    """Run the maker on a virtual clock: a drive for each frame, and every ``OFTEN``."""
+    """Run the maker on a virtual clock: a drive for each frame, and every ``OFTEN``.
+
+    With a spread the time to make a drive has the mean ``MAKING`` and this standard deviation [s];
+    drives are made for the mean, or sent ahead to boards that play 9 of 10 at their time.
+    """
+    takes = np.full(10_000, MAKING)
+    if spread > 0.0:
+        shape = (MAKING / spread) ** 2
+        takes = np.random.default_rng(5).gamma(shape, MAKING / shape, 10_000)
+    promised = float(np.percentile(takes, 90)) if ahead else MAKING
     arrivals = [frame.time + latency for frame in frames]
     ticks = sorted(
         [*((then, frame) for then, frame in zip(arrivals, frames, strict=True))],
@@ -360,11 +374,11 @@ def emulated(
         while index < len(ticks) and ticks[index][0] <= now + 1e-9:
             maker.take(ticks[index][1])
             index += 1
-        moment = maker.make(now + MAKING, Controls())
+        moment = maker.make(now + promised, Controls())
         if moment.joints is not None:
-            played.append(
-                Played(now + MAKING, moment.amplitudes, moment.rule, moment.kept or np.nan)
-            )
+            takes = np.roll(takes, 1)
+            acts = now + max(float(takes[0]), promised if ahead else 0.0)
+            played.append(Played(acts, moment.amplitudes, moment.rule, moment.kept or np.nan))
         nearest = arrivals[index] if index < len(arrivals) else np.inf
         now = min(now + OFTEN, nearest)
     return played
@@ -513,6 +527,9 @@ def main() -> None:
         default=[],
         help="frames that echoes corrected, so much later each [s]",
     )
+    parser.add_argument(
+        "--spread", type=float, default=0.0, help="of the time to make a drive, emulated [s]"
+    )
     parser.add_argument("--record", type=Path, help="folder for sessions that are not judged yet")
     parser.add_argument("--judge", type=Path, help="folder of sessions that were recorded before")
     given = parser.parse_args()
@@ -541,13 +558,18 @@ def main() -> None:
                 if given.emulated:
                     frames = frames_of(setting, rate, given.seconds, noise)
                     for which in given.makers:
-                        played = emulated(maker_of(which, setting, True), frames, given.seconds)
-                        judge(
-                            played,
-                            f"{name}, {rate:.0f}/s, {1e3 * noise:g} mm, {which}, emulated",
-                            tried,
-                            given.every,
-                        )
+                        for ahead in (False, True) if given.spread else (False,):
+                            maker = maker_of(which, setting, True)
+                            played = emulated(
+                                maker, frames, given.seconds, spread=given.spread, ahead=ahead
+                            )
+                            sent = ", sent ahead" if ahead else ""
+                            judge(
+                                played,
+                                f"{name}, {rate:.0f}/s, {1e3 * noise:g} mm, {which}, emulated{sent}",
+                                tried,
+                                given.every,
+                            )
                 elif given.judge is None:
                     record(setting, given.makers, rate, noise, given, folder)
             if not given.record:

@@ -136,11 +136,12 @@ class Kept(at.live.Output):
 
     def __init__(self, clock: VirtualClock, seconds: float = 1e-3, stop_after: int = 0) -> None:
         self.clock, self.seconds, self.stop_after = clock, seconds, stop_after
-        self.sent, self.times, self.cycled = [], [], []
+        self.sent, self.times, self.cycled, self.asked = [], [], [], []
 
-    def send(self, amplitudes) -> None:
+    def send(self, amplitudes, at=None) -> None:
         self.clock.sleep(self.seconds)
         self.sent.append(amplitudes)
+        self.asked.append(at)
         self.times.append(self.clock.now)
         if len(self.sent) == self.stop_after:
             self.stop()

@@ -29,6 +29,32 @@ def loudness(output: Kept) -> np.ndarray:
     return np.abs(output.sent).max(axis=1)
 
 
+def test_drives_are_made_for_the_time_at_which_boards_play_them(example_scene, clock, tmp_path):
+    """Boards that take times play 9 of 10 drives at the time for which the hand was predicted."""
+    predicted, wanted = [], []
+
+    class Timed(Kept):
+        lead = 0.05
+
+        def send(self, amplitudes, at=None) -> None:
+            wanted.append(predicted[-1])
+            super().send(amplitudes, at)
+
+    output = Timed(clock, seconds=0.004)
+    maker = distances(example_scene)
+    made = maker.make
+    maker.make = lambda time, controls: predicted.append(time) or made(time, controls)
+    writer = at.live.SessionWriter(tmp_path / "session.h5", example_scene)
+    frames = reaching_recording()[:60]
+    followed(example_scene, clock, frames, output, lambda scene: maker, session=writer)
+    playing = [state == "playing" for state in at.live.read_session(tmp_path).states]
+    asked = np.array(output.asked, dtype=float)[playing]
+    assert np.ptp(asked - np.array(wanted)[playing]) < 1e-9
+    ahead = asked - np.array(output.times)[playing]
+    assert (ahead[5:] > -1e-9).mean() > 0.85
+    assert ahead.max() < 0.05
+
+
 def test_sound_follows_a_hand_and_the_session_holds_what_was_done(example_scene, clock, tmp_path):
     scene, frames = example_scene, reaching_recording()[:60]
     writer = at.live.SessionWriter(tmp_path / "session.h5", scene)

@@ -29,17 +29,21 @@ class Output:
     words : description of the output.
     stopped : whether the emergency stop was pressed; nothing is emitted after that.
     levels : amplitudes and phases of the boards; None without boards.
+    lead : longest time by which a drive can be sent ahead of the time at which it acts [s]; 0 if
+        drives act when they arrive.
     """
 
     words: str = "no boards"
     stopped: bool = False
     levels: Levels | None = None
+    lead: float = 0.0
     _emission: Emission | None = None
 
     def __init__(self, link: Link | None = None, log: Path | None = None) -> None:
         if link is not None:
             self._emission = Emission(link, cap=1.0, log=log, resumes=True)
             self.levels = link.levels
+            self.lead = link.lead
             self.words = f"{link.devices} through {link.name}"
 
     def __enter__(self) -> "Output":
@@ -62,10 +66,10 @@ class Output:
         if self._emission is not None:
             self._emission.cap = cap
 
-    def send(self, amplitudes: Amplitudes) -> None:
-        """Emit a drive from now on; return when it has reached the link."""
+    def send(self, amplitudes: Amplitudes, at: float | None = None) -> None:
+        """Emit a drive from now, or from a time on; return when it has reached the link."""
         if self._emission is not None:
-            self._emission.send(Drive(amplitudes), wait=False)
+            self._emission.send(Drive(amplitudes), wait=False, at=at)
 
     def cycle(self, frames: Frames, rate: float) -> None:
         """Emit frames in turn at a rate [1/s], starting at the current position in the round."""
