@@ -137,17 +137,23 @@ class UDPLink(AUTD3Boards):
         self._prepare()
         sdk = self._sdk
         (frames,) = sdk.Frames.encode(self._geometry, self._pattern(frame))
-        ahead = round(1e9 * (at - time.monotonic()))
-        device_time = self._client.device_time_now() + sdk.Duration.from_nanos(max(ahead, 0))
+        before, device_time, after = 0, sdk.value.SysTime.ZERO, 0
+        # Read both clocks again if this process was interrupted in between.
+        for _ in range(10):
+            before = time.monotonic_ns()
+            device_time = self._client.device_time_now()
+            after = time.monotonic_ns()
+            if after - before < 10_000:
+                break
+        ahead = round(1e9 * at) - (before + after) // 2
         if ahead > 1e9 * self.lead:
             raise InvalidInput(
                 f"a frame is to act {1e-6 * ahead:.0f} ms from now; AUTD3 boards take frames up to "
                 f"{1e3 * self.lead:.0f} ms ahead.",
                 code="out_of_range",
             )
-        self._answer = self._done(
-            lambda: self._client.send_frame_at(frames, sdk.ExecAt.At(device_time))
-        )
+        acts = device_time + sdk.Duration.from_nanos(max(ahead, 0))
+        self._answer = self._done(lambda: self._client.send_frame_at(frames, sdk.ExecAt.At(acts)))
 
     def _prepare(self) -> None:
         """Have the boards play the present modulation; check the last frame sent ahead."""
