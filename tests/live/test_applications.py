@@ -359,7 +359,6 @@ def test_a_client_feels_a_ball_through_the_real_loop(tmp_path):
     with at.live.Client(hands.words) as client:
         client.objects(at.VirtualObject(at.sphere(0.012, edge=0.004), name="mine"))
         client.remove("ball")
-        client.remove("nothing")
         end = time.monotonic() + PATIENCE / 2.0
         sequence = 0
         while not (felt and inside and bad) and time.monotonic() < end:
@@ -368,6 +367,8 @@ def test_a_client_feels_a_ball_through_the_real_loop(tmp_path):
             client.hands(replace(frame, time=time.monotonic(), sequence=sequence))
             client.foci(at.live.WantedFocus("in", point=np.array(frame.landmarks[12])))
             sequence += 1
+            if sequence % 30 == 0:
+                client.remove("nothing")
             time.sleep(1.0 / 60.0)
             state = client.state
             if state is None:
