@@ -20,7 +20,7 @@ from airtact.geometry.mesh.quadratic_triangles import (
 )
 from benchmarks.accuracy import FREQUENCY, PAPER_AIR, directions, far_points, one_each, relative
 from benchmarks.peers.peak_memory import forget_peak, peak
-from references import axisymmetric, ellipsoid
+from references import axisymmetric, before_a_plane, ellipsoid, two_spheres
 from references.assorted_meshes import assorted
 from references.damaged_meshes import damaged
 
@@ -209,6 +209,80 @@ def tip_figures(count: int = 20) -> Iterator[str]:
     )
 
 
+def gap_case(draw: np.random.Generator, index: int) -> tuple[at.Scene, np.ndarray, np.ndarray]:
+    """Scene of two bodies, or of one before a plane, with a source and points in its gap of 0.3 to 10 mm.
+
+    Half are spheres, whose field is known; half are two capsules, every other pair before a plane.
+    Every other body is sound-hard, the rest have an impedance.
+    """
+    known, plane, yielding = index % 2 == 0, index // 2 % 2 == 0, index // 4 % 2 == 0
+    gap = np.exp(draw.uniform(np.log(0.3e-3), np.log(10e-3)))
+    bodies, lowest = [], np.inf
+    for side in (-1, 1):
+        radius, tilt = draw.uniform(3e-3, 8e-3), draw.uniform(-0.6, 0.6)
+        half = 0.0 if known else draw.uniform(0, 7.5e-3)
+        axis = half * np.array([0.0, np.sin(tilt), np.cos(tilt)])
+        centre = np.array([side * (gap / 2 + radius), 0.0, 0.0])
+        bodies.append(at.capsule(centre - axis, centre + axis, radius, radius / 2))
+        lowest = min(lowest, -abs(axis[2]) - radius)
+    ratio = PAPER_AIR.density * PAPER_AIR.sound_speed * complex(*draw.uniform((0.3, -1), (2.9, 1)))
+    table = at.plane((0, 0, lowest - draw.uniform(0.3e-3, 5e-3)), (0, 0, 1))
+    if known and plane:
+        bodies, table = bodies[:1], at.plane((gap / 2, 0, 0), (-1, 0, 0))
+    scene = at.Scene(
+        PAPER_AIR,
+        [at.impedance(body, ratio) if yielding else at.sound_hard(body) for body in bodies],
+        frequency=float(draw.choice([25e3, 40e3, 70e3])),
+        planes=[table] if plane else [],
+    )
+    source = draw.normal(size=3) * [-1, 1, 1]
+    source[0 if known else 2] = np.copysign(source[0 if known else 2], -1 if known else 1)
+    points = np.stack(
+        [np.linspace(-0.45, 0.45, 7) * gap, *draw.uniform(-1.5e-3, 1.5e-3, (2, 7))], 1
+    )
+    source *= 60e-3 / np.linalg.norm(source)
+    return scene, source[None], points[scene.depth(points) < -2e-5]
+
+
+def gap_figures(count: int = 156) -> Iterator[str]:
+    """Pressure in gaps, against series for spheres and a solve at 0.15 % for capsules."""
+    draw = np.random.default_rng(13)
+    found: dict[float, list[tuple[float, bool, int]]] = {0.1: [], 0.03: [], 0.01: []}
+    truth = 0.0
+    for index in range(count):
+        scene, source, points = gap_case(draw, index)
+        if index % 2:
+            exact = at.BoundaryElement(accuracy=0.0015).radiate(scene, one_each(source)).at(points)
+        elif scene.planes:
+            exact, own = before_a_plane.sphere_pressure(scene, source, points)
+            truth = max(truth, own)
+        else:
+            spheres = [obstacle.surface.primitive for obstacle in scene.obstacles]
+            ratios = [obstacle.ratio for obstacle in scene.obstacles]
+            exact, own = two_spheres.pressure_at(
+                spheres,
+                scene.wavenumber,
+                source,
+                points,
+                admittances=[1 / ratio if ratio else 0.0 for ratio in ratios],
+            )
+            truth = max(truth, own)
+        for asked, rows in found.items():
+            field = at.BoundaryElement(accuracy=asked).radiate(scene, one_each(source))
+            error = float(relative(field.at(points), exact)[0])
+            rows.append((error / asked, bool(field.report_at(points).warnings), field.report.nodes))
+    for asked, rows in found.items():
+        errors, warned, nodes = (np.array(column) for column in zip(*rows, strict=True))
+        over = errors > 1.5
+        yield (
+            f"{count} cases, {100 * asked:g} % asked: error over it {np.median(errors):.2f} in the median, "
+            f"{np.quantile(errors, 0.95):.2f} in 95 %, {errors.max():.2f} at worst; {over.sum()} over 1.5, "
+            f"{(over & ~warned).sum()} of them without a warning; {warned.sum()} warnings, "
+            f"{(warned & (errors < 1)).sum()} of them where the error is below it; "
+            f"{nodes.mean():.0f} unknowns in the mean (series to {truth:.0e})"
+        )
+
+
 def damaged_figures(count: int = 500) -> Iterator[str]:
     outcome = {"repairs": 0, "rejected": 0}
     wrong, worst = [], 0.0
@@ -257,6 +331,7 @@ FIGURES = {
     "panelling": panelling_figures,
     "angle": angle_figures,
     "tip": tip_figures,
+    "gap": gap_figures,
     "hand": hand_figures,
     "damaged": damaged_figures,
 }

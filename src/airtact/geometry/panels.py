@@ -33,9 +33,9 @@ LONGEST_TO_EQUILATERAL = 1.2
 # Ratio of the longest edge of panels near a point to their distance from it.
 LARGEST_TO_POINT = 1.7
 
-# Ratio of the longest edge of panels that face another body, or another part of their body, to the
-# gap.
-LARGEST_TO_GAP = 1.0
+# Ratio of the longest edge of panels that face another body to the gap. The sound in a gap is
+# smooth; most of its error comes from larger panels around it, so smaller ones gain nothing.
+LARGEST_TO_GAP = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +68,7 @@ def panels_of(
     away: float = np.inf,
     image: Callable[[Points], Points] | None = None,
     walls: Sequence[int] = (),
+    close: float = 0.0,
 ) -> Panels:
     """Cover bodies with panels no larger than equilateral triangles of a given edge length.
 
@@ -82,8 +83,22 @@ def panels_of(
     away : largest root mean square distance of panels from a smooth mesh [m].
     image : function that mirrors points in a plane, for gaps to the mirror images of the bodies.
     walls : indices of bodies whose flat faces get smaller panels if they face each other.
+    close : gap between bodies, or to the mirror images, below which they get panels with edges of
+        0.8 times the length, because sound is scattered to and fro between them [m].
     """
     bodies = [shape.panels(edge, bend, away) for shape in shapes]
+
+    def opposite(index: int) -> Points:
+        """Points of the other bodies and of all images."""
+        points = [np.empty((0, 3))]
+        points += [body.reshape(-1, 3) for other, body in enumerate(bodies) if other != index]
+        if image is not None:
+            points += [image(body.reshape(-1, 3)) for body in bodies]
+        return np.concatenate(points)
+
+    for index in set(range(len(shapes))).difference(walls):
+        if (_kernels.panel_distances(bodies[index], opposite(index), close) < close).any():
+            bodies[index] = shapes[index].panels(0.8 * edge, bend, away)
     facing = _facing_faces([bodies[index] for index in walls])
     for index in walls:
         coarse = bodies[index]
@@ -96,15 +111,10 @@ def panels_of(
         panels if shape.thinnest else _halved_in_corners(panels)
         for panels, shape in zip(bodies, shapes, strict=True)
     ]
-    refined = []
-    for index, shape in enumerate(shapes):
-        obstacles = [np.empty((0, 3))]
-        for neighbour, panels in enumerate(bodies):
-            if neighbour != index:
-                obstacles.append(panels.reshape(-1, 3))
-        if image is not None:
-            obstacles += [image(panels.reshape(-1, 3)) for panels in bodies]
-        refined.append(_refined(bodies[index], shape, near, np.concatenate(obstacles), smallest))
+    refined = [
+        _refined(bodies[index], shape, near, opposite(index), smallest)
+        for index, shape in enumerate(shapes)
+    ]
 
     # Distances are measured at the nodes, the centre and the middles between them.
     weights = np.concatenate(
@@ -192,7 +202,7 @@ def _allowed_by_own_surface(
     # panels: a limit of two thicknesses would cost four times as much.
     to_wall = np.where(_are_flat(panels[chosen][met]), 4.0, 2.0)
     allowed = np.full(len(chosen), np.inf)
-    allowed[met] = np.abs(across) * np.where(across > 0, LARGEST_TO_GAP, to_wall)
+    allowed[met] = np.abs(across) * np.where(across > 0, 1.0, to_wall)
     return allowed
 
 

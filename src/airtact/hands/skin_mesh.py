@@ -16,7 +16,6 @@ from airtact import _kernels
 from airtact.errors import extra, fixed
 from airtact.geometry.mesh.quadratic_triangles import smallest_angles, with_middles
 from airtact.geometry.mesh.topology import components, cone_volumes, edge_keys
-from airtact.geometry.panels import LARGEST_TO_GAP
 from airtact.hands.body import Hulls
 from airtact.hands.joints import Points
 
@@ -277,8 +276,8 @@ def _projected(
     vertices = hulls.project(mesh.vertices)
     look = hulls.look(vertices, reach=edge)
     smallest = max(0.25 * edge, min(SMALLEST_EDGE, edge))
-    by_gap = LARGEST_TO_GAP * np.maximum(look.facing, 0.0)
-    allowed = np.minimum(1.1 * look.bend, by_gap)
+    gap = np.maximum(look.facing, 0.0)
+    allowed = np.minimum(1.1 * look.bend, gap)
     sizes = np.minimum(np.clip(allowed, smallest, edge), max_sizes)
     rounds = 3  # over all edges
     _kernels.grade_sizes(vertices, mesh.triangles, GRADING, rounds, sizes)

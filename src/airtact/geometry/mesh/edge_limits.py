@@ -40,22 +40,33 @@ def bend_sizes(
     # MMG itself refines wide bends, so only bends with a radius below largest / (1.4 factor) limit
     # the edges. The search radius is the chord of 75 degrees on the widest of these bends.
     reach = 2 * np.sin(np.radians(75.0) / 2) / (factor * 1.4) * largest
-    first, second = KDTree(centres).query_pairs(reach, output_type="ndarray").T
-
-    # Below 75 degrees the pair may be a kink between two flat parts. Above 150 degrees it is more
-    # likely the other side of a wall.
+    tree = KDTree(centres)
+    neighbours = tree.query_ball_point(centres, reach, return_length=True)
+    # Pairs are sought for a part of the triangles at a time, since a printed part with many holes
+    # has a thousand million.
+    part = np.cumsum(neighbours) // 10_000_000
+    pairs = []
+    for number in range(part[-1] + 1):
+        own = np.flatnonzero(part == number)
+        near = KDTree(centres[own]).sparse_distance_matrix(tree, reach, output_type="ndarray")
+        first = own[near["i"]]
+        second = near["j"]
+        # Below 75 degrees the pair may be a kink between two flat parts. Above 150 degrees it is
+        # more likely the other side of a wall.
+        cosine = np.einsum("pd,pd->p", normals[first], normals[second])
+        cos_75, cos_150 = np.cos(np.radians([75.0, 150.0]))
+        bent = (first < second) & (cosine < cos_75) & (cosine > cos_150)
+        bent &= patch[first] == patch[second]
+        pairs.append(np.stack([first[bent], second[bent]]))
+    first, second = np.concatenate(pairs, axis=1)
     cosine = np.einsum("pd,pd->p", normals[first], normals[second])
-    cos_75, cos_150 = np.cos(np.radians([75.0, 150.0]))
-    bent = (cosine < cos_75) & (cosine > cos_150) & (patch[first] == patch[second])
-    first = first[bent]
-    second = second[bent]
     chord = centres[second] - centres[first]
     length = np.linalg.norm(chord, axis=1)
 
     # On a common arc of angle a and radius R, the chord has length 2 R sin(a/2). The unit chord has
     # the components −sin(a/2) and +sin(a/2) along the two normals. Pairs whose components deviate
     # by more than 0.35 are not on a common arc.
-    half_sine = np.sqrt(0.5 * (1 - cosine[bent]))
+    half_sine = np.sqrt(0.5 * (1 - cosine))
     at_first = np.einsum("pd,pd->p", chord, normals[first]) / length
     at_second = np.einsum("pd,pd->p", chord, normals[second]) / length
     symmetric = np.abs(at_first + at_second) < 0.35

@@ -512,6 +512,8 @@ class BoundaryElement(Solver):
             away=self.accuracy / (2 * scene.wavenumber.real),
             image=scene.planes[0].image if scene.planes else None,
             walls=scene.boards,
+            # between the bodies; the sound far from them is accurate without it
+            close=scene.wavelength if self.estimate else 0.0,
         )
 
     def panel_edge(self, wavelength: float) -> float:
@@ -531,9 +533,8 @@ class BoundaryElement(Solver):
             tolerance = self.accuracy * (
                 0.8 if self.accuracy >= 0.06 else 0.5 if self.accuracy >= 0.04 else 0.4
             )
-        elif self.accuracy >= PREVIEW_ACCURACY:
-            tolerance = min(0.3 * self.accuracy, 0.01)
         else:
+            # In narrow gaps the error is up to nine times the residual.
             tolerance = max(0.1 * self.accuracy, 2e-6)
         # Reflecting boards reflect the remaining sound back and forth.
         return tolerance * (0.1 if scene.boards else 1.0)
