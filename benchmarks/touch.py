@@ -369,9 +369,10 @@ class Judge:
         foci = self.true_foci(then)
         hand = self._setting.hand(then)
         air = at.Scene(scene.medium, [at.sound_hard(hand.surface)], frequency=scene.frequency)
-        field = at.BoundaryElement(accuracy=ACCURACY).radiate(
-            air, at.Target(foci.points).beacons()
-        )  # exact beside the walls of a box
+        # Beside the walls of a box, the pressure at an element needs both equations.
+        near = bool((hand.surface.depth(scene.array.positions) > -12e-3).any())
+        solver = at.BoundaryElement(accuracy=ACCURACY, estimate=near)
+        field = solver.radiate(air, at.Target(foci.points).beacons())
         return at.transfer_matrix(field, scene.array).matrix, foci
 
     def kept(self, one: Played) -> float:

@@ -1,5 +1,7 @@
 """Live touch on a virtual clock: foci appear where hands touch objects, and fade."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -285,3 +287,26 @@ def test_the_examples_can_be_followed_and_their_motions_touch(name):
         maker.take(frame)
         touching += bool(len(maker.make(frame.time, Controls()).foci))
     assert 0 < touching < 4
+
+
+def test_a_scene_with_two_hands_has_foci_on_both(tmp_path):
+    left = at.load_hand(at.example("relaxed.json"))
+    text = '[array]\nlayout = "flat_boards"\n[array.pose]\naxis = [-0.99077, 0.13558, 0.0]\n'
+    text += "degrees = 73.172\ntranslation = [0.00285, -0.13385, -0.08323]\n"
+    text += f'[[obstacles]]\nhand = "{at.example("relaxed.json")}"\n'
+    text += f'[[obstacles]]\nhand = "{tmp_path / "right.json"}"\n'
+    text += '[[foci]]\nat = "left.palm"\n[[foci]]\nat = "right.index.pad"\n'
+    right = at.hand_from_joints(left.joints * [-1, 1, 1] + [0.25, 0, 0], left.radii)
+    pose = {"positions_m": right.joints.tolist(), "radii_m": right.radii.tolist()}
+    (tmp_path / "right.json").write_text(json.dumps(pose))
+    (tmp_path / "scene.toml").write_text(text)
+    scene = at.live.live_scene(at.read_scene(tmp_path / "scene.toml", moving=True))
+    assert scene.places == ("left.palm", "right.index.pad")
+    maker = TouchAware(scene, solvers=[])
+    for one in (left, right):
+        maker.take(at.hands.HandFrame(0.0, one.side, 0, one.joints))
+    maker.make(0.0, Controls())
+    moment = maker.make(0.05, Controls())
+    goals = [left.focus("palm"), right.focus("index.pad")]
+    np.testing.assert_allclose(moment.foci, goals, atol=1e-6)
+    assert moment.pressures.min() > 500.0
