@@ -90,15 +90,15 @@ def run(
         if page is not None:
             report_step("starting the page")
             port, host = page
-            # The page only has a hand to drag if the frames come from it.
-            dragged = type(hands) is HandSource and setup.hands
-            joints = setup.hands[0].joints if dragged else None
+            # The page only gives hands if no other source does.
+            followed = type(hands) is HandSource
+            joints = setup.hands[0].joints if followed and setup.hands else None
             shown = PageProcess(
                 scene,
                 port,
                 host,
                 joints,
-                None if joints is None else hands.stream,
+                hands.stream if followed else None,
                 controls,
                 output.stop,
                 hands.world,
