@@ -124,7 +124,7 @@ def button() -> Setting:
     upright = at.Pose.turn(axis, float(np.linalg.norm(axis)))
     pinching = Pinching(17)
     radii = 0.8 * pinching.radii
-    rest = 0.8 * upright.apply(pinching.joints[-1])
+    rest = 0.8 * upright.apply(pinching.joints[10])
     rest = rest - between_fingers(rest, radii)
 
     def joints(then: float) -> np.ndarray:
@@ -134,7 +134,7 @@ def button() -> Setting:
     pressed = Hand(joints(0.5), radii, "left")
     point, normal = pressed.place("index.pad")
     top = point - 3e-3 * normal
-    thing = at.VirtualObject(Button(tuple(top), 8e-3, 4e-3, tuple(-normal)), name="button")
+    thing = at.VirtualObject(Button(tuple(top), 5e-3, 4e-3, tuple(-normal)), name="button")
     return Setting(scene_of(at.surrounding_box(), "left", radii, thing), joints, "button")
 
 
@@ -377,15 +377,15 @@ class Judge:
 
     def kept(self, one: Played) -> float:
         """Share of the attainable pressure at the weakest true contact with a focus."""
-        matrix, foci = self._matrix(round(one.time, 3))
+        if not len(self.true_foci(one.time).points):
+            return float("nan")  # foci fade after the contact
+        matrix, foci = self._matrix(one.time)
         # Each true focus is compared with the nearest played one on the same part of the hand.
         chosen = []
         strengths = []
         for index, name in enumerate(foci.names):
             same = [
-                played
-                for played, other in enumerate(one.names)
-                if other.endswith(name.split(" at ")[0] + " at " + name.split(" at ")[1])
+                played for played, other in enumerate(one.names) if other.split(".", 1)[-1] == name
             ]
             apart = [np.linalg.norm(one.foci[other] - foci.points[index]) for other in same]
             if apart and min(apart) < 8e-3:
