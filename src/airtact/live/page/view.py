@@ -253,7 +253,8 @@ def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
         "arrays": places,
         "colours": colour_scales(),
         "radius": 0.46 * spacing(array.positions),  # discs of neighbours do not touch
-        "backs": True,
+        # Of an array that surrounds the hand, the near side would hide it.
+        "backs": bool(np.linalg.norm(array.normals.mean(axis=0)) > 0.3),
         "sheets": [sheet.tolist() for sheet in sheets],
         "foci": [],
         "paths": [],
