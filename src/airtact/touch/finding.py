@@ -136,27 +136,22 @@ def _on_surface(
     The points, and the normals and depths there.
     """
     turns = 2.0 * np.pi * np.arange(8) / 8.0
-    circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    depths = np.zeros(len(points))
-    normals = np.zeros(points.shape)
-    # The fit of ``peaks`` in smaller and smaller circles of points on the surface.
-    for radius in (1e-3, 0.3e-3):
-        distances, normals = look(points)
-        points = points - distances[:, None] * normals
-        axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
-        first = np.cross(normals, axis)
-        first /= np.linalg.norm(first, axis=1, keepdims=True)
-        across = np.stack([first, np.cross(normals, first)], axis=1)
-        ring = points[:, None] + radius * circle @ across
-        distances, slopes = look(ring.reshape(-1, 3))
-        ring -= (distances[:, None] * slopes).reshape(ring.shape)
-        around = np.concatenate([points[:, None], ring], axis=1)
-        deep = np.zeros(around.shape[:2])
-        for index in set(of_object.tolist()):
-            own = of_object == index
-            deep[own] = objects[index].depth(around[own].reshape(-1, 3)).reshape(-1, 9)
-        points, normals, depths = peaks(points, normals, deep[:, 0], ring, deep[:, 1:])
-    return points, normals, depths
+    circle = 1e-3 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    # The fit of ``peaks`` in a circle of points on the surface, smaller than the triangles.
+    distances, normals = look(points)
+    points = points - distances[:, None] * normals
+    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = np.cross(normals, axis)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    ring = points[:, None] + circle @ np.stack([first, np.cross(normals, first)], axis=1)
+    distances, slopes = look(ring.reshape(-1, 3))
+    ring -= (distances[:, None] * slopes).reshape(ring.shape)
+    around = np.concatenate([points[:, None], ring], axis=1)
+    depths = np.zeros(around.shape[:2])
+    for index in set(of_object.tolist()):
+        own = of_object == index
+        depths[own] = objects[index].depth(around[own].reshape(-1, 3)).reshape(-1, 9)
+    return peaks(points, normals, depths[:, 0], ring, depths[:, 1:])
 
 
 def _connected(

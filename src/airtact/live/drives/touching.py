@@ -348,7 +348,8 @@ class TouchAware(DriveMaker):
         for side, tracked in seen.items():
             assert tracked.skin is not None
             own = [foci.points[index] for index, one in enumerate(foci.sides) if one == side]
-            found = find(tracked.skin, self._objects, EARLY)
+            # These points need not be exact.
+            found = find(replace(tracked.skin, look=None), self._objects, EARLY)
             early = found.points + OFFSET * found.normals
             # The nearest to an object first.
             for point in early[np.argsort(-found.depths)]:
