@@ -211,7 +211,7 @@ def number(value: float, what: str, unit: str) -> float:
 
 
 def positive(value: float, what: str, unit: str) -> float:
-    """Return a finite number above zero as a float, or raise "out_of_range", or as ``number``.
+    """Check that a number is finite and above zero, and return it as a float.
 
     Examples
     --------
@@ -228,7 +228,7 @@ def positive(value: float, what: str, unit: str) -> float:
 
 
 def between(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
-    """Return a number from ``low`` to ``high`` as a float; raise "out_of_range", or as ``number``.
+    """Check that a number lies between ``low`` and ``high``, and return it as a float.
 
     ``slip`` is a question about a likely wrong unit, such as "is it in kHz?".
 
@@ -251,12 +251,12 @@ def between(value: float, low: float, high: float, what: str, unit: str, slip: s
 
 
 def within(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
-    """Return a number from ``low`` to ``high`` and above zero; raise as ``between``."""
+    """Check that a number is above zero and lies between ``low`` and ``high``, and return it."""
     return between(positive(value, what, unit), low, high, what, unit, slip)
 
 
 def check_frequency(frequency: float) -> float:
-    """Return a frequency [Hz] from 1 kHz to 1 MHz as a float; raise as ``between``."""
+    """Check that a frequency lies between 1 kHz and 1 MHz, and return it as a float [Hz]."""
     return between(frequency, 1e3, 1e6, "frequency", "Hz", "is it in kHz? Use hertz.")
 
 
@@ -315,7 +315,7 @@ def points_of(
 
     One point (3,) is not a list of points.
 
-    Raise as ``real_numbers``, or "wrong_shape", "empty" or "not_finite".
+    Raise the errors of ``real_numbers``, or "wrong_shape", "empty" or "not_finite".
     """
     points = real_numbers(array, what)
     if points.ndim != 2 or points.shape[1] != 3:
@@ -331,7 +331,7 @@ def points_of(
 
 
 def point_of(vector: Vector, what: str) -> Float64[np.ndarray, "3"]:
-    """Return one point (3,) as read-only float64; raise as ``points_of``."""
+    """Return one point (3,) as read-only float64; see ``points_of`` for the errors."""
     point = real_numbers(np.asarray(vector), what)
     if point.shape != (3,):
         raise InvalidInput(

@@ -46,7 +46,8 @@ def text(
     Raises
     ------
     InvalidInput
-        If the text is empty, a letter is not in the font, or as for ``polyline``.
+        If the text is empty, a letter is not in the font, or for the reasons listed in
+        ``polyline``.
 
     Examples
     --------
@@ -97,8 +98,8 @@ def svg_path(
     Raises
     ------
     InvalidInput
-        If the file cannot be read, is not SVG, or has no lines or too many; or as for
-        ``polyline``.
+        If the file cannot be read, is not SVG, or has no lines or too many; or for the reasons
+        listed in ``polyline``.
     """
     width = positive(width, "the width of the drawing", "m")
     spacing = positive(spacing, "the spacing", "m")

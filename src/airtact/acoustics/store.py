@@ -208,7 +208,7 @@ class Stored(Solver):
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Return the field of the monopoles, read from the folder or solved.
 
-        The errors are those of the solver. The report of a field from the folder has ``store`` as
+        See the solver for the errors. The report of a field from the folder has ``store`` as
         the only step in ``seconds``.
         """
         begun = time.perf_counter()

@@ -67,7 +67,8 @@ def polyline(
     Raises
     ------
     InvalidInput
-        As for ``segment``, or if there are fewer than two corners (three if closed).
+        For the reasons listed in ``segment``, or if there are fewer than two corners (three if
+        closed).
     """
     corners = points_of(corners, "corners of a polyline")
     minimum = 3 if closed else 2
@@ -146,7 +147,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     Raises
     ------
     InvalidInput
-        As for ``circle``.
+        For the reasons listed in ``circle``.
 
     Examples
     --------

@@ -105,7 +105,7 @@ def share_under_cap(
     """Return the factor that brings the largest amplitude of drives under a cap.
 
     The cap is a share of full scale. For boards without amplitude levels it is the share of
-    elements that are on. The errors are those of ``check_cap``.
+    elements that are on. See ``check_cap`` for the errors.
     """
     cap = check_cap(cap)
     if levels.phase_only:

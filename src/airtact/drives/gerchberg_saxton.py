@@ -58,8 +58,8 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
     weighted by w²/|p|, and every element is set to full scale (Plasencia, Hirayama, Montano-Murillo
     and Subramanian, ACM Trans. Graph. 39 (2020) 138). This last step lowers the pressure at the
     worst focus. A few iterations of ``weighted_gerchberg_saxton``, which are not in the paper,
-    recover it; they never lower it. Parameters, result and errors are those of
-    ``weighted_gerchberg_saxton``.
+    recover it; they never lower it. See ``weighted_gerchberg_saxton`` for parameters, result and
+    errors.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)

@@ -48,8 +48,8 @@ def gradient(
     Raises
     ------
     InvalidInput
-        As for ``weighted_gerchberg_saxton``, or if the suppression points are not those of the
-        matrix or the loss is out of range.
+        For the reasons listed in ``weighted_gerchberg_saxton``, or if the suppression points are
+        not those of the matrix or the loss is out of range.
 
     Warns
     -----

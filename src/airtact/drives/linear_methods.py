@@ -53,8 +53,8 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
     At equal peak amplitude no other drive gives one focus more pressure, because the sound of every
     element arrives in phase. Every element is at full scale, or all are scaled down alike if that
     is enough for the requested pressures. The requested pressures or shares weight the foci before
-    the amplitudes are dropped. The method ignores suppression points. Parameters and errors are
-    those of ``time_reversal``.
+    the amplitudes are dropped. The method ignores suppression points. See ``time_reversal`` for
+    parameters and errors.
     """
     return scaled_to_target(transfer, target, np.sign(_reversed(transfer, target)))
 
@@ -88,8 +88,8 @@ def inverse_filter(
     Raises
     ------
     InvalidInput
-        As for ``weighted_gerchberg_saxton``, or if the suppression points are not those of the
-        matrix or the weight is negative.
+        For the reasons listed in ``weighted_gerchberg_saxton``, or if the suppression points are
+        not those of the matrix or the weight is negative.
     """
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])
@@ -150,7 +150,7 @@ def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50
     Raises
     ------
     InvalidInput
-        As for ``weighted_gerchberg_saxton``.
+        For the reasons listed in ``weighted_gerchberg_saxton``.
     """
     check_solvable(transfer, target)
     check_iterations(iterations)

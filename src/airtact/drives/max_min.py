@@ -97,7 +97,8 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     Raises
     ------
     InvalidInput
-        As for ``weighted_gerchberg_saxton``, or if the tolerance is not above zero.
+        For the reasons listed in ``weighted_gerchberg_saxton``, or if the tolerance is not above
+        zero.
     """
     matrix, requests = asked_rows(transfer, target)
     positive(tolerance, "the tolerance", "of the bound")
@@ -245,7 +246,7 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     Raises
     ------
     InvalidInput
-        As for ``weighted_gerchberg_saxton``.
+        For the reasons listed in ``weighted_gerchberg_saxton``.
 
     Warns
     -----

@@ -100,7 +100,8 @@ def robust(
     Raises
     ------
     InvalidInput
-        As for ``weighted_gerchberg_saxton``; "unknown_name": there is no such goal or limit.
+        For the reasons listed in ``weighted_gerchberg_saxton``; "unknown_name": there is no such
+        goal or limit.
 
     Examples
     --------
@@ -155,7 +156,7 @@ def goal_value(
 
     Parameters
     ----------
-    ensemble, target : as for ``robust``.
+    ensemble, target : see ``robust``.
     drive : the drive of the ensemble's elements.
     goal : the statistic of the weakest focus.
 

@@ -102,7 +102,7 @@ class Sequence:
     ) -> None:
         """Write all frames to a .h5 file, which ``load_drive`` reads and ``airtact emit`` sends.
 
-        Parameters and errors are those of ``Drive.save``.
+        See ``Drive.save`` for parameters and errors.
         """
         save_drives(
             path,

@@ -71,7 +71,8 @@ class TransferEnsemble(TransferMatrix):
     Raises
     ------
     InvalidInput
-        As for ``TransferMatrix``, or if there are no samples or their shape does not match.
+        For the reasons listed in ``TransferMatrix``, or if there are no samples or their shape does
+        not match.
     """
 
     geometry: Complex128[np.ndarray, "samples foci elements"]
@@ -164,10 +165,10 @@ def ensemble(
     Raises
     ------
     InvalidInput
-        As for ``transfer_matrix``; "out_of_range": ``samples`` or ``seed``; "empty": all samples
-        are impossible, or the scene has no body for ``along_skin``; "not_converged": the scene has
-        a plane and some samples need ``solver``; "does_not_match": the temperature or humidity is
-        uncertain, but the medium is not air.
+        For the reasons listed in ``transfer_matrix``; "out_of_range": ``samples`` or ``seed``;
+        "empty": all samples are impossible, or the scene has no body for ``along_skin``;
+        "not_converged": the scene has a plane and some samples need ``solver``; "does_not_match":
+        the temperature or humidity is uncertain, but the medium is not air.
 
     Examples
     --------
@@ -216,7 +217,7 @@ def matrices_at(
     ``slower`` scales the wavenumber, for warmer air. An impossible pose, with an element inside a
     body or a body or focus behind a face, yields None. In front of a plane, ``solver`` solves each
     pose that changes the position relative to the plane; without it, such a pose raises
-    "not_converged". The other errors are those of ``transfer_matrix``.
+    "not_converged". See ``transfer_matrix`` for the other errors.
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)

@@ -239,12 +239,12 @@ class Emission:
         A sequence of the same length and rate as the previous one continues at the same position.
         A modulation ends. The first sequence rises over the ramp; if boards repeat it themselves,
         only its most powerful frame does.
-        ``wait`` is as for ``send``.
+        ``send`` describes ``wait``.
 
         Raises
         ------
         InvalidInput
-            As ``play``.
+            For the reasons listed in ``play``.
         LinkFailed
             If the link fails, or the emission was ended before.
         """
@@ -292,7 +292,7 @@ class Emission:
         InvalidInput
             If the drive is for another number of elements, or the modulation is too fast.
         LinkFailed
-            As ``play``.
+            For the reasons listed in ``play``.
         """
         check_drive(drive, "the drive to emit")
         self.link.check_elements(len(drive))

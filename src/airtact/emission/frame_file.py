@@ -71,7 +71,7 @@ def load_drive(
 
 
 def drive_in(path: Path, board: str | None = None, elements: int | None = None) -> DriveFile:
-    """Read the contents of a drive file of any program; raises as ``load_drive``."""
+    """Read the contents of a drive file of any program; see ``load_drive`` for the errors."""
     own = path.suffix.lower() == ".h5"
     if path.suffix.lower() == ".csv":
         first = text_of(path).lstrip().partition("\n")[0].lower()
@@ -88,7 +88,8 @@ def drive_for(array: PhasedArray, path: Path, board: str | None = None) -> Drive
     Raises
     ------
     InvalidInput
-        As ``load_drive``; "sizes_differ" or "does_not_match" if the file is for another array.
+        For the reasons listed in ``load_drive``; "sizes_differ" or "does_not_match" if the file is
+        for another array.
     """
     contents = drive_in(path, board, len(array))
     drive = Drive(contents.drives[0])

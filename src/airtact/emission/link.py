@@ -162,7 +162,8 @@ class Link(ABC):
         Raises
         ------
         InvalidInput
-            As ``send`` and ``check_sequence``, or if the boards cannot repeat a sequence.
+            For the reasons listed in ``send`` and ``check_sequence``, or if the boards cannot
+            repeat a sequence.
         LinkFailed
             If the link fails.
         """

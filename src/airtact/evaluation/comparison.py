@@ -145,7 +145,7 @@ class Comparison:
         return self.under(held_equal)[:, self.target.weights > 0.0].min(axis=1)
 
     def table(self) -> list[dict[str, str | int | float]]:
-        """Return one row for each normalisation, drive and focus, as for ``pandas.DataFrame``.
+        """Return one row for each normalisation, drive and focus, ready for ``pandas.DataFrame``.
 
         Returns
         -------

@@ -81,7 +81,7 @@ def radiate_drives(
 
     The placement is checked here for all evaluations: the foci and other ``points`` must lie
     outside the bodies and clear of the elements. Messages name a misplaced point by its key in
-    ``points``. The errors are those of ``evaluate``.
+    ``points``. See ``evaluate`` for the errors.
     """
     # Users often pass the class instead of an instance; the message then names that class.
     kind = solver.__name__ if isinstance(solver, type) else "BoundaryElement"

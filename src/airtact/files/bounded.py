@@ -42,7 +42,7 @@ def check_file(path: Path, largest: int = LARGEST_DATA) -> None:
 
 
 def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
-    """Read a file; raise as ``check_file``."""
+    """Read a file; see ``check_file`` for the errors."""
     check_file(path, largest)
     try:
         return path.read_bytes()
@@ -51,7 +51,7 @@ def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
 
 
 def text_of(path: Path, largest: int = 2**26) -> str:
-    """Read a file as UTF-8 text; raise as ``check_file`` or with "file_unreadable"."""
+    """Read a file as UTF-8 text, or raise an error of ``check_file`` or "file_unreadable"."""
     try:
         text = bytes_of(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -107,9 +107,9 @@ def datasets_of(
     Raises
     ------
     InvalidInput
-        As ``check_file``; "unsupported_version"; "data_missing"; "not_a_number" or "wrong_shape":
-        values of another kind or shape; "file_too_large"; "file_unreadable": a damaged file, or
-        links and data of other files.
+        For the reasons listed in ``check_file``; "unsupported_version"; "data_missing";
+        "not_a_number" or "wrong_shape": values of another kind or shape; "file_too_large";
+        "file_unreadable": a damaged file, or links and data of other files.
     """
     import h5py
 

@@ -56,7 +56,7 @@ def read_mesh(
 
 
 def read_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
-    """Read the vertices of a mesh, or the points of a cloud; raise as ``read_mesh``."""
+    """Read the vertices of a mesh, or the points of a cloud; see ``read_mesh`` for the errors."""
     scene = _scene(path)
     with _describing_damage(path):
         parts = [geometry.vertices for geometry in scene.geometry.values()]
@@ -64,7 +64,7 @@ def read_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
 
 
 def read_node_positions(path: Path) -> Mapping[str, Float64[np.ndarray, "3"]]:
-    """Read the positions of the named nodes of a file; raise as ``read_mesh``."""
+    """Read the positions of the named nodes of a file; see ``read_mesh`` for the errors."""
     graph = _scene(path).graph
     return {
         str(node): np.array(graph.get(node)[0][:3, 3], dtype=np.float64) for node in graph.nodes

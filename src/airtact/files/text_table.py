@@ -59,13 +59,13 @@ class TextTable:
         return np.array(self._parsed(name, _real, "a real number"), dtype=np.float64)
 
     def complex_numbers(self, name: str) -> Complex128[np.ndarray, "rows"]:
-        """Read a column as complex numbers such as ``0.5-1.2i``; raise as ``numbers``."""
+        """Read a column as complex numbers such as ``0.5-1.2i``; see ``numbers``."""
         return np.array(self._parsed(name, _complex, "a number"), dtype=np.complex128)
 
     def order(self, name: str) -> Int64[np.ndarray, "rows"]:
         """Return the order of the rows by a column that numbers them from 0, each once.
 
-        Raise "out_of_range", or as ``numbers``.
+        Raise "out_of_range", or the errors of ``numbers``.
         """
         numbers = self.numbers(name)
         order = np.argsort(numbers, kind="stable")

@@ -61,7 +61,7 @@ def load_landmarks(path: str | Path) -> tuple[Float64[np.ndarray, "joints 3"], S
 
     Parameters
     ----------
-    path : a JSON file of a pose, as for ``load_hand``; radii are ignored.
+    path : a JSON file of a pose, see ``load_hand``; radii are ignored.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
     Parameters
     ----------
     path : a GLB file whose nodes have the 25 names of WebXR, in the rest pose of its mesh.
-    scale : metres per unit of the file, as for ``load_surface``.
+    scale : metres per unit of the file, see ``load_surface``.
     side : ``"right"`` or ``"left"``; by default it follows from the bends of the fingers.
 
     Raises

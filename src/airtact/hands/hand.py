@@ -157,7 +157,7 @@ class Hand:
         Raises
         ------
         InvalidInput
-            As for ``place``, or if the offset is negative or above 0.1 m.
+            For the reasons listed in ``place``, or if the offset is negative or above 0.1 m.
         """
         point, normal = self.place(name)
         slip = "is it in millimetres? Use metres."
@@ -180,8 +180,8 @@ class Hand:
         Raises
         ------
         InvalidInput
-            As for ``place``, or if the height is not from 0 to 1 m, or the elements radiate in all
-            directions, so that the array has no front.
+            For the reasons listed in ``place``, or if the height is not from 0 to 1 m, or the
+            elements radiate in all directions, so that the array has no front.
         """
         slip = "is it in millimetres? Use metres."
         height = within(height, 0.0, 1.0, "the height of a hand", "m", slip)
@@ -235,7 +235,7 @@ class Hand:
         Raises
         ------
         InvalidInput
-            As for ``hand_from_joints``.
+            For the reasons listed in ``hand_from_joints``.
         """
         # Keep the radii, because skin does not swell from one frame to the next.
         new = hand_from_joints(joints, self.radii, side=self.side)

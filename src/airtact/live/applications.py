@@ -36,7 +36,7 @@ class ApplicationServer(WebSocketReceiver):
 
     Parameters
     ----------
-    stream, port, host : as for ``WebSocketReceiver``.
+    stream, port, host : see ``WebSocketReceiver``.
     world : what the applications change.
     """
 

@@ -401,7 +401,7 @@ def read_message(text: bytes | str) -> Message:
 
 
 def converted(data: dict[str, Any]) -> Message:
-    """Return the message with these keys and values; raise as ``read_message``."""
+    """Return the message with these keys and values; see ``read_message`` for the errors."""
     try:
         return msgspec.convert(data, Message)
     except msgspec.ValidationError as error:

@@ -22,7 +22,7 @@ class Output:
     Parameters
     ----------
     link : link to the boards; by default nothing is emitted.
-    log : file for one line per event at the link, as for ``Emission``.
+    log : file for one line per event at the link, see ``Emission``.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Output:
         return 1.0 if self._emission is None else self._emission.share
 
     def limit(self, cap: float) -> None:
-        """Cap the amplitudes of all drives, as a share of full scale; raise as ``check_cap``."""
+        """Cap the amplitudes of all drives at a share of full scale; see ``check_cap``."""
         cap = check_cap(cap)
         if self._emission is not None:
             self._emission.cap = cap

@@ -129,7 +129,8 @@ def register_tracker(
     Raises
     ------
     InvalidInput
-        As ``register``; if an element does not exist; or a recording has too few touches.
+        For the reasons listed in ``register``; if an element does not exist; or a recording has too
+        few touches.
     """
     chosen = elements_to_touch(setup.array) if elements is None else tuple(elements)
     wrong = [element for element in chosen if not 0 <= element < len(setup.array)]
@@ -300,7 +301,7 @@ def write_tracker(scene: str | Path, pose: Pose, copy: str | Path | None = None)
     Raises
     ------
     InvalidInput
-        As ``with_tracker``.
+        For the reasons listed in ``with_tracker``.
     """
     changed = with_tracker(text_of(Path(scene)), pose)
     with whole_file(Path(copy or scene)) as unfinished:

@@ -253,7 +253,7 @@ def output_to(
     ----------
     setup : its array must be made of these boards.
     folder : folder for the files of the link.
-    board, link, settings : as for ``link_to``.
+    board, link, settings : see ``link_to``.
 
     Raises
     ------

@@ -286,7 +286,7 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
 def hand_in(
     scene: LiveScene, landmarks: Float64[np.ndarray, "landmarks 3"], side: Side | None = None
 ) -> Hand:
-    """Return the hand with these landmarks, or joints (25, 3) [m]; raises as ``hand_from_joints``.
+    """Return the hand with these landmarks, or joints (25, 3) [m].
 
     The side, by default that of the scene, was checked with the frame and is not checked again.
     """
@@ -351,7 +351,8 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
     Raises
     ------
     InvalidInput
-        As ``hand_from_joints``, or if a place is unknown; the side is not checked.
+        For the reasons listed in ``hand_from_joints``, or if a place is unknown; the side is not
+        checked.
     """
     hand = hand_in(scene, joints)
     # The directions of 12 elements, spread over the array, show the orientation of a hand.

@@ -465,7 +465,7 @@ def recording_of(path: str | Path) -> Recording:
     Raises
     ------
     InvalidInput
-        As ``read_session``, or if the session has no frame.
+        For the reasons listed in ``read_session``, or if the session has no frame.
     """
     raw = _read(path, FRAME_LAYOUT)
     if not len(raw["frames/time"]):

@@ -88,7 +88,7 @@ class RecordedHands(HandSource):
     ----------
     recording : recording, as returned by ``load_recording``.
     loop : whether it restarts at its end, with continuing times.
-    world : as for ``HandSource``.
+    world : see ``HandSource``.
 
     Raises
     ------
@@ -237,5 +237,5 @@ def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
 
 
 def checked_seconds(seconds: float | None) -> float:
-    """Return the duration [s], or infinity for None; raise as ``positive``."""
+    """Return the duration [s], or infinity for None; see ``positive`` for the errors."""
     return np.inf if seconds is None else positive(seconds, "the duration", "s")

@@ -190,7 +190,7 @@ def load_echoes(path: str | Path) -> Echoes:
     ------
     InvalidInput
         If the file is missing or unreadable, has another format or version, or lacks a dataset; or
-        as for ``Echoes``.
+        for the reasons listed in ``Echoes``.
     """
     path = _checked_path(path)
     raw = datasets_of(path, LAYOUT, newest=2)

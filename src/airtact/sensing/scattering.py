@@ -106,7 +106,7 @@ def scattering_matrix(
     ------
     InvalidInput
         If there are no bodies, ``accuracy`` is out of range, the bodies need orders above 80, or
-        the solver has no field around them; or as for the solver.
+        the solver has no field around them; or for the reasons listed in the solver.
 
     Examples
     --------
@@ -351,20 +351,20 @@ def scattering_family(
 
     Parameters
     ----------
-    solver : solver for the bodies, as for ``scattering_matrix``.
+    solver : solver for the bodies, see ``scattering_matrix``.
     scene_of : function that returns the scene for a value of the parameter. The number of bodies,
         the frame, the medium and the frequency must not depend on the value.
     low, high : smallest and largest value of the parameter.
     start : initial value for ``locate``; the middle by default.
     values : number of solved values, 3 to 12.
-    accuracy : as for ``scattering_matrix``.
+    accuracy : see ``scattering_matrix``.
 
     Raises
     ------
     InvalidInput
         If the values are invalid, the scenes have different media, frequencies or numbers of
         bodies, the bodies do not depend on the parameter, or the interpolation error exceeds 2 %;
-        or as for ``scattering_matrix``.
+        or for the reasons listed in ``scattering_matrix``.
 
     Examples
     --------

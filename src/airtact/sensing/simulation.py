@@ -109,9 +109,9 @@ def simulate_echoes(
     Raises
     ------
     InvalidInput
-        As for ``Echoes`` and ``transfer_matrix``; or if an element is inside the ball around the
-        bodies, the codes belong to another array, the scattering matrix belongs to another scene,
-        or ``noise`` or ``seed`` is out of range.
+        For the reasons listed in ``Echoes`` and ``transfer_matrix``; or if an element is inside the
+        ball around the bodies, the codes belong to another array, the scattering matrix belongs to
+        another scene, or ``noise`` or ``seed`` is out of range.
 
     Examples
     --------

@@ -156,7 +156,8 @@ def simulate_transmissions(
     Raises
     ------
     InvalidInput
-        As for ``Echoes``, or if the number of gains, the number of boards or the noise is invalid.
+        For the reasons listed in ``Echoes``, or if the number of gains, the number of boards or the
+        noise is invalid.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     parts = boards_of(array, boards)

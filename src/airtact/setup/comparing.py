@@ -234,15 +234,16 @@ def compare(
     Parameters
     ----------
     scene : a setup; or a scene, together with the next four arguments.
-    array, target, solver : as for ``evaluation.compare``.
-    drives : drives by name, as for ``evaluation.compare``; optional with a setup.
+    array, target, solver : see ``evaluation.compare``.
+    drives : drives by name, see ``evaluation.compare``; optional with a setup.
     store : folder in which solved fields of a setup are stored and reused.
     progress : called with a description of each step as it begins.
 
     Raises
     ------
     InvalidInput
-        If no method returns a drive for the setup; or as for ``evaluation.compare``.
+        If no method returns a drive for the setup; or for the reasons listed in
+        ``evaluation.compare``.
     NotConverged
         If a solver stopped early.
     """

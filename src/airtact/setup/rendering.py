@@ -193,7 +193,7 @@ def focus(
     Raises
     ------
     InvalidInput
-        As for ``render``.
+        For the reasons listed in ``render``.
 
     Examples
     --------

@@ -272,8 +272,8 @@ def calibrate_array(
     Raises
     ------
     InvalidInput
-        If a file is at fault, or both or neither of file and noise are given; or as for
-        ``calibrate``.
+        If a file is at fault, or both or neither of file and noise are given; or for the reasons
+        listed in ``calibrate``.
     NotConverged
         If no positions of the boards explain the transmissions.
     """

@@ -33,8 +33,8 @@ def touched(
     Raises
     ------
     InvalidInput
-        If there are no foci and nothing touches, unless the bodies will move; or as for
-        ``at.contact``.
+        If there are no foci and nothing touches, unless the bodies will move; or for the reasons
+        listed in ``at.contact``.
     """
     # An application may ask for foci on hands later.
     if not file.objects and (file.foci or not (moving and hands)):

@@ -116,8 +116,8 @@ class Contacts:
         Raises
         ------
         InvalidInput
-            As for ``foci``, or if there is no contact, or only some of the touched objects have the
-            style "outline".
+            For the reasons listed in ``foci``, or if there is no contact, or only some of the
+            touched objects have the style "outline".
         """
         if not self.runs:
             return self.foci(most, wavelength).target()

@@ -31,7 +31,7 @@ class Solid(ABC):
         """Distance to the surface [m] of points (P, 3) [m], positive inside."""
 
     def exact_depth(self, points: Points) -> PointLengths:
-        """Return the depth as ``depth`` does, but without interpolation."""
+        """Return the depth like ``depth``, but without interpolation."""
         return self.depth(points)
 
     @abstractmethod

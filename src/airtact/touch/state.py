@@ -49,7 +49,7 @@ class TouchState:
     Raises
     ------
     InvalidInput
-        As for ``at.contact``, or if a length or time is out of range.
+        For the reasons listed in ``at.contact``, or if a length or time is out of range.
 
     Examples
     --------

@@ -87,8 +87,8 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
     Raises
     ------
     InvalidInput
-        As for ``load_calibration``; "out_of_range": a deviation is 0.1 m or more, or half a turn or
-        more.
+        For the reasons listed in ``load_calibration``; "out_of_range": a deviation is 0.1 m or
+        more, or half a turn or more.
     """
     gains = load_calibration(path, len(array))
     table = read_text_table(Path(path))

@@ -94,7 +94,7 @@ def potential(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points"]:
-    """Return Gor'kov's potential of a bead at any points (P,) [J]; arguments as ``force``."""
+    """Return Gor'kov's potential (P,) of a bead [J]; ``force`` describes the arguments."""
     bead = bead_of(scene, radius, density, sound_speed)
     field = trap_field(scene, array, drive, points, solver)
     sound = derivatives(field, points, bead)
@@ -167,7 +167,7 @@ def stiffness(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3 3"]:
-    """Return the stiffness matrix of a bead (P, 3, 3) [N/m]; arguments as ``force``.
+    """Return the stiffness of a bead (P, 3, 3) [N/m]; ``force`` describes the arguments.
 
     It has the second derivatives of the potential, ∂²U/∂x_i∂x_j = −∂F_i/∂x_j, which are positive
     along an axis if the force drives the bead back.

@@ -105,7 +105,7 @@ def verdict(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> list[Verdict]:
-    """Return for each point whether it traps a bead, and why; arguments as ``force``.
+    """Return whether each point traps a bead, and why; ``force`` describes the arguments.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def find(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3"]:
-    """Return the minimum of the potential next to each point (P, 3) [m]; arguments as ``force``.
+    """Return the minimum of the potential next to each point (P, 3) [m].
 
     A row is NaN if there is none within half a wavelength. The weight of the bead is not included:
     it lowers the bead by weight over stiffness.

@@ -190,7 +190,7 @@ class RadiatedField(ABC):
         It is computed by central differences of ``at`` over 1/40 of a wavelength, or less near a
         surface. Points within 1/200 of a wavelength of a surface count as on it; the result there
         is the tangential velocity, plus the normal velocity into an impedance. It is NaN where the
-        field is not ``valid``, and on the surface of a filled body. The errors are those of ``at``.
+        field is not ``valid``, and on the surface of a filled body. See ``at`` for the errors.
         """
         points = self._receivers(points)
         scene = self.scene

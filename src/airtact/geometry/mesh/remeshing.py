@@ -69,7 +69,7 @@ def remeshed(
     sizes : (V,) longest edge allowed at each vertex [m].
     edge : edge length of the equilateral triangles [m].
     expected : expected number of triangles.
-    wall : thickness of the thinnest wall, as for ``coarsened`` [m].
+    wall : thickness of the thinnest wall, see ``coarsened`` [m].
     """
     deviation = min(0.15, 0.3 * wall / edge)
     # MMG makes fewer triangles than expected from the largest edge, so the edge is shortened until

@@ -119,7 +119,7 @@ class FittedHand:
         return self.hand.surface if moved is None else moved
 
     def place(self, name: str) -> Place:
-        """Return one of ``hand.places`` on ``surface``; the errors are those of ``Hand.place``."""
+        """Return one of ``hand.places`` on ``surface``; see ``Hand.place`` for the errors."""
         point, normal = self.hand.place(name)
         return fixed(self.surface.shape.project(point[None])[0]), normal
 

@@ -143,7 +143,7 @@ class HandFrame:
         Raises
         ------
         InvalidInput
-            If there are no landmarks, or as for ``hand_from_joints``.
+            If there are no landmarks, or for the reasons listed in ``hand_from_joints``.
         """
         if self.landmarks is None:
             raise InvalidInput(

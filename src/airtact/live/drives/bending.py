@@ -309,7 +309,7 @@ class BendingPanels:
         )
 
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve another pose for sources off the skin, on all panels; raises as ``solved``."""
+        """Solve another pose for sources off the skin, on all panels."""
         _, corners, inside = self.bent(posed.hand)
         return self.panels.received(corners, inside, sources, residual)
 
@@ -336,7 +336,7 @@ class BendingHand:
     Parameters
     ----------
     scene : scene of the live loop.
-    accuracy, min_seen : as for ``BendingPanels``.
+    accuracy, min_seen : see ``BendingPanels``.
     """
 
     def __init__(
@@ -352,12 +352,12 @@ class BendingHand:
         self._solutions: Sequence[SkinSources] = ()
 
     def solved(self, joints: Joints, time: float) -> SkinSources:
-        """Solve a pose (25, 3) [m], at a time [s]; raises as ``factors.solved``."""
+        """Solve a pose (25, 3) [m], at a time [s]; see ``factors.solved`` for the errors."""
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).solved(posed, time)
 
     def received(self, joints: Joints, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve a pose for sources off the skin, to a relative residual; raises as ``solved``."""
+        """Solve a pose for sources off the skin to a relative residual."""
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).received(posed, sources, residual)
 
@@ -375,7 +375,7 @@ class BendingHand:
         self._solutions = [*self._solutions[-59:], solution]
 
     def carried(self, joints: Joints, time: float) -> CarriedFactors | None:
-        """Carry the most similar solution to a pose; None without any; raises as ``solved``."""
+        """Carry the most similar solution to a pose; return None if there is none."""
         solutions = self._solutions
         posed = pose_hand(self._scene, joints)
         if not solutions:

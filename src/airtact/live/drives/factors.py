@@ -203,7 +203,7 @@ class RigidParts:
         self._solver = solver.factorised(air, refined=self._reference.foci)
 
     def solved(self, joints: Joints, time: float) -> HandFactors:
-        """Solve another pose; parameters and exceptions are those of ``solved``."""
+        """Solve another pose; see ``solved`` for the parameters and errors."""
         scene = self._scene
         posed = pose_hand(scene, joints)
         # Running mean of the bone lengths, for ``outgrown``.
@@ -244,7 +244,7 @@ class PartSolver:
         self._rigid: RigidParts | None = None
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve a part; parameters and exceptions are those of the function ``solved``."""
+        """Solve a part; see the function ``solved`` for the parameters and errors."""
         if part == "phalanges" and "palm" not in self._scene.places:  # too large for a rigid part
             with suppress(InvalidInput):  # bodies that touch are solved as one
                 if self._rigid is None or self._rigid.outgrown:

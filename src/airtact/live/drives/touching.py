@@ -106,7 +106,7 @@ class TouchAware(DriveMaker):
     Parameters
     ----------
     scene : the fixed part of the scene.
-    noise, agility : as for ``HandAware``.
+    noise, agility : see ``HandAware``.
     solvers : solver of skin; by default a process. Without one, phases are set from path lengths
         alone.
 

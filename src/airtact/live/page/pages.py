@@ -85,7 +85,7 @@ class Pages:
     ----------
     send : sends messages to the loop.
     scene : the fixed part of the scene.
-    port, host, certificate : as for ``start_server``.
+    port, host, certificate : see ``start_server``.
     hand : (25, 3) initial joints of a hand to drag [m], or None.
     follows : whether the loop follows hands of the page.
     controls : initial settings.
@@ -93,7 +93,7 @@ class Pages:
     Raises
     ------
     InvalidInput
-        As ``start_server``.
+        For the reasons listed in ``start_server``.
     """
 
     def __init__(

@@ -45,7 +45,7 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
 def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Path:
     """Return a path, or the example of that name if no such file exists.
 
-    A path with a folder is never an example. The errors are those of ``example``.
+    A path with a folder is never an example. See ``example`` for the errors.
     """
     file = Path(path)
     if file.exists() or file.name != str(path):

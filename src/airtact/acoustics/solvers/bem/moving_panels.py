@@ -112,7 +112,7 @@ class MovingPanels:
     ) -> DirectSolution:
         """Solve the direct equation for moved panels, which is accurate on the body too.
 
-        It needs all panels. Parameters and errors are those of ``radiated``. The sources must be
+        It needs all panels. See ``radiated`` for parameters and errors. The sources must be
         away from the body.
         """
         surface = self._surface(corners, inside)

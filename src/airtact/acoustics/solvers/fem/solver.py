@@ -100,7 +100,7 @@ class FiniteElement(Solver):
         Raises
         ------
         InvalidInput
-            As for ``radiate``.
+            For the reasons listed in ``radiate``.
         """
         of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
         check_no_planes(scene, "FiniteElement")
@@ -174,7 +174,7 @@ class FactorisedScene(Solver):
         Raises
         ------
         InvalidInput
-            If the scene is another one, or as for ``FiniteElement.radiate``.
+            If the scene is another one, or for the reasons listed in ``FiniteElement.radiate``.
         """
         if scene is not self.scene:
             raise InvalidInput(
