@@ -1,10 +1,11 @@
-"""Mid-air haptics with the hand in the sound: what every transducer of a phased array must emit.
+"""Drives of ultrasonic phased arrays for mid-air haptics, including the scattering by the hand.
 
-A ``Scene`` states what is in the air and a ``Target`` what a person feels. One solve with beacons,
-virtual sources at the foci, gives by reciprocity the transfer matrix to a ``PhasedArray``. From it
-follow a ``Drive`` and its evaluation by another solver. These names are here; the rest is in the
-packages ``acoustics``, ``drives``, ``emission``, ``evaluation``, ``geometry``, ``hands``, ``live``,
-``sensing``, ``setup``, ``touch`` and ``transducers``, and in ``plot``.
+A ``Scene`` describes the bodies in the air, and a ``Target`` describes what a person feels. One
+solve with beacons, which are virtual sources at the foci, determines the transfer matrix of a
+``PhasedArray`` by reciprocity. A ``Drive`` is computed from this matrix and evaluated by another
+solver. These names are here; the rest is in the packages ``acoustics``, ``drives``, ``emission``,
+``evaluation``, ``geometry``, ``hands``, ``live``, ``sensing``, ``setup``, ``touch`` and
+``transducers``, and in ``plot``.
 
 Names are listed in ``__init__.pyi`` and imported when first used.
 """

@@ -107,7 +107,7 @@ class NotConverged(RuntimeError):  # noqa: N818
 
 @contextmanager
 def about(name: str) -> Iterator[None]:
-    """Prefix the message of any ``InvalidInput`` raised inside with the name of a file or table.
+    """Prefix the messages of ``InvalidInput`` raised inside with the name of a file or table.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def about(name: str) -> Iterator[None]:
 
 @contextmanager
 def extra(name: str, need: str) -> Iterator[None]:
-    """Raise "extra_missing" with the command to install an extra, if an import inside fails.
+    """Raise an error with the command to install an extra if an import inside fails.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def extra(name: str, need: str) -> Iterator[None]:
         yield
     except (ImportError, OSError) as fault:
         raise InvalidInput(
-            f"{need}, which cannot be imported ({fault}): pip install 'airtact[{name}]'.",
+            f"{need}, which cannot be imported ({fault}): run pip install 'airtact[{name}]'.",
             code="extra_missing",
         ) from None
 
@@ -165,7 +165,7 @@ def in_mm(point: Real[np.ndarray, "3"]) -> str:
 
 
 def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Value:
-    """Return an object of the right type, or raise "wrong_kind" with a remedy, ``instead``."""
+    """Check that an object has the right type, and return it; ``instead`` is the remedy."""
     if not isinstance(value, kind):
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         raise InvalidInput(
@@ -190,7 +190,7 @@ def _with_article(name: str) -> str:
 
 
 def check_choice(value: str, what: str, choices: Sequence[str]) -> None:
-    """Raise "unknown_name" if a value is none of the choices."""
+    """Raise an error if a value is none of the choices."""
     if value not in choices:
         raise InvalidInput(
             f"{what} is {value!r}, but it must be one of {', '.join(map(repr, choices))}.",
@@ -199,7 +199,7 @@ def check_choice(value: str, what: str, choices: Sequence[str]) -> None:
 
 
 def number(value: float, what: str, unit: str) -> float:
-    """Return a real number as a float, or raise "not_a_number"; NaN and infinity pass."""
+    """Check that a value is a real number, possibly NaN or infinite, and return it as a float."""
     array = np.asarray(value if np.isscalar(value) or isinstance(value, np.ndarray) else None)
     if array.ndim != 0 or array.dtype.kind not in "iuf":
         in_unit = f", in {unit}" if unit else ""
@@ -261,10 +261,10 @@ def check_frequency(frequency: float) -> float:
 
 
 def check_seed(seed: int) -> None:
-    """Raise "out_of_range" if a seed of random numbers is not a non-negative integer."""
+    """Raise an error if a seed of random numbers is not a non-negative integer."""
     if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
         raise InvalidInput(
-            f"a seed is a whole number of 0 or more, not {seed!r}.", code="out_of_range"
+            f"a seed must be a whole number of 0 or more, not {seed!r}.", code="out_of_range"
         )
 
 
@@ -278,8 +278,7 @@ def fixed(array: Real[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:
 def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarray, "..."]:
     """Return an array, or nested lists, of real numbers of any shape as read-only float64.
 
-    Raise "wrong_shape" for rows of different lengths, "not_a_number" for complex numbers, text or
-    other objects.
+    Rows of different lengths, complex numbers, text and other objects raise an error.
     """
     try:
         numbers = np.asarray(array)
@@ -298,7 +297,7 @@ def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarra
 
 
 def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
-    """Return numbers of any shape as a complex128 copy, or raise "not_a_number"."""
+    """Return numbers of any shape as a complex128 copy."""
     try:
         return np.array(array, dtype=np.complex128)
     except (TypeError, ValueError):
@@ -315,13 +314,12 @@ def points_of(
 
     One point (3,) is not a list of points.
 
-    Raise the errors of ``real_numbers``, or "wrong_shape", "empty" or "not_finite".
+    The shape, the number of points and finite values are checked.
     """
     points = real_numbers(array, what)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InvalidInput(
-            f"{what} have shape {points.shape}, but points are an array of shape (number of "
-            "points, 3).",
+            f"{what} have shape {points.shape}, but points must have shape (number of points, 3).",
             code="wrong_shape",
         )
     if len(points) < least:
@@ -335,14 +333,14 @@ def point_of(vector: Vector, what: str) -> Float64[np.ndarray, "3"]:
     point = real_numbers(np.asarray(vector), what)
     if point.shape != (3,):
         raise InvalidInput(
-            f"{what} has shape {point.shape}, but a point has shape (3,).", code="wrong_shape"
+            f"{what} has shape {point.shape}, but a point must have shape (3,).", code="wrong_shape"
         )
     check_finite(point, what)
     return point
 
 
 def check_finite(array: np.ndarray, what: str) -> None:
-    """Raise "not_finite" if an array contains NaN or infinity."""
+    """Raise an error if an array contains NaN or infinity."""
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         values = counted(len(bad), "NaN or infinite value", "NaN or infinite values")
@@ -352,7 +350,7 @@ def check_finite(array: np.ndarray, what: str) -> None:
 
 
 def file_fault(path: Path, error: OSError) -> InvalidInput:
-    """Return the error for a file that cannot be read: "file_missing" or "file_unreadable"."""
+    """Return the error for a file that is missing or cannot be read."""
     if isinstance(error, FileNotFoundError):
         return InvalidInput(f"the file {path} does not exist.", code="file_missing")
     return InvalidInput(
@@ -361,7 +359,7 @@ def file_fault(path: Path, error: OSError) -> InvalidInput:
 
 
 def in_short(self: Any) -> str:
-    """Write a dataclass in one line, with large fields by type and shape.
+    """Write a dataclass in one line; large fields appear as type and shape.
 
     For classes with ``__repr__ = in_short``.
 

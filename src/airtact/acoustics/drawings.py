@@ -174,7 +174,8 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
         # attributes into all children.
         if kind == "use" or len(element.attrib) > 100:
             raise InvalidInput(
-                f"{name} has copies of elements, or one of over 100 attributes; flatten it.",
+                f"{name} contains copies of elements, or an element with over 100 attributes; "
+                "flatten the drawing.",
                 code="too_many",
             )
         if kind == "style":
@@ -195,7 +196,7 @@ def _letters_in(path: str) -> int:
 
 
 def _check_curves(numbers: int, name: str) -> None:
-    """Raise if a drawing has too many curves; six numbers or one element count as one curve."""
+    """Raise an error for too many curves; six numbers or one element count as a curve."""
     if numbers // 6 > MAX_CURVES:
         raise InvalidInput(
             f"{name} has about {numbers // 6:,} curves, more than {MAX_CURVES:,}; simplify it.",

@@ -73,8 +73,8 @@ class Medium:
 def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -> Medium:
     """Humid air at one atmosphere (101 325 Pa).
 
-    The speed follows from Cramer (1993, equation 15), the density from CIPM-2007, and the
-    absorption at ``frequency`` from ISO 9613-1.
+    The speed of sound follows Cramer (1993, equation 15), the density CIPM-2007, and the absorption
+    at ``frequency`` ISO 9613-1.
 
     Parameters
     ----------

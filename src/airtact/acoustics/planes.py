@@ -1,6 +1,6 @@
 """Rigid planes, such as a table or a wall.
 
-The field in front of a plane is computed with image sources behind it.
+Rigid planes; image sources behind a plane produce the field in front of it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -25,7 +25,7 @@ MIN_GAP = 0.5 * NEAREST
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """An infinite rigid plane; all sound is on the side that its normal points to.
+    """An infinite rigid plane; the sound is on the side to which its normal points.
 
     Attributes
     ----------
@@ -112,8 +112,8 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
         # The sum over the images between parallel planes does not converge, and crossing planes
         # form a corner with more images.
         raise InvalidInput(
-            f"the scene has {len(planes)} planes, but at most one is supported; leave out those "
-            "far from the foci.",
+            f"the scene has {len(planes)} planes, but at most one is supported; remove those far "
+            "from the foci.",
             code="too_many",
         )
     for plane in planes:

@@ -74,7 +74,8 @@ class Obstacle:
         ) != (self.boundary == "filled"):
             raise InvalidInput(
                 f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium "
-                f"{self.medium}; only an impedance takes a ratio, only a filled body a medium.",
+                f"{self.medium}; only an impedance boundary needs a ratio, and only a filled body "
+                "needs a medium.",
                 code="options_clash",
             )
         if self.medium is not None:
@@ -281,7 +282,7 @@ def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
 def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], name: str) -> None:
     """Raise an error if points lie in a body or behind a plane.
 
-    ``name`` is the word for a point, such as "focus" or "transducer".
+    ``name`` is the word for a point in the message, such as "focus" or "transducer".
     """
     points = points_of(points, f"{name} points")
     check_not_inside(scene.depth(points), points, name)
@@ -298,7 +299,7 @@ def check_not_inside(
         count_note = f", the deepest of {count}" if count > 1 else ""
         raise InvalidInput(
             f"{name} {deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm inside "
-            f"a body{count_note}; move it out or the body away.",
+            f"a body{count_note}; move it out, or move the body away.",
             points[deepest],
             code="inside_body",
         )
@@ -307,7 +308,7 @@ def check_not_inside(
 def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
     """Raise an error if the sources have the wrong type, are inside a body or behind a plane.
 
-    The message calls the sources of ``Target.beacons`` foci. ``planes`` is True if the solver
+    In messages, the sources of ``Target.beacons`` are called foci. ``planes`` is True if the solver
     supports planes.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
@@ -321,22 +322,22 @@ def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> Non
 
 
 def check_no_planes(scene: Scene, solver: str) -> None:
-    """Raise an error if the scene has planes or reflecting boards, unsupported by ``solver``."""
+    """Raise an error if ``solver`` does not support the scene's planes or boards."""
     if scene.planes:
         raise InvalidInput(
             f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {solver} does "
-            "not support: leave the planes out, or solve with BoundaryElement, or FreeField where "
-            "there is no body.",
+            "not support: remove the planes, or solve with BoundaryElement, or with FreeField "
+            "where there is no body.",
             code="not_supported",
         )
     check_no_boards(scene, solver)
 
 
 def check_no_boards(scene: Scene, solver: str) -> None:
-    """Raise an error if the scene has reflecting boards, which ``solver`` does not support."""
+    """Raise an error if ``solver`` does not support the reflecting boards of the scene."""
     if scene.boards:
         raise InvalidInput(
             f"the scene has {counted(len(scene.boards), 'body', 'bodies')} of reflecting boards, "
-            f"which {solver} does not support: leave them out, or solve with BoundaryElement.",
+            f"which {solver} does not support: remove them, or solve with BoundaryElement.",
             code="not_supported",
         )

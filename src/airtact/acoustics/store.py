@@ -117,7 +117,8 @@ def _tree(value: object, arrays: list[np.ndarray], references: Mapping[int, str]
         }
         return {"module": kind.__module__, "class": kind.__qualname__, "fields": parts}
     raise InvalidInput(
-        f"a {kind.__qualname__} cannot be stored: it is no number, text, array or dataclass.",
+        f"a {kind.__qualname__} cannot be stored: it is not a number, a text, an array or a "
+        "dataclass.",
         code="wrong_kind",
     )
 

@@ -156,12 +156,12 @@ class Target:
 
     @property
     def wanted(self) -> Complex128[np.ndarray, "foci"]:
-        """(F,) weights with the required phases, or with phase 0 if the method chooses them."""
+        """(F,) weights with the requested phases; the phase is 0 where the method chooses it."""
         phases = 0.0 if self.phases is None else self.phases
         return self.weights * np.exp(1j * np.asarray(phases))
 
     def beacons(self, suppression: bool = False) -> Monopoles:
-        """Virtual sources of 1 Pa·m at the foci, each in its own excitation.
+        """Virtual sources of 1 Pa·m at the foci, one excitation for each.
 
         The strengths are the identity matrix (F, F).
 
@@ -214,15 +214,15 @@ def _check_suppressed_foci(
         index, point = np.unravel_index(distance.argmin(), distance.shape)
         raise InvalidInput(
             f"suppression point {point} is {1e3 * distance.min():.2g} mm from focus {index} at "
-            f"{in_mm(foci[index])}; the pressure there cannot be both strong and zero. Leave it "
-            "out.",
+            f"{in_mm(foci[index])}; the pressure there cannot be both strong and zero. Remove the "
+            "suppression point.",
             foci[index],
             code="misplaced",
         )
 
 
 def _check_no_normal(points: Real[np.ndarray, "foci 3"] | Vector) -> None:
-    """Raise if a position and its unit normal were given as two foci."""
+    """Raise an error if a position and its unit normal are passed as two foci."""
     if (
         isinstance(points, tuple)
         and len(points) == 2

@@ -280,7 +280,8 @@ def frame_of(
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
     """Return unit vectors right, up and along the normal of a plane seen from its front.
 
-    ``up`` is projected onto the plane. None means y, or z if the normal is nearly y.
+    ``up`` is projected onto the plane. The default is y, or z if the normal is nearly parallel to
+    y.
     """
     towards = point_of(normal, "the normal")
     length = float(np.linalg.norm(towards))
@@ -297,8 +298,8 @@ def frame_of(
     upwards = direction - (direction @ towards) * towards
     if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(direction):
         raise InvalidInput(
-            f"up is {direction.tolist()}, along the normal {towards.tolist()}; use another "
-            "direction up.",
+            f"up is {direction.tolist()}, along the normal {towards.tolist()}; use another upward "
+            "direction.",
             code="all_zero",
         )
     upwards /= np.linalg.norm(upwards)

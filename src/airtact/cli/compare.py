@@ -47,9 +47,10 @@ def compare(
 
     All drives come from one transfer matrix and are verified by a more accurate solution.
 
-    With --drive, show what the drive of another program brings to the foci, beside the best drive
-    and the drive that mends it: the nearest one with 95 % of the upper bound. Files: .h5; .csv or
-    .txt with phases; .csv and .holo of AcousTools; .xml of Ultraino; .npy; .bin of boards.
+    With --drive, evaluate the drive of another program and compare it with the best drive and with
+    the corrected drive, which is the nearest drive that reaches 95 % of the upper bound. Files:
+    .h5; .csv or .txt with phases; .csv and .holo of AcousTools; .xml of Ultraino; .npy; .bin of
+    boards.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -25,7 +25,7 @@ JSON, QUIET = "airtact.json", "airtact.quiet"
 
 
 def printable(text: str) -> str:
-    r"""Remove what a terminal would act on: control characters, and marks that reverse the text.
+    r"""Remove control characters and marks that reverse the text, which a terminal would interpret.
 
     Examples
     --------

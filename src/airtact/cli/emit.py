@@ -60,8 +60,9 @@ def emit(
     usual limit. The amplitude rises over 0.2 s. A separate process sends a frame of zeros at the
     end, after an error, and when this process is killed; boards confirm it if they can.
 
-    --link file writes the frames to the file --out, at full scale and without asking: a drive once,
-    one period of a modulated drive, one round of a sequence, or --seconds of either.
+    --link file writes the frames to the file --out, at full scale and without confirmation: one
+    frame of a drive, one period of a modulated drive, one round of a sequence, or --seconds of any
+    of them.
     """
     from airtact.drives.head_level import NO_SAFETY_ASSESSMENT
     from airtact.emission.links import link_to

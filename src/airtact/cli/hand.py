@@ -53,10 +53,10 @@ def hand(
     A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb,
     or as curved triangles to .vtkhdf for ParaView, with a picture .png beside it.
 
-    A recording is a .jsonl file, or one of IWER, vuer, VisionProTeleop (.json) or
-    hand-tracking-streamer (.txt), of which one frame is used. A point cloud is a .ply or .xyz file
-    and needs rough --landmarks. A hand is fitted to the cloud, and the picture shows the distances
-    of the points from its skin.
+    One frame of a recording is used: a .jsonl file, or a recording of IWER, vuer, VisionProTeleop
+    (.json) or hand-tracking-streamer (.txt). A point cloud is a .ply or .xyz file and needs rough
+    --landmarks. A hand is fitted to the cloud, and the picture shows the distances of the points
+    from its skin.
     """
     from airtact.errors import within
     from airtact.hands.files import CLOUD_ENDINGS
@@ -79,7 +79,7 @@ def hand(
     ):
         if is_given and of_kind != kind:
             raise at.InvalidInput(
-                f"{path.name} is a {kind}, but --{option} is for a {of_kind}: leave it out.",
+                f"{path.name} is a {kind}, but --{option} is for a {of_kind}: omit it.",
                 code="options_clash",
             )
     # Fitting takes minutes, so check the output first.

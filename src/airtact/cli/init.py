@@ -38,7 +38,7 @@ PLACES = ("index.pad", "middle.pad", "palm")
 @click.option("--right", is_flag=True, help="Take the hand of airtact as a right one.")
 @quiet
 def init(place: Path, board: str, hand: Path | None, right: bool) -> None:
-    """Write scene.toml, with comments, for one board and a hand above it.
+    """Write a commented scene.toml with one board and a hand above it.
 
     The file is written into this folder, into FOLDER, or to FILE.toml. No file is overwritten.
     """

@@ -1,4 +1,4 @@
-"""``airtact live``: follow a moving hand with the sound."""
+"""``airtact live``: make the sound follow a moving hand."""
 
 from pathlib import Path
 from typing import Any
@@ -112,7 +112,7 @@ def live(
     certificate: Path | None,
     **settings: Any,
 ) -> None:
-    """Follow the hand of SCENE with the sound, and record the run in session.h5.
+    """Make the sound follow the hand of SCENE, and record the run in session.h5.
 
     SCENE is the example live_pinch by default. Its foci are where hands touch its [[objects]], as
     in touch_ball and touch_button, or named points of a hand, such as at = "thumb.pad". The sound

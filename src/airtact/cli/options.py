@@ -20,7 +20,7 @@ FILE = click.Path(path_type=Path)
 
 
 class InputFile(click.ParamType):
-    """A file to read, or the name of an example."""
+    """Click parameter type for a file to read or the name of an example."""
 
     name = "file"
 
@@ -38,7 +38,7 @@ INPUT = InputFile()
 
 
 class Names(click.Choice):
-    """A name in a registry, which is imported when the option is parsed or its help is shown.
+    """Click parameter type for a name in a registry that is imported only when it is needed.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def level_of(cap: float | None, full_scale: bool) -> float | None:
     """Return the cap of ``--cap`` or ``--full-scale``; None for the command's default."""
     if full_scale and cap is not None:
         raise at.InvalidInput(
-            f"--full-scale and --cap {cap:g} exclude each other: leave one out.",
+            f"--full-scale and --cap {cap:g} exclude each other: omit one.",
             code="options_clash",
         )
     return 1.0 if full_scale else cap

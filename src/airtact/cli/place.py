@@ -1,4 +1,4 @@
-"""``airtact place``: search for the places of boards whose weakest focus is strongest."""
+"""``airtact place``: search for the positions of boards that make the weakest focus strongest."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,10 +75,10 @@ def place(
     tries: int,
     seed: int,
 ) -> None:
-    """Search for the layouts of boards whose weakest focus is strongest; write layout_*.toml.
+    """Search for the board layouts with the strongest weakest focus; write layout_*.toml.
 
-    The table compares the best layouts with the present array of SCENE. The second table shows what
-    moving a board of the best layout by 1 cm or 5 degrees costs.
+    The table compares the best layouts with the present array of SCENE. The second table shows how
+    much pressure is lost if a board of the best layout moves by 1 cm or 5 degrees.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

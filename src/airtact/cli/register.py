@@ -1,4 +1,4 @@
-"""``airtact register``: find where the tracker stands, from touches of transducers."""
+"""``airtact register``: find the pose of the tracker from touches of transducers."""
 
 from pathlib import Path
 
@@ -62,8 +62,8 @@ def register(
     """Print the [tracker] of SCENE: the pose of the tracker relative to the boards.
 
     Touch each transducer that is named with the tip of an index finger, hold still for a second,
-    and move the finger away. Nothing is emitted. A touch that contradicts the others is asked for
-    again.
+    and move the finger away. Nothing is emitted. A touch that contradicts the others must be
+    repeated.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -39,7 +39,7 @@ FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
 def render(
     scene: Path, folder: Path, method: str | None, store: Path | None, pictures: bool, opened: bool
 ) -> None:
-    """Compute drive and field for SCENE; write drive.csv, drive.h5, field.vtkhdf, report.html.
+    """Compute the drive and field of SCENE; write drive.csv, drive.h5, field.vtkhdf, report.html.
 
     SCENE is scene.toml by default, which airtact init writes; or one of the examples that come with
     airtact: air_letters, live_pinch, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch,

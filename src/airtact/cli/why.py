@@ -1,4 +1,4 @@
-"""``airtact why``: explain what takes pressure from each focus of a scene."""
+"""``airtact why``: explain which causes reduce the pressure at each focus of a scene."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 def why(scene: Path, session: Path | None, file: Path | None, store: Path | None) -> None:
     """Show the pressure at each focus of SCENE, from open air to what is emitted.
 
-    Each row adds one cause, such as the hand's shadow or the other foci, and is computed. The last
-    line names the change that would bring most.
+    Each row adds one cause, such as the hand's shadow or the other foci. The last line names the
+    change that would increase the pressure most.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -123,7 +123,8 @@ class DriveFile:
     def frame_rate(self, rate: float | None = None) -> float | None:
         """Return ``rate`` if given, else the rate in the file, which is None for a drive.
 
-        It raises ``InvalidInput`` ("data_missing") if there are several frames but no rate.
+        It raises ``InvalidInput`` with the code "data_missing" if there are several frames but no
+        rate.
         """
         rate = self.rate if rate is None else rate
         if rate is None and len(self.drives) > 1:
@@ -186,7 +187,7 @@ def _check_count(count: int, elements: int, name: str) -> None:
 def write_drive_file(path: Path, contents: DriveFile) -> None:
     """Write a drive or a sequence (.h5), or a table of the elements of a drive (.csv).
 
-    It raises ``InvalidInput`` ("unknown_format", "data_missing" or "not_writable").
+    It raises ``InvalidInput`` with the code "unknown_format", "data_missing" or "not_writable".
     """
     ending = checked_ending(path, (".h5", ".csv"), "drive")
     if ending == ".csv":

@@ -61,7 +61,7 @@ def gradient(
     check_iterations(iterations)
     if not 0.0 <= loss < 1.0:
         raise InvalidInput(
-            f"the loss at the foci is {loss:g}, but it must be a fraction from 0 up to 1.",
+            f"the loss at the foci is {loss:g}, but it must be at least 0 and less than 1.",
             code="out_of_range",
         )
     matrix = matrix / requests[:, None]

@@ -93,7 +93,7 @@ class Motion:
         for name in ("size", "frames", "along"):
             if getattr(self, name) is not None:
                 raise InvalidInput(
-                    f"a path through the points of the target does not use {name}. Leave it out.",
+                    f"a path through the points of the target does not use {name}. Omit it.",
                     code="options_clash",
                 )
         if self.kind == "lm":

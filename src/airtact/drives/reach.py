@@ -89,8 +89,8 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
         first, second = divmod(int(np.argmin(np.where(near, apart, np.inf))), len(points))
         raise InvalidInput(
             f"foci {first} and {second} are {1e3 * apart[first, second]:.3g} mm apart, at "
-            f"{in_mm(points[first])} and {in_mm(points[second])}, too close to be separated. Leave "
-            "one out, or move them at least a tenth of the wavelength apart.",
+            f"{in_mm(points[first])} and {in_mm(points[second])}, too close to be separated. "
+            "Remove one, or move them at least a tenth of the wavelength apart.",
             points[first],
             code="foci_unreachable",
         )
@@ -109,8 +109,8 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
         rest = np.median(np.delete(attainable, worst))
         raise InvalidInput(
             f"focus {asked[worst]} at {in_mm(point)} is shadowed: it can get at most "
-            f"{attainable[worst]:.3g} Pa, the other foci {rest:.3g} Pa (median). Move it, leave it "
-            "out or request less there.",
+            f"{attainable[worst]:.3g} Pa, the other foci {rest:.3g} Pa (median). Move it, remove "
+            "it or request less there.",
             point,
             code="foci_unreachable",
         )

@@ -181,7 +181,8 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
         first = int(unknown.argmax())
         raise InvalidInput(
             f"the field is unknown at {int(unknown.sum())} of {len(array)} elements. The first is "
-            f"element {first} at {in_mm(array.positions[first])}. Use a field that reaches all.",
+            f"element {first} at {in_mm(array.positions[first])}. Use a field that reaches all "
+            "elements.",
             array.positions[first],
             code="data_missing",
         )

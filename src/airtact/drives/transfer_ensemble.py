@@ -216,8 +216,8 @@ def matrices_at(
 
     ``slower`` scales the wavenumber, for warmer air. An impossible pose, with an element inside a
     body or a body or focus behind a face, yields None. In front of a plane, ``solver`` solves each
-    pose that changes the position relative to the plane; without it, such a pose raises
-    "not_converged". See ``transfer_matrix`` for the other errors.
+    pose that changes the position relative to the plane; without it, such a pose raises an error
+    with the code "not_converged". See ``transfer_matrix`` for the other errors.
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
@@ -250,7 +250,7 @@ def check_doubts(uncertainty: Uncertainty, scene: Scene) -> None:
         )
     if uncertainty.along_skin and not scene.obstacles:
         raise InvalidInput(
-            "along_skin is given, but the scene has no bodies. Set it to 0.", code="empty"
+            "along_skin is not 0, but the scene has no bodies. Set it to 0.", code="empty"
         )
 
 

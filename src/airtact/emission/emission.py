@@ -133,7 +133,7 @@ class Emission:
                     if first and not re.match(rb"\d+\.\d{6} ", first):
                         raise InvalidInput(
                             f"{self._settings.log} is not the log of an emission, and would be "
-                            "emptied: name another file.",
+                            "overwritten: choose another file.",
                             code="would_overwrite",
                         )
                     log.truncate(0)

@@ -199,7 +199,7 @@ class Link(ABC):
             )
 
     def check_elements(self, count: int) -> None:
-        """Raise "sizes_differ" if a drive or frame is for another number of elements."""
+        """Raise an error if a drive or frame is for another number of elements."""
         if count != self.elements:
             raise InvalidInput(
                 f"a drive for {counted(count, 'element', 'elements')} does not fit "

@@ -248,7 +248,7 @@ class LinkProcess:
 def why_here(link: Link) -> str | None:
     """Return why a link cannot be opened in another process, or None if it can."""
     if os.name != "posix":
-        return f"link processes need a POSIX system, and this is {sys.platform}"
+        return f"link processes need a POSIX system, but this is {sys.platform}"
     if not sys.executable:
         return "the path of the Python interpreter is not known"
     if type(link).__module__ == "__main__":

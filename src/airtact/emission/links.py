@@ -45,7 +45,7 @@ def link_to(
     for setting, value in settings.items():
         if value is not None and setting != key:
             raise InvalidInput(
-                f"--{setting} {value} does not go with the {name} link: leave it out.",
+                f"--{setting} {value} cannot be used with the {name} link: omit it.",
                 code="options_clash",
             )
     if name == "udp":

@@ -148,8 +148,8 @@ class UDPLink(AUTD3Boards):
         ahead = round(1e9 * at) - (before + after) // 2
         if ahead > 1e9 * self.lead:
             raise InvalidInput(
-                f"a frame is to act {1e-6 * ahead:.0f} ms from now; AUTD3 boards take frames up to "
-                f"{1e3 * self.lead:.0f} ms ahead.",
+                f"a frame is scheduled {1e-6 * ahead:.0f} ms ahead, but AUTD3 boards accept "
+                f"frames up to {1e3 * self.lead:.0f} ms ahead.",
                 code="out_of_range",
             )
         acts = device_time + sdk.Duration.from_nanos(max(ahead, 0))

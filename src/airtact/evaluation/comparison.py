@@ -127,7 +127,7 @@ class Comparison:
         if not pressures[0].all():
             focus = int(np.argmin(pressures[0]))
             raise InvalidInput(
-                f"{self.names[0]!r} gives focus {focus} 0 Pa. Put another drive first.",
+                f"{self.names[0]!r} produces 0 Pa at focus {focus}. List another drive first.",
                 code="all_zero",
             )
         return pressures / pressures[0]

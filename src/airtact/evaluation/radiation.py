@@ -105,8 +105,8 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary != "sound_hard":
             raise InvalidInput(
-                f"body {index} is {obstacle.boundary}, but radiation pressure is computed on "
-                "sound_hard bodies only.",
+                f"body {index} is {obstacle.boundary}, but radiation pressure can only be "
+                "computed on sound_hard bodies.",
                 code="not_supported",
             )
     shapes = [obstacle.surface.shape for obstacle in scene.obstacles]

@@ -16,8 +16,8 @@ from airtact.errors import InvalidInput
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield another path in the same folder to write to, then rename it.
 
-    The file appears only when it is complete, even if several processes write it. Raise
-    "not_writable", with the path, if it cannot be written.
+    The file appears only when it is complete, even if several processes write it. An error names
+    the path if the file cannot be written.
     """
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
@@ -47,7 +47,7 @@ def whole_hdf5(path: Path) -> Iterator[Any]:
 
 
 def writable_folder(path: Path) -> Path:
-    """Make a folder and check that it is writable; raise "not_writable" on failure."""
+    """Make a folder, and check that it is writable."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path).close()

@@ -51,7 +51,7 @@ def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
 
 
 def text_of(path: Path, largest: int = 2**26) -> str:
-    """Read a file as UTF-8 text, or raise an error of ``check_file`` or "file_unreadable"."""
+    """Read a file as UTF-8 text; see ``check_file`` for the errors."""
     try:
         text = bytes_of(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -192,7 +192,7 @@ def _check_tree(tree: Mapping[str, Any]) -> None:
     wrong += {"EXT_mesh_gpu_instancing"}.intersection(tree.get("extensionsUsed", []))
     if wrong:
         raise InvalidInput(
-            f"it uses {', '.join(wrong)}, which is not read; export it without.",
+            f"it uses {', '.join(wrong)}, which is not supported; export the file without it.",
             code="file_unreadable",
         )
     accessors = tree.get("accessors", [])
@@ -210,8 +210,8 @@ def _check_tree(tree: Mapping[str, Any]) -> None:
                 )
     if any(map(any, morphed)):
         raise InvalidInput(
-            "it has morph targets with weights, which are not read; apply them and export it "
-            "again.",
+            "it has morph targets with weights, which are not supported; apply them and export "
+            "the file again.",
             code="file_unreadable",
         )
     if any("bufferView" not in item or "sparse" in item for item in used):

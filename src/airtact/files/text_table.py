@@ -32,7 +32,7 @@ class TextTable:
     __repr__ = in_short
 
     def require(self, *names: str) -> None:
-        """Raise "data_missing" if the table lacks one of the columns."""
+        """Raise an error if the table lacks one of the columns."""
         missing = [name for name in names if name not in self.names]
         if missing:
             raise InvalidInput(
@@ -52,7 +52,7 @@ class TextTable:
         return replace(self, rows=rows, lines=tuple(self.lines[index] for index in finite))
 
     def numbers(self, name: str) -> Float64[np.ndarray, "rows"]:
-        """Read a column as real numbers; raise "data_missing" or "file_unreadable".
+        """Read a column as real numbers.
 
         NaN and infinity are unreadable.
         """

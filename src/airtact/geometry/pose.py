@@ -119,7 +119,8 @@ class Pose:
             )
         if along.shape != (3,):
             raise InvalidInput(
-                f"the axis of a rotation has shape {along.shape}, but a direction has shape (3,).",
+                f"the axis of a rotation has shape {along.shape}, but a direction must have shape "
+                "(3,).",
                 code="wrong_shape",
             )
         length = float(np.linalg.norm(along))

@@ -163,7 +163,7 @@ def _points_in_text(path: Path) -> Points:
     text = text_of(path)
     if re.search(r"[0-9],[0-9]\S*[ \t]+\S*[0-9],[0-9]", text):
         raise InvalidInput(
-            f"{path.name} has commas within numbers; write decimal points.", code="file_unreadable"
+            f"{path.name} has commas within numbers; use decimal points.", code="file_unreadable"
         )
     text = text.replace(",", " ")
     try:

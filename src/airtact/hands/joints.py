@@ -106,7 +106,7 @@ def joints_of(
         name = NAMES[lost[0] if len(points) == 25 else TRACKED[lost[0]]]
         raise InvalidInput(
             f"{counted(len(lost), f'{word} is', f'{word}s are')} NaN or infinite, the first of "
-            f"them {word} {lost[0]}, {name}: the tracker lost it; leave this frame out.",
+            f"them {word} {lost[0]}, {name}: the tracker lost it; skip this frame.",
             code="not_finite",
         )
     points = points_of(points, f"{word}s of a hand")

@@ -1,4 +1,4 @@
-"""Let the sound follow a moving hand: frames of a tracker become drives, recorded in a session.
+"""Make the sound follow a moving hand: the loop turns a tracker's frames into drives.
 
 ``run`` starts the loop from a scene file. ``follow`` is the loop itself: frames come from a
 ``HandSource``, drives from a ``DriveMaker``, and they go to an ``Output``. A ``SessionWriter``

@@ -38,8 +38,8 @@ class Client:
     """Connection of an application to ``airtact live SCENE --from websocket``.
 
     Use it in a ``with`` block. Foci end when nothing was sent for 0.5 s, so send them again, or
-    anything else, several times per second. The methods raise ``InvalidInput`` ("link_failed") when
-    the loop has ended.
+    anything else, several times per second. The methods raise ``InvalidInput`` with the code
+    "link_failed" when the loop has ended.
 
     Parameters
     ----------

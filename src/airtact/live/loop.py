@@ -160,7 +160,7 @@ def follow(
     report: Callable[[Status], None] = lambda status: None,
     world: World | None = None,
 ) -> Followed:
-    """Let the sound follow a hand until the time is over, the frames end or Ctrl-C is pressed.
+    """Make the sound follow a hand until the time is over, the frames end or Ctrl-C is pressed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where the tracker stands: the user touches known transducers, and a fit gives its pose."""
+"""Pose of the tracker, fitted to the user's touches of known transducers."""
 
 import queue
 import re
@@ -114,7 +114,7 @@ def register_tracker(
     """Find the pose of a tracker from touches of transducers with an index fingertip.
 
     The user touches each transducer for a second, in order, and moves the finger away in between. A
-    touch that contradicts the others is asked for again, up to three times.
+    touch that contradicts the others must be repeated, up to three times.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def register_tracker(
     if fit is None:
         count = int(np.isfinite(touched[:, 0]).sum())
         raise InvalidInput(
-            f"{source} has {count} touches, but {len(chosen)} transducers were to be touched: rest "
+            f"{source} has {count} touches, but {len(chosen)} transducers must be touched: rest "
             "the fingertip on each for a second, and move it away in between.",
             code="too_few",
         )
@@ -283,7 +283,7 @@ def with_tracker(text: str, pose: Pose) -> str:
         same = False
     if not same:
         raise InvalidInput(
-            "the tracker is not written as a table [tracker]: write the values there yourself.",
+            "the tracker is not written as a table [tracker]: enter the values there yourself.",
             code="not_writable",
         )
     return changed

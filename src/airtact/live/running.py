@@ -55,7 +55,7 @@ def run(
     report_step: Progress = no_progress,
     report: Callable[[Status], None] = lambda status: None,
 ) -> Followed:
-    """Let the sound follow a hand, and record the session.
+    """Make the sound follow a hand, and record the session.
 
     Parameters
     ----------

@@ -194,7 +194,7 @@ def live_scene(setup: Setup) -> LiveScene:
     if not hard or not (stands_in or len(setup.bodies) == len(setup.hands)):
         raise InvalidInput(
             f"{name}: live follows one or two sound-hard hands, and the scene has "
-            f"{counted(len(setup.bodies), 'body', 'bodies')}: leave the others out.",
+            f"{counted(len(setup.bodies), 'body', 'bodies')}: remove the others.",
             code="not_supported",
         )
     target = setup.target

@@ -81,9 +81,7 @@ class WantedFocus:
     def __post_init__(self) -> None:
         what = f"focus {self.name}"
         if (self.point is None) == (self.place is None):
-            raise InvalidInput(
-                f"{what} needs a point or a place, and not both.", code="options_clash"
-            )
+            raise InvalidInput(f"{what} needs either a point or a place.", code="options_clash")
         if self.point is not None:
             check_finite(self.point, f"the coordinates of {what}")
             object.__setattr__(self, "point", near_point(self.point, what))
@@ -301,12 +299,13 @@ class World:
                     del foci[wanted.id]
             if len(foci) > MAX_FOCI:
                 raise InvalidInput(
-                    f"an application may have {MAX_FOCI} foci, not {len(foci)}: leave some out.",
+                    f"an application may have {MAX_FOCI} foci, not {len(foci)}: remove some.",
                     code="too_many",
                 )
             if source not in self._foci and len(self._foci) >= MAX_SOURCES:
                 raise InvalidInput(
-                    f"{MAX_SOURCES} applications have foci already: end some.", code="too_many"
+                    f"{MAX_SOURCES} applications already have foci: close some of them.",
+                    code="too_many",
                 )
             self._foci[source] = foci
 

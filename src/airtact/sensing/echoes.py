@@ -207,17 +207,17 @@ def load_echoes(path: str | Path) -> Echoes:
 
 
 def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
-    """Raise "sizes_differ" if the echoes belong to another array; ``name`` describes them."""
+    """Raise an error if the echoes belong to another array; ``name`` describes the echoes."""
     if len(echoes.codes) != len(array):
         raise InvalidInput(
-            f"the {name} are of an array of {len(echoes.codes)} elements, and this one has "
+            f"the {name} are of an array of {len(echoes.codes)} elements, but this array has "
             f"{len(array)}. Pass the array that measured them.",
             code="sizes_differ",
         )
 
 
 def check_not_clipped(values: Num[np.ndarray, "pressures"]) -> None:
-    """Raise "signal_unusable" if more than 5 % of the values equal the largest."""
+    """Raise an error if more than 5 % of the values equal the largest."""
     # With noise no two values are equal, unless an amplifier or converter saturates.
     equal = int(np.sum(values > (1.0 - 1e-6) * values.max())) if len(values) else 0
     if equal > max(0.05 * len(values), 8):

@@ -127,7 +127,7 @@ def simulate_echoes(
     check_placement(scene, array)
     if len(codes) != len(array):
         raise InvalidInput(
-            f"the codes are for {len(codes)} elements, and the array has {len(array)}.",
+            f"the codes are for {len(codes)} elements, but the array has {len(array)}.",
             code="sizes_differ",
         )
     check_seed(seed)

@@ -190,7 +190,7 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     if (name == "free_field") == bool(scene.obstacles):
         state = "obstacles" if scene.obstacles else "no obstacles"
         raise InvalidInput(
-            f"{name} does not solve a scene with {state}: leave the name out.",
+            f"{name} does not solve a scene with {state}: remove the name.",
             code="not_supported",
         )
     if name == "finite_element":

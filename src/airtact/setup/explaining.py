@@ -1,4 +1,4 @@
-"""Why a focus is weak: what each cause takes from the pressure that the array could bring."""
+"""Why a focus is weak: by how much each cause reduces the pressure that the array could produce."""
 
 import csv
 from dataclasses import dataclass
@@ -42,13 +42,13 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The pressure at each focus, from what the array could bring in open air to what is emitted.
+    """The pressure at each focus, from the maximum in open air to the emitted pressure.
 
     Attributes
     ----------
     foci : names of the F foci.
-    causes : the causes in their order; the first is open air, the last what remains.
-    advice : sentence on the change that would bring most to the weakest focus.
+    causes : the causes in order, from open air to the last remaining effect.
+    advice : sentence on the change that would increase the weakest focus most.
     """
 
     foci: tuple[str, ...]
@@ -77,13 +77,14 @@ class Explanation:
 def why(result: Rendering, kept: float | None = None) -> Explanation:
     """Explain the pressure at each focus of a rendered drive.
 
-    Every cause is computed: the pressure without it, and with it, all later causes left out. So the
+    The pressure is computed without and with each cause, excluding all later causes, so that the
     changes add up to the last pressure.
 
     Parameters
     ----------
     result : result of ``render``.
-    kept : share of the attainable pressure that a recorded session kept, from pose errors and age.
+    kept : share of the attainable pressure that a recorded session kept despite pose errors and
+    age.
 
     Examples
     --------
@@ -125,7 +126,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
             Cause(
                 f"sharing with {others}",
                 np.abs(transfer.pressure(drive)),
-                "leave foci out, or play them in turn",
+                "remove foci, or play them in turn",
             )
         )
     scaled = result.drive.at_full_scale()

@@ -465,7 +465,7 @@ def place(
     refine: int = 4,
     progress: Progress | None = None,
 ) -> Placement:
-    """Search for the layouts of boards whose weakest focus is strongest.
+    """Search for the board layouts with the strongest weakest focus.
 
     Boards may be tilted. They neither overlap nor stand between another board and a focus, and the
     whole hand is in front of each. The sound that boards reflect is not included.
@@ -511,7 +511,7 @@ def place(
     if setup.left_out:
         raise InvalidInput(
             "the scene has a plane behind its boards, which would reflect the sound of boards "
-            "elsewhere: leave the plane out, and use a region above it.",
+            "elsewhere: remove the plane, and use a region above it.",
             code="not_supported",
         )
     for count, name in ((boards, "boards"), (tries, "tries")):

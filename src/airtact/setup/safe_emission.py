@@ -179,7 +179,7 @@ def plan(
         if modulation is not None and rate is not None:
             raise InvalidInput(
                 f"the file is a sequence of {len(stored.drives)} frames at {rate:g} frames/s, "
-                "which is not modulated further: leave the modulation out.",
+                "which cannot be modulated further: omit the modulation.",
                 code="options_clash",
             )
         modulation = (modulation or stored.modulation) if rate is None and not constant else None
@@ -209,8 +209,8 @@ def sound_speed_of(stored: DriveFile) -> float:
     """Return the speed of sound of a drive; that of air at 20 °C if the file has none."""
     if stored.frequency is not None and abs(stored.frequency - FREQUENCY) > 1.0:
         raise InvalidInput(
-            f"the drive is for {stored.frequency:g} Hz, but boards emit {FREQUENCY:g} Hz: make it "
-            "for that frequency.",
+            f"the drive is for {stored.frequency:g} Hz, but boards emit {FREQUENCY:g} Hz: compute "
+            "it for that frequency.",
             code="does_not_match",
         )
     return (stored.medium or air()).sound_speed

@@ -104,7 +104,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
             cautions.append(
                 f"{setup.foci[first]} and {setup.foci[second]} are {1e3 * apart:.2g} mm apart, "
                 "under a tenth of the wavelength. Most methods cannot separate them and return no "
-                "drive: leave one out."
+                "drive: remove one."
             )
     bounds = open_air_bound(setup.array, points, scene.wavenumber.real)
     strongest = strongest_open_air(setup.array, scene.wavenumber.real)

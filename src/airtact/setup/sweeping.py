@@ -255,8 +255,8 @@ def process_count(points: int, limit: int | None = None, memory: float = 0.0) ->
     free = available_memory()
     if memory > free:
         raise InvalidInput(
-            f"one point takes about {memory / 1e9:.2g} GB, and {free / 1e9:.2g} GB are available: "
-            "close other programs, or request less accuracy.",
+            f"one point needs about {memory / 1e9:.2g} GB, but only {free / 1e9:.2g} GB are "
+            "available: close other programs, or request less accuracy.",
             code="too_little_memory",
         )
     fitting = 0.8 * free / memory if memory else np.inf

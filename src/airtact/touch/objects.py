@@ -153,7 +153,7 @@ def objects_of(objects: "VirtualObject | Sequence[VirtualObject]") -> tuple[Virt
     listed = list(objects)
     if len(listed) > MAX_OBJECTS:
         raise InvalidInput(
-            f"there are {len(listed)} virtual objects, more than {MAX_OBJECTS}: leave some out.",
+            f"there are {len(listed)} virtual objects, more than {MAX_OBJECTS}: remove some.",
             code="too_many",
         )
     for index, thing in enumerate(listed):

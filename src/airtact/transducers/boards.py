@@ -179,9 +179,9 @@ def _board_pose(
         first = index * len(board)
         raise InvalidInput(
             f"elements {first} to {first + len(board) - 1} are not laid out like board {index} of "
-            f"{board.name}: element {first + worst} is {off[worst] * 1e3:.3g} mm from its position "
-            f"and normals differ by up to {np.degrees(lean.max()):.3g} degrees; make the drive for "
-            "that board's layout.",
+            f"{board.name}: element {first + worst} is {off[worst] * 1e3:.3g} mm from its "
+            f"position and normals differ by up to {np.degrees(lean.max()):.3g} degrees; compute "
+            "the drive for that board's layout.",
             code="wrong_kind",
         )
     return pose

@@ -409,7 +409,7 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     if extent > MAX_ARRAY_EXTENT:
         raise InvalidInput(
             f"{rows} by {columns} flat boards span {extent:.4g} m, more than "
-            f"{MAX_ARRAY_EXTENT:g} m; take fewer.",
+            f"{MAX_ARRAY_EXTENT:g} m; use fewer boards.",
             code="out_of_range",
         )
     board = _centred(autd3, element)

@@ -53,7 +53,7 @@ def check_placement(
         height = 1e3 * float(plane.height(array.positions).min())
         raise InvalidInput(
             f"the plane is {height:.3g} mm behind the elements, which radiate forwards only. It "
-            "receives no sound: leave it out.",
+            "receives no sound: remove it.",
             code="behind_faces",
         )
     for index, obstacle in enumerate(scene.obstacles):

@@ -1,1 +1,1 @@
-"""Solvers: from a scene and monopoles to the radiated field."""
+"""Solvers that compute the field that monopoles radiate in a scene."""

@@ -69,8 +69,8 @@ class FreeField(Solver):
         if len(scene.obstacles) > 0:
             bodies = counted(len(scene.obstacles), "obstacle", "obstacles")
             raise InvalidInput(
-                f"FreeField solves for open air only, and the scene has {bodies}; "
-                "take a solver that scatters, such as BoundaryElement.",
+                f"FreeField only solves for open air, but the scene has {bodies}; use a solver "
+                "for bodies, such as BoundaryElement.",
                 code="not_supported",
             )
         settings = {PLANES: len(scene.planes)} if scene.planes else {}

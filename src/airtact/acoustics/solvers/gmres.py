@@ -98,7 +98,7 @@ def gmres(
     raise NotConverged(
         f"GMRES reached a relative residual of {np.max(residuals):.1e} in {most_iterations} "
         f"iterations, not {tolerance:.0e}: a gap or a body is probably much thinner than a panel. "
-        "Use a smaller accuracy, or move the bodies apart.",
+        "Use a smaller value of accuracy, or move the bodies apart.",
         code="not_converged",
     )
 
@@ -109,7 +109,7 @@ def _settled(
     residuals: Float64[np.ndarray, "sides"],
     error: float,
 ) -> bool:
-    """Whether all solutions have an error of about ``error``, or A is well-conditioned.
+    """Whether the errors of all solutions are about ``error``, or A is well-conditioned.
 
     The relative error is at most the residual divided by the smallest singular value of A. GMRES's
     triangular matrix has about the same smallest singular value.

@@ -1,4 +1,4 @@
-"""The interface of every solver: from a scene and monopoles to the radiated field."""
+"""The interface of all solvers, which compute the field that monopoles radiate in a scene."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ BOARDS = "reflecting_boards"
 
 @dataclass(frozen=True)
 class SolveReport:
-    """How a field was solved: method, errors, time and settings.
+    """Method, errors, time and settings of the solution of a field.
 
     Attributes
     ----------
@@ -273,7 +273,7 @@ class RadiatedField(ABC):
 
 
 def surrounding_points(scene: Scene, points: Vectors) -> Float64[np.ndarray, "around 3"]:
-    """Return 128 points on a sphere 8 λ outside the bodies, about where an array would be.
+    """Return 128 points on a sphere 8 λ outside the bodies, where an array would typically be.
 
     Solvers compare two solutions there. The points lie on a Fibonacci spiral.
     """

@@ -1,4 +1,4 @@
-"""A field of another program: nodes with complex pressures, interpolated between the nodes."""
+"""A field from another program: complex pressures at nodes, interpolated between the nodes."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -40,8 +40,8 @@ class SampledField(RadiatedField):
 
     A Delaunay triangulation connects the nodes to tetrahedra. In each tetrahedron p·r·e^{-ikr} is
     interpolated linearly, where r is the distance from the nearest source, because the phase of
-    e^{ikr}/r varies far faster than the rest. The tetrahedra also fill the bodies, so do not
-    evaluate points inside bodies. The error is not estimated (NaN).
+    e^{ikr}/r varies far faster than the rest. The tetrahedra also fill the bodies, so points inside
+    bodies must not be evaluated. The error is not estimated (NaN).
 
     Attributes
     ----------
@@ -167,8 +167,8 @@ def load_samples(
     The file has the columns x, y, z, and for each excitation a column of complex numbers such as
     ``0.5-1.2i``, or two columns named ``..._real`` and ``..._imag``. Lines that begin with % or #
     are comments; the last one may name the columns, as in COMSOL's files. Rows with NaN, which
-    COMSOL writes in solids, are dropped. If the file has several frequencies, that of the scene is
-    used.
+    COMSOL writes inside solids, are skipped. If the file has several frequencies, that of the scene
+    is used.
 
     Parameters
     ----------
@@ -239,8 +239,8 @@ def _scale_of(table: TextTable, scale: float | None) -> float:
             stated = units[words[-1]]
             if scale is not None and abs(scale / stated - 1.0) > 1e-3:
                 raise InvalidInput(
-                    f"its length unit is {words[-1]}, and the scale given is {scale:g}; leave the "
-                    f"scale out, or use {stated:g}.",
+                    f"its length unit is {words[-1]}, but scale is {scale:g}; omit scale, or use "
+                    f"{stated:g}.",
                     code="does_not_match",
                 )
             return stated
@@ -262,7 +262,7 @@ def _of_frequency(names: Sequence[str], frequency: float) -> list[str]:
     if names and not chosen:
         listed = ", ".join(f"{value:g} Hz" for value in sorted(set(stated.values())))
         raise InvalidInput(
-            f"its pressures are for {listed}, and the scene is at {frequency:g} Hz; export that "
+            f"its pressures are for {listed}, but the scene is at {frequency:g} Hz; export that "
             "frequency.",
             code="does_not_match",
         )

@@ -327,9 +327,9 @@ def _checked_cloud(
     if elsewhere.mean() > 0.3:  # more than outliers
         middle = np.median(cloud[elsewhere], axis=0)
         raise InvalidInput(
-            f"{elsewhere.sum()} of {len(cloud)} points are more than {1e3 * HAND_RADIUS:g} mm from "
-            f"the landmarks, with their median at {in_mm(middle)}: a second hand or a background? "
-            "Remove them.",
+            f"{elsewhere.sum()} of {len(cloud)} points are more than {1e3 * HAND_RADIUS:g} mm "
+            f"from the landmarks, with their median at {in_mm(middle)}: is it a second hand or "
+            "the background? Remove these points.",
             middle,
             code="given_twice",
         )

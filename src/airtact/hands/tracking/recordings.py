@@ -122,7 +122,7 @@ def _of_other_program(path: Path) -> tuple[list[Item], str]:
     except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
         problem = repr(error)
     raise InvalidInput(
-        f"it is no recording of IWER, vuer or VisionProTeleop: {problem}.", code="unknown_format"
+        f"it is not a recording of IWER, vuer or VisionProTeleop: {problem}.", code="unknown_format"
     )
 
 

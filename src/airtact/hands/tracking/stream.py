@@ -386,7 +386,7 @@ class HandStream:
             raise FaultyFrame(
                 "too_fast",
                 f"the hand moved by {1e3 * moved:.0f} mm in {1e3 * (frame.time - seen.time):.0f} "
-                f"ms, faster than {MAX_SPEED:g} m/s; leave this frame out.",
+                f"ms, faster than {MAX_SPEED:g} m/s; skip this frame.",
             )
 
     def _use(self, frame: HandFrame) -> None:

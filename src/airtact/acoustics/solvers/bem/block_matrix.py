@@ -1,6 +1,6 @@
 """A matrix in blocks of 32 panels: near blocks entry by entry, far blocks as low-rank products.
 
-The panels are sorted so that the panels of a block are close together. The interaction between
+The panels are sorted so that those of a block are close together. The interaction between
 distant blocks is smooth, so a few terms (column vector times row vector) approximate the matrix
 between them.
 """
@@ -59,7 +59,7 @@ def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "
 
 
 def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks blocks"]:
-    """Mark the pairs of blocks in which a point of one is near a panel of the other.
+    """Mark the pairs of blocks where a point of one block is near a panel of the other.
 
     Each list has the near panels of points that are spread evenly over the panels.
     """
@@ -98,7 +98,7 @@ class BlockMatrix:
     def empty(
         cls, count: int, store: Store, whole: Bool[np.ndarray, "blocks blocks"], room: int = 0
     ) -> "BlockMatrix":
-        """Allocate a matrix with some blocks whole, and ``room`` factors for the other blocks."""
+        """Allocate a matrix with some full blocks, and ``room`` factors of the other blocks."""
         lanes = _kernels.lanes
         word = np.dtype(np.uint32 if store == "bfloat16" else store)
         words = _words(store)
@@ -147,12 +147,12 @@ class BlockMatrix:
 
 
 def _words(store: Store) -> int:
-    """Words that hold the real parts of a row of a block."""
+    """Return the number of words for the real parts of one row of a block."""
     return _kernels.lanes // 2 if store == "bfloat16" else _kernels.lanes
 
 
 def check_memory(count: int, store: Store, blocks: int, factors: int = 0) -> None:
-    """Raise if a matrix of whole blocks and low-rank factors does not fit into memory."""
+    """Raise an error if a matrix of full blocks and low-rank factors does not fit into memory."""
     itemsize = 8 if store == "float64" else 4
     size = (blocks * _kernels.lanes + factors) * 2 * _words(store) * itemsize
     if size > ALWAYS_FREE and size > 0.9 * (available := available_memory()):
@@ -181,7 +181,7 @@ def eliminate(
 ) -> GmresResult:
     """Solve with the sum of matrices without low-rank blocks, by Gaussian elimination.
 
-    Every residual is set to that of the sum of the right-hand sides, which takes one product.
+    The reported residual is that of the sum of the right-hand sides, which needs only one product.
     """
     total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
     for matrix in matrices[1:]:

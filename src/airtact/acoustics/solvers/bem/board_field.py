@@ -2,8 +2,8 @@
 
 The pressure near elements in a face varies faster than panels resolve, so the direct solution fails
 there. The monopoles of the transposed solution on the boards radiate the boards' reflections.
-With the elements, they are the sources of a second, smaller solve around the other bodies, which is
-also accurate on and near the surfaces of these bodies.
+Together with the elements they are the sources of a second, smaller solve around the other bodies,
+which is also accurate on and near the surfaces of these bodies.
 """
 
 from dataclasses import dataclass, replace
@@ -62,7 +62,7 @@ class BoardField(RadiatedField):
 
 
 def in_boards(scene: Scene, sources: Monopoles) -> Bool[np.ndarray, "sources"]:
-    """Which sources are in the faces of reflecting boards, to a micrometre."""
+    """Mark the sources that lie in the faces of reflecting boards, to within a micrometre."""
     inside = np.zeros(len(sources.positions), dtype=bool)
     for index in scene.boards:
         inside |= np.abs(scene.obstacles[index].surface.depth(sources.positions)) < 1e-6

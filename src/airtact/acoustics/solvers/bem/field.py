@@ -143,7 +143,7 @@ class BoundaryField(RadiatedField):
     def scattering_sources(self) -> Monopoles | None:
         """Monopoles of the transposed solution; None if a source touches a body.
 
-        It is also None in front of a plane, because the sources' images would be missing.
+        It is also None in front of a plane, because the images of the sources would be missing.
         """
         if self.density is None or (self.factors > 1).any() or self.scene.planes:
             return None
@@ -164,7 +164,7 @@ class BoundaryField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Total pressure at the nodes by the direct solution; ``InvalidInput`` without it."""
+        """Total pressure at the nodes by the direct solution, which must exist."""
         nodes = self.surface.nodes
         pressure = self.direct.pressure[: len(nodes.points)]  # images follow
         return SurfaceField(nodes.points, nodes.normals, nodes.weights, pressure)

@@ -1,12 +1,12 @@
-"""Layer potentials of curved panels at any points, and where points lie relative to the panels.
+"""Layer potentials of curved panels at any points, and the positions of points relative to panels.
 
 With the normal n outward and the sources' pressure p_inc, Green's formula outside the bodies is
 p = p_inc + D[p], where D is the double layer. On a surface of impedance Z, ∂p/∂n = −(ikρc/Z) p, so
 the single layer of (ikρc/Z) p is added; "double layer" includes it here.
 
 For a panel far from a point, the integral is a sum over the panel's nodes. For a near panel a
-correction is added: the near integral minus this plain sum. With k = 0 and p = 1 the double
-layer is the solid angle of the bodies, which separates points inside from points outside.
+correction is added: the near integral minus this plain sum. With k = 0 and p = 1 the double layer
+is the solid angle of the bodies, which distinguishes inner from outer points.
 """
 
 from dataclasses import dataclass, replace
@@ -267,7 +267,7 @@ def near_surface(nodes: Nodes, points: Points, reach: float) -> Mask:
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """Points, and where they lie relative to the panels.
+    """Points and their positions relative to the panels.
 
     Attributes
     ----------

@@ -7,7 +7,8 @@ point x of the surface, with a second point x' = x − δ n inside the body,
 
 where p_inc is the pressure of the sources alone and D is the double layer. On a surface of
 impedance Z, a single layer is added to D (``layer_potentials``). The second point makes the
-solution unique at every frequency. With the other sign of i, GMRES takes many times the iterations.
+solution unique at every frequency. With the other sign of i, GMRES needs many times as many
+iterations.
 
 Collocation at the nodes makes this a linear system with one row for each node x_i and one column
 for each node x_j. Its entries are 1/2 δ_ij − D(x_i, x_j) + i D(x'_g(i), x_j), with corrected
@@ -81,7 +82,7 @@ def dual_surface(
     precision: str,
     least_thickness: Float64[np.ndarray, "nodes"] | None = None,
 ) -> DualSurface:
-    """Put the second points under the surface at 0.3 of the local thickness, at most 0.2 λ.
+    """Put the second points below the surface, at 0.3 times the local thickness and at most 0.2 λ.
 
     Sharing each point among three nodes saves a third of the kernel evaluations at equal accuracy.
     ``least_thickness`` is a lower bound of the thickness at each node [m].
@@ -202,9 +203,9 @@ def transposed_right_side(
     """Right-hand side of the transposed equation: the transposed double layer of the monopoles.
 
     The images of the sources in ``planes`` are added here. Also return the factor of each strength:
-    1 off the surface, 2 on it. On the surface Green's formula gives half the pressure, p/2 = p_inc
-    + D[p], so by reciprocity a source there counts twice. This holds for any impedance, because D
-    includes the single layer.
+    1 off the surface, 2 on it. On the surface, Green's formula yields half the pressure, p/2 =
+    p_inc + D[p]. By reciprocity, a source there counts twice. This holds for any impedance, because
+    D includes the single layer.
     """
     positions, contact = project_contacts(surface.nodes, positions)
     factors = np.where(contact, 2.0, 1.0)

@@ -108,7 +108,7 @@ class Nodes:
         return _kernels.Panels(self.quadratic_triangles, self.contact)
 
     def single_layer(self, wavenumber: complex) -> SingleLayer:
-        """ikρc/Z times area [m], the ratio of −∂p/∂n to p times area; empty if all are hard."""
+        """ikρc/Z times area [m], which relates −∂p/∂n to p; empty if all are hard."""
         if not self.admittance.any():
             return np.empty(0, dtype=np.complex128)
         return 1j * wavenumber * np.repeat(self.admittance, 6) * self.weights

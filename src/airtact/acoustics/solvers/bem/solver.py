@@ -93,8 +93,8 @@ class BoundaryElement(Solver):
     A discontinuous quadratic Nyström method on curved six-node panels solves the dual-surface
     equation twice by GMRES. The transposed solution is accurate away from the bodies, even for
     sources on or near their surfaces. The direct solution is the pressure on and near the surfaces.
-    The difference of both estimates the error. Hundreds of excitations are solved by Gaussian
-    elimination.
+    The difference between the two estimates the error. Hundreds of excitations are solved by
+    Gaussian elimination.
 
     Attributes
     ----------
@@ -192,7 +192,7 @@ class BoundaryElement(Solver):
         """Solve for sources, some of them in the faces of reflecting boards.
 
         The transposed solution around all obstacles gives monopoles that radiate the boards'
-        reflections. A second solve, around the other bodies, has these and the sources.
+        reflections. A second solve around the other bodies uses these monopoles and the sources.
         """
         refined = sources.positions[~inside]
         # ten times the usual accuracy, because its error is not estimated
@@ -321,10 +321,10 @@ class BoundaryElement(Solver):
         """Factorise each body once, for any sources and rigid motions of the bodies.
 
         The solver that is returned solves for a new pose of two fingers, or for other foci, in a
-        fraction of the time of ``radiate``. Its field is known only away from the bodies, as
-        without an estimate. Factorising takes as long as tens of solves: 2 s for two fingers of
-        1,100 unknowns each.
-        The time grows as the cube of a body's unknowns, to minutes for a hand of 8,000.
+        fraction of the time of ``radiate``. Its field is only known away from the bodies, as with
+        ``estimate=False``. Factorising takes as long as tens of solves: 2 s for two fingers of
+        1,100 unknowns each. The time grows as the cube of a body's unknowns, to minutes for a hand
+        of 8,000.
 
         Parameters
         ----------
@@ -517,11 +517,11 @@ class BoundaryElement(Solver):
         )
 
     def panel_edge(self, wavelength: float) -> float:
-        """Edge [m] of a sound-hard body's panels away from sources, as equilateral triangles."""
+        """Edge length [m] of equilateral panels of sound-hard bodies away from sources."""
         return wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
 
     def _smallest_edge(self, scene: Scene) -> float:
-        """Edge below which no panel is refined for a source: half of the usual edge [m]."""
+        """Edge length [m] below which panels are not refined near a source."""
         # The pressure varies faster on a yielding surface, which takes 1.28 times as many nodes.
         yielding = np.abs(admittances(scene)).max(initial=0.0) > 0.1
         return 0.5 * self.panel_edge(scene.wavelength) / math.sqrt(1.28 if yielding else 1.0)

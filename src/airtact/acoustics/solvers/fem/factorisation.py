@@ -183,7 +183,8 @@ def _pardiso(
 ) -> None:
     """Run a phase of Pardiso.
 
-    Phase 12 factorises, 33 solves for the columns of ``right``, and -1 releases the memory.
+    Phase 12 factorises, phase 33 solves for the columns of ``right``, and phase -1 frees the
+    memory.
     """
 
     def integer(number: int) -> Any:

@@ -1,1 +1,1 @@
-"""Closed forms in spherical waves: the series of one sphere, and multipole expansions."""
+"""Solutions in spherical waves: the series of one sphere, and multipole expansions."""

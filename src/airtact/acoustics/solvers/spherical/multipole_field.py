@@ -165,8 +165,8 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     """Expand the scattered part of a field in outgoing waves, for bodies that move rigidly.
 
     The time of an evaluation then does not depend on the number of unknowns: a transfer matrix of
-    996 elements after a rigid motion takes about 2 ms. Points within a wavelength of the ball
-    around the bodies are evaluated as before. In front of a fixed plane, a solve remains valid for
+    996 elements after a rigid motion takes about 2 ms. Within a wavelength of the ball around the
+    bodies, the original field is evaluated. In front of a fixed plane, a solve remains valid for
     all motions that map the plane onto itself (``Plane.kept_by``).
 
     Parameters

@@ -171,7 +171,7 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
     count = len(scene.obstacles)
     if count != 1:
         raise InvalidInput(
-            f"SphereSeries solves for one sphere, and the scene has {count} obstacles.",
+            f"SphereSeries solves for one sphere, but the scene has {count} obstacles.",
             code="not_supported",
         )
     obstacle = scene.obstacles[0]
@@ -179,8 +179,8 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
     if not isinstance(shape, Capsule) or shape.length != 0.0:
         kind = "a capsule" if isinstance(shape, Capsule) else "a mesh"
         raise InvalidInput(
-            f"SphereSeries solves for exact spheres only, and the obstacle is {kind}; make it with "
-            "sphere(radius, edge, centre), or use BoundaryElement.",
+            f"SphereSeries only solves for exact spheres, but the obstacle is {kind}; build it "
+            "with sphere(radius, edge, centre), or use BoundaryElement.",
             code="not_supported",
         )
     return obstacle, shape

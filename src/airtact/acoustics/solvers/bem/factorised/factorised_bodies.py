@@ -69,7 +69,7 @@ class PlacedBody:
         return centre, 0.5 * float(np.linalg.norm(tree.maxes - tree.mins))
 
     def clear_of(self, points: Points, reach: float) -> bool:
-        """Whether all points are beyond a reach [m] of all nodes, by the ball alone."""
+        """Whether all points are farther than a reach [m] from the ball around the nodes."""
         centre, radius = self.ball
         offset = points - centre
         squares = np.einsum("pd,pd->p", offset, offset)
@@ -125,7 +125,7 @@ class PlacedBody:
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """How placed bodies scatter each other's field: a block for each (receiving, emitting) pair."""
+    """Coupling of placed bodies by scattering: one block per (receiving, emitting) pair."""
 
     placed: tuple[PlacedBody, ...]
     blocks: dict[tuple[int, int], Complex[np.ndarray, "rows columns"]]
@@ -134,7 +134,7 @@ class Coupling:
 
     @classmethod
     def of(cls, placed: Sequence[PlacedBody]) -> "Coupling | None":
-        """Couple each pair of bodies; None if two are too close for their skeletons."""
+        """Couple each pair of bodies; return None if two are too close for their skeletons."""
         for index, first in enumerate(placed):
             for second in placed[:index]:
                 points = second.pose.apply(second.reduced.surface.nodes.points)
@@ -188,7 +188,7 @@ class FactorisedField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Raise InvalidInput: the reduced scattering does not give the pressure on the surfaces."""
+        """Raise InvalidInput, because the reduced bodies have no pressure on their surfaces."""
         raise InvalidInput(
             "factorised bodies have no pressure on their surfaces; solve the scene with "
             "BoundaryElement.",
@@ -328,7 +328,7 @@ class FactorisedBodies(Solver):
         )
 
     def _coarse(self, placed: Sequence[PlacedBody], sources: Monopoles) -> Iterator[str]:
-        """Warn of sources so close to a surface that its panels should be smaller."""
+        """Warn about sources so close to a surface that its panels should be smaller."""
         for index, body in enumerate(placed):
             distance, node = body.reduced.tree.query(body.local.apply(sources.positions))
             edges = body.reduced.panel_edges[np.asarray(node) // 6]
@@ -362,13 +362,13 @@ class FactorisedBodies(Solver):
             raise InvalidInput(
                 f"the bodies were factorised for {self.scene.frequency:g} Hz in "
                 f"{self.scene.medium}, but the scene has {scene.frequency:g} Hz in {scene.medium}; "
-                "factorise them for it.",
+                "factorise them for this scene.",
                 code="not_supported",
             )
         if len(scene.obstacles) != len(self.bodies):
             raise InvalidInput(
                 f"{counted(len(self.bodies), 'body was', 'bodies were')} factorised, but the scene "
-                f"has {len(scene.obstacles)}; factorise those.",
+                f"has {len(scene.obstacles)}; factorise the bodies of this scene.",
                 code="not_supported",
             )
         placed = []

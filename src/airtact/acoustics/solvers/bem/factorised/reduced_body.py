@@ -63,7 +63,7 @@ Matrix = Complex[np.ndarray, "_ _"] | RoundedMatrix
 
 
 def rounded(matrix: Complex[np.ndarray, "rows columns"], goal: float) -> Matrix:
-    """Round a single-precision matrix, if that costs at most a fifth of the error ``goal``."""
+    """Round a single-precision matrix if the rounding error is at most a fifth of ``goal``."""
     if matrix.dtype != np.complex64:
         return matrix
     parts = np.ascontiguousarray(matrix).view(np.float32).reshape(*matrix.shape, 2)
@@ -266,7 +266,7 @@ def _error_check(
 
 
 def _proxies(nodes: Nodes, tree: KDTree, reach: float) -> Proxies:
-    """Place monopoles off every node, and 2.5 times as far off every second node."""
+    """Place monopoles off every node, and 2.5 times as far from every second node."""
     inner = nodes.points + reach * nodes.normals
     outer = nodes.points[::2] + 2.5 * reach * nodes.normals[::2]
     everywhere = np.concatenate([inner, outer])
@@ -317,7 +317,7 @@ def _skeleton(
     count: int,
     tolerance: float,
 ) -> tuple[Int64[np.ndarray, "skeleton"], Complex128[np.ndarray, "skeleton nodes"]]:
-    """Find nodes of which all others are linear combinations, and these combinations.
+    """Find skeleton nodes and write all other nodes as linear combinations of them.
 
     They follow from an interpolative decomposition of the right-hand sides for ``count`` random
     combinations of the proxies. The count is doubled until a few are redundant (E. Liberty,
