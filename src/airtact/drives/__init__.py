@@ -1,4 +1,4 @@
-"""Transfer matrices, and drives and sequences made from them."""
+"""Transfer matrices, and the drives and sequences computed from them."""
 
 from airtact.lazy import attached
 

@@ -79,7 +79,7 @@ class Drive:
 
     @property
     def phases(self) -> Float64[np.ndarray, "elements"]:
-        """(E,) phase of each element [rad], from −π to π, in Re[d e^{−iωt}]."""
+        """(E,) phase of each element in Re[d e^{−iωt}] [rad], from −π to π."""
         return np.angle(self.amplitudes)
 
     @property
@@ -96,7 +96,8 @@ class Drive:
     def is_full_scale(self) -> bool:
         """Whether the strongest element is within 1 % of full scale.
 
-        Drives at full scale are compared at equal peak, weaker ones at equal energy.
+        Drives at full scale are compared at equal peak amplitude, and weaker drives at equal
+        energy.
         """
         return self.peak >= 0.99
 

@@ -1,4 +1,4 @@
-"""HDF5 files of drives and sequences, with all data that emission needs, and .csv tables of drives.
+"""HDF5 files of drives and sequences with all data for their emission, and .csv tables of drives.
 
 Version 1 of the HDF5 files has these datasets; those in brackets are optional:
 
@@ -6,7 +6,7 @@ Version 1 of the HDF5 files has these datasets; those in brackets are optional:
   drive whose amplitude varies with ``modulation_frequency`` [Hz] and ``modulation_depth``, as in
   ``AmplitudeModulation``.
 - ``amplitude`` [share of full scale] and ``phase`` [rad, of Re[d e^{−iωt}]]: (E,) for a drive, (N,
-  E) for a sequence. ``amplitude_level`` and ``phase_level`` are the same in levels:
+  E) for a sequence. ``amplitude_level`` and ``phase_level`` are the same values in levels:
   ``shares_of_levels`` (A,) lists the amplitudes, ``levels_of_a_turn`` is the number of phases. A
   sequence has its ``rate`` [frames/s].
 - (``frequency`` [Hz], ``sound_speed`` [m/s], ``density`` [kg/m³], ``absorption`` [Np/m])
@@ -121,7 +121,7 @@ class DriveFile:
     modulation: AmplitudeModulation | None = None
 
     def frame_rate(self, rate: float | None = None) -> float | None:
-        """Return ``rate`` if given, else the rate in the file, which is None for a drive.
+        """Return ``rate``, or by default the rate in the file, which is None for a drive.
 
         It raises ``InvalidInput`` with the code "data_missing" if there are several frames but no
         rate.
@@ -202,7 +202,7 @@ def write_drive_file(path: Path, contents: DriveFile) -> None:
 
 
 def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
-    """Return the ending of a file name in lower case; raise ``InvalidInput`` if not allowed."""
+    """Return the ending of a file name in lower case, and check that it is allowed."""
     ending = path.suffix.lower()
     if ending not in endings:
         raise InvalidInput(

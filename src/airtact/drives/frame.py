@@ -24,8 +24,8 @@ class Frame:
     Raises
     ------
     InvalidInput
-        If an array is not one-dimensional or not uint8, there is no element, the arrays differ in
-        length, or a level does not exist.
+        If an array is not one-dimensional, is not uint8 or is empty, the arrays differ in length,
+        or a level does not exist.
     """
 
     amplitude: UInt8[np.ndarray, "elements"]
@@ -87,8 +87,8 @@ def frame_at(amplitudes: Complex[np.ndarray, "elements"], levels: Levels, share:
     """Multiply the amplitudes of a drive by a share and round them to levels.
 
     Boards with amplitude levels reduce every element. Boards without them switch on that share of
-    their elements, spread evenly over the order of the elements, because the pressure at a focus is
-    proportional to their number.
+    their elements, spread evenly over the array, because the pressure at a focus is proportional to
+    their number.
     """
     if not levels.phase_only:
         return Frame(*levels.rounded(share * amplitudes), levels)
@@ -102,7 +102,7 @@ def frame_at(amplitudes: Complex[np.ndarray, "elements"], levels: Levels, share:
 def share_under_cap(
     drives: Complex[np.ndarray, "frames elements"], levels: Levels, cap: float
 ) -> float:
-    """Return the factor that brings the largest amplitude of drives under a cap.
+    """Return the factor that reduces the largest amplitude of drives to a cap.
 
     The cap is a share of full scale. For boards without amplitude levels it is the share of
     elements that are on. See ``check_cap`` for the errors.

@@ -20,7 +20,7 @@ Sources = Complex128[np.ndarray, "foci"]
 def weighted_gerchberg_saxton(
     transfer: TransferMatrix, target: Target, *, iterations: int = 50
 ) -> Drive:
-    """Make a phase-only drive by alternating projections with more weight on weaker foci.
+    """Compute a phase-only drive by alternating projections that give weaker foci more weight.
 
     Each iteration is d = phase(Hᴴ s), s_f = v_f · phase((H d)_f). The weights v_f start at the
     requested pressures or shares and grow for weak foci; the best iteration is returned (Di
@@ -37,7 +37,7 @@ def weighted_gerchberg_saxton(
 
     Returns
     -------
-    The drive, scaled as by ``phase_conjugate``.
+    The drive, scaled like the result of ``phase_conjugate``.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def weighted_gerchberg_saxton(
 
 
 def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) -> Drive:
-    """Make a phase-only drive by iterating on the foci alone; fast for many elements.
+    """Compute a phase-only drive by iterations on the foci alone, which is fast for many elements.
 
     Each iteration is s -> w · phase(H Hᴴ s) with the (F, F) matrix H Hᴴ. At the end the sources are
     weighted by w²/|p|, and every element is set to full scale (Plasencia, Hirayama, Montano-Murillo
@@ -84,7 +84,7 @@ def alternating_projections(
     Float32[np.ndarray, "sets"],
     Complex64[np.ndarray, "sets elements"],
 ]:
-    """Alternate between elements and foci with phases only, for many sets, in single precision.
+    """Run phase-only alternating projections for many sets of foci in single precision.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def best_sources(
     iterations: int,
     foci_iterations: int = 0,
 ) -> Sources:
-    """Alternate from several starts; return the sources whose worst focus is strongest."""
+    """Alternate from several starts, and return the sources with the strongest worst focus."""
     rows = np.tile(np.arange(len(requests)), (len(starts), 1))
     sources, worst, _ = alternating_projections(
         matrix, rows, np.tile(requests, (len(starts), 1)), starts, iterations, foci_iterations

@@ -23,14 +23,15 @@ Suppressed = Complex128[np.ndarray, "suppressed elements"]
 def gradient(
     transfer: TransferMatrix, target: Target, *, loss: float = 0.1, iterations: int = 500
 ) -> Drive:
-    """Improve the drive of ``max_min`` and silence the suppression points.
+    """Improve the drive of ``max_min``, and reduce the pressure at the suppression points.
 
     The pressure of each focus is divided by its request. Without suppression points the method
     maximises the power mean of these ratios with exponent −200, which is close to the smallest
-    ratio, and returns the better of start and end. With suppression points it minimises their mean
-    squared pressure, with a penalty if the power mean falls below 1 − ``loss`` of its start. The
-    descent is L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on phases
-    and on amplitudes between 0 and 1. The method ignores requested phases.
+    ratio, and returns the start or the end of the descent, whichever is better. With suppression
+    points it minimises their mean squared pressure, with a penalty if the power mean falls below 1
+    − ``loss`` of its start. The descent is L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci.
+    Comput. 16 (1995) 1190) on phases and on amplitudes between 0 and 1. The method ignores
+    requested phases.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ def gradient(
 
     Returns
     -------
-    The drive, scaled as by ``time_reversal``.
+    The drive, scaled like the result of ``time_reversal``.
 
     Raises
     ------

@@ -18,14 +18,15 @@ from airtact.errors import positive
 
 
 def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
-    """Make the time reversal drive d = Hᴴ w, where H is the transfer matrix.
+    """Compute the time-reversal drive d = Hᴴ w, where H is the transfer matrix.
 
     Each element emits, reversed in time, the sound that it would receive from sources at the foci:
     equations 9 and 10 of the paper, with its equation 5 for several foci. w_f is the requested
     pressure or share of focus f (1 if the target requests none), with the requested phase, or phase
-    0 as in the paper. For one focus no drive of equal energy Σ|d|² gives more pressure
-    (Cauchy-Schwarz). With several foci, each also receives the sound meant for the others, so their
-    shares differ from the requested ones. The method ignores suppression points.
+    0 as in the paper. For one focus no drive of equal energy Σ|d|² produces more pressure
+    (Cauchy-Schwarz inequality). With several foci, each focus also receives the sound for the
+    others, so the ratios of their pressures differ from the requested ones. The method ignores
+    suppression points.
 
     Parameters
     ----------
@@ -48,13 +49,13 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
 
 
 def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
-    """Keep the phases of ``time_reversal`` and give every element the same amplitude.
+    """Keep the phases of ``time_reversal``, and set every element to the same amplitude.
 
-    At equal peak amplitude no other drive gives one focus more pressure, because the sound of every
-    element arrives in phase. Every element is at full scale, or all are scaled down alike if that
-    is enough for the requested pressures. The requested pressures or shares weight the foci before
-    the amplitudes are dropped. The method ignores suppression points. See ``time_reversal`` for
-    parameters and errors.
+    At equal peak amplitude no other drive produces more pressure at a single focus, because the
+    sound of every element arrives in phase. Every element is at full scale, or all are scaled down
+    equally if the requested pressures need less. The requested pressures or shares weight the foci
+    before the amplitudes are dropped. The method ignores suppression points. See ``time_reversal``
+    for parameters and errors.
     """
     return scaled_to_target(transfer, target, np.sign(_reversed(transfer, target)))
 
@@ -66,10 +67,10 @@ def _reversed(transfer: TransferMatrix, target: Target) -> Amplitudes:
 def inverse_filter(
     transfer: TransferMatrix, target: Target, *, weight: float | None = None
 ) -> Drive:
-    """Solve least squares with Tikhonov regularisation: d = Hᴴ (H Hᴴ + weight ‖H‖² I)⁻¹ w.
+    """Solve regularised least squares (Tikhonov): d = Hᴴ (H Hᴴ + weight ‖H‖² I)⁻¹ w.
 
-    With weight 0 every focus gets its requested pressure w_f, phase included, from the drive of
-    least energy that can give it (Tanter, Thomas and Fink, J. Acoust. Soc. Am. 108 (2000) 223).
+    With weight 0 every focus gets its requested pressure w_f, including its phase, from the drive
+    of least energy that produces it (Tanter, Thomas and Fink, J. Acoust. Soc. Am. 108 (2000) 223).
     With the transfer matrix of open air this is the least-squares method of Hasegawa and Shinoda
     (IEEE World Haptics 2013). Suppression points are rows of H with w = 0.
 
@@ -83,7 +84,7 @@ def inverse_filter(
 
     Returns
     -------
-    The drive, scaled as by ``time_reversal``.
+    The drive, scaled like the result of ``time_reversal``.
 
     Raises
     ------
@@ -127,14 +128,14 @@ def _l_curve_corner(
 
 
 def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50) -> Drive:
-    """Give every focus exactly the requested pressure and phase, with the least peak amplitude.
+    """Produce the requested pressure and phase at every focus with the least peak amplitude.
 
     The method minimises max_e |d_e| over all drives with H d = w. The dual problem, which minimises
     Σ_e |h_eᴴ λ| subject to Re wᴴ λ = 1, is solved by iteratively reweighted least squares
     (Daubechies, DeVore, Fornasier and Güntürk, Comm. Pure Appl. Math. 63 (2010) 1). Every step
-    gives a drive with H d = w; the drive of least peak is returned. Nearly all its elements have
-    the same amplitude, so at full scale the foci get more than from ``inverse_filter``. The method
-    ignores suppression points.
+    yields a drive with H d = w, and the drive with the lowest peak is returned. Nearly all its
+    elements have the same amplitude, so at full scale the foci get more than from
+    ``inverse_filter``. The method ignores suppression points.
 
     Parameters
     ----------
@@ -144,8 +145,8 @@ def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50
 
     Returns
     -------
-    The drive, scaled as by ``time_reversal``; its pressures have the requested ratios and phases at
-    any scale.
+    The drive, scaled like the result of ``time_reversal``; its pressures have the requested ratios
+    and phases at any scale.
 
     Raises
     ------

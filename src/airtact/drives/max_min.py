@@ -1,4 +1,4 @@
-"""The strongest worst focus (``max_min``), and a certified bound that no drive exceeds.
+"""The drive with the strongest worst focus (``max_min``), and a bound that no drive exceeds.
 
 Inoue, Makino and Shinoda (IEEE World Haptics 2015) relax the choice of drive to a semidefinite
 matrix X = V Vᴴ. Row V_e holds the emission of element e in R equal intervals, divided by √R. The
@@ -30,7 +30,7 @@ from airtact.errors import counted, one_line, positive
 
 @dataclass(frozen=True, eq=False)
 class UpperBound:
-    """A bound on the worst focus under any drive of amplitudes at most 1, with its certificate.
+    """A certified bound on the worst focus for all drives with amplitudes of at most 1.
 
     Let h_f be the row of focus f divided by its request. Let μ_f ≥ 0 be multipliers that add up to
     1, and y_e > 0 be such that diag(y) − Σ_f μ_f h_fᴴ h_f is positive semidefinite. Then every
@@ -76,7 +76,7 @@ class UpperBound:
 
 
 def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 1e-3) -> UpperBound:
-    """Bound the pressure that any drive with amplitudes at most 1 can give its worst focus.
+    """Bound the pressure at the worst focus for all drives with amplitudes of at most 1.
 
     This is the dual of the semidefinite relaxation of Inoue, Makino and Shinoda (IEEE World Haptics
     2015). Phase-only drives and drives with discrete levels also have amplitudes of at most 1, so
@@ -222,7 +222,7 @@ class Stalled(UserWarning):
 
 
 def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) -> Drive:
-    """Make the worst focus as strong as possible; the method chooses the phases at the foci.
+    """Maximise the pressure at the worst focus; the method chooses the phases at the foci.
 
     The method first solves the semidefinite relaxation of ``upper_bound`` (Inoue, Makino and
     Shinoda, IEEE World Haptics 2015), in which every element may emit several signals in turn. It
@@ -251,8 +251,8 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     Warns
     -----
     Stalled
-        If the worst focus stays more than 3 % below what its phases at the foci allow; the best
-        drive is returned.
+        If the worst focus remains more than 3 % below the maximum for the phases found at the foci;
+        the best drive is returned.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)

@@ -15,7 +15,7 @@ from airtact.transducers.levels import FULL_SCALE
 
 
 def best(transfer: TransferMatrix, target: Target) -> Drive:
-    """Make the drive by the method whose weakest focus is strongest.
+    """Compute the drive by the method that makes the weakest focus strongest.
 
     ================================== ============================================================
     the target requests                method
@@ -27,10 +27,10 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     suppression points and phases      ``inverse_filter``
     ================================== ============================================================
 
-    If the target requests pressures, has no suppression points and full scale is enough, each focus
-    gets exactly its requested pressure: the drive keeps the phases at the foci, and has the least
-    energy if no element then exceeds full scale. If full scale is not enough, the drive maximises
-    the smallest fraction of the requests.
+    If the target requests pressures that full scale can reach and has no suppression points, each
+    focus gets exactly its requested pressure. The drive keeps the phases at the foci, and it has
+    the least energy if no element then exceeds full scale. If full scale is not enough, the drive
+    maximises the smallest fraction of the requests.
 
     Parameters
     ----------
@@ -40,8 +40,8 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
 
     Returns
     -------
-    The drive, scaled as by ``time_reversal``. ``achieved_fraction`` gives the ratio of each focus's
-    pressure to its request, and ``upper_bound`` the pressure that no drive exceeds.
+    The drive, scaled like the result of ``time_reversal``. ``achieved_fraction`` gives the ratio of
+    each focus's pressure to its request, and ``upper_bound`` the pressure that no drive exceeds.
 
     Raises
     ------
@@ -76,9 +76,9 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
 
 
 def _as_asked(matrix: FociRows, target: Target, drive: Drive) -> Drive:
-    """Give each focus exactly its request, 0 included, if that costs little; else keep the drive.
+    """Adjust the drive to each focus's exact request, including 0, if that costs little.
 
-    The foci keep the phases that the drive gives them.
+    The phases at the foci remain those of the drive.
     """
     from airtact.drives.linear_methods import exact_amplitudes
 
@@ -111,7 +111,7 @@ def method_for(target: Target) -> str:
 
 @dataclass(frozen=True)
 class Method:
-    """One way to make a drive; call it with a transfer matrix and a target.
+    """A method that computes a drive; call it with a transfer matrix and a target.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Foci that move along paths on the skin: lateral and spatiotemporal modulation.
+"""Modulation by foci that move along paths on the skin (lateral and spatiotemporal).
 
 Lateral modulation moves each focus along a small path around its position. For circles at 10 to
 200 Hz it feels stronger than amplitude modulation with the same largest amplitude (R. Takahashi,
@@ -206,7 +206,7 @@ def moving_foci(
     *,
     clock: float = 40e3,
 ) -> Sequence:
-    """Make the sequence in which ``foci`` foci at a time run through the points of a target.
+    """Compute the sequence in which ``foci`` foci at a time move through the points of a target.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def moving_foci(
     ------
     InvalidInput
         If the points do not fill whole frames, there are too many rounds per second for the clock,
-        or the method raises it.
+        or the method raises this error.
     """
     of_kind(target, Target, "the target", "moving_target(target, paths)")
     points = len(target.points)

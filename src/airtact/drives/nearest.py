@@ -1,4 +1,4 @@
-"""The drive nearest to a given one that brings most of the attainable pressure to the foci."""
+"""The drive nearest to another drive that produces most of the attainable pressure at the foci."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -17,7 +17,7 @@ Phases = Float64[np.ndarray, "elements"]
 def nearest_drive(
     transfer: TransferMatrix, target: Target, drive: Drive, share: float = 0.95
 ) -> Drive:
-    """Move the phases of a drive as little as possible until it serves the target.
+    """Change the phases of a drive as little as possible until the foci get a share of the bound.
 
     The amplitudes stay. The mean of 1 - cos of the moves, up to a common phase, is minimised by
     the method of multipliers (J. Nocedal, S. J. Wright, *Numerical Optimization*, Springer 2006,
@@ -33,8 +33,9 @@ def nearest_drive(
 
     Returns
     -------
-    The drive; the given one if it already has the share. If the share is out of reach with these
-    amplitudes, the weakest focus gets as much as ``weighted_gerchberg_saxton`` finds.
+    The drive, which is unchanged if it already reaches the share. If the share is out of reach with
+    these amplitudes, the weakest focus gets as much pressure as ``weighted_gerchberg_saxton``
+    achieves.
 
     Raises
     ------

@@ -62,9 +62,9 @@ def asked_rows(
 
 
 def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
-    """Return the rows at the foci; raise unless a drive can separate and reach all foci.
+    """Return the rows at the foci, and check that a drive can separate and reach all foci.
 
-    Methods that balance the foci would diverge otherwise. The function raises ``InvalidInput`` as
+    Otherwise, methods that balance the foci would diverge. The function raises ``InvalidInput`` as
     ``check_foci`` does; if there are more foci than elements; if two foci are less than λ/10 apart
     or, if the matrix has no λ, their rows are parallel; or if the largest pressure that a focus can
     receive is less than 5 % (−26 dB) of the median for the other foci.
@@ -118,7 +118,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
 
 
 def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float]:
-    """Return the indices of the nearest two of at least two foci, and their distance [m]."""
+    """Return the indices of the two closest foci, and their distance [m]."""
     distances, neighbours = map(np.asarray, KDTree(points).query(points, k=2))
     first = int(distances[:, 1].argmin())
     # For two foci at the same place the query may list the second before the first.
@@ -129,7 +129,7 @@ def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float
 def suppression_rows(
     transfer: TransferMatrix, target: Target
 ) -> Complex128[np.ndarray, "suppressed elements"]:
-    """Return the rows at the suppression points after ``check_foci``; raise if there are none."""
+    """Return the rows at the suppression points, which must exist, after ``check_foci``."""
     check_foci(transfer, target)
     suppressed = len(target.suppression_points)
     if len(transfer.matrix) == len(target.points) and suppressed:
@@ -147,7 +147,7 @@ def achieved_fraction(
 ) -> Float64[np.ndarray, "foci"]:
     """Ratio of the pressure at each focus to its request, |H d|_f / p_f.
 
-    The smallest fraction is 1 if the drive reaches the target, and less if full scale was not
+    The smallest fraction is 1 if the drive reaches the target, and below 1 if full scale was not
     enough.
 
     Parameters

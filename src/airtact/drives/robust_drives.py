@@ -1,7 +1,7 @@
-"""Drives for a hand whose position is uncertain (``robust``).
+"""Drives for a hand with an uncertain position (``robust``).
 
 The hand scatters the sound, so each possible hand has its own transfer matrix, a sample. The drive
-is the best one over many samples.
+is optimised over many samples.
 
 The value of a sample is the smallest ratio of pressure to request among its foci. A goal is a
 statistic of these values: their mean, the value that 9 of 10 samples exceed ("lowest tenth"), or
@@ -76,7 +76,7 @@ def robust(
     *,
     limit: Limit = "energy",
 ) -> Drive:
-    """Make the drive that is best over all samples of an ensemble, for an uncertain hand.
+    """Compute the best drive over all samples of an ensemble, for an uncertain hand.
 
     The search ignores the random gains of single elements, because fitting them would not help
     with unseen samples; ``goal_value`` includes them. The method chooses the phases at the foci and
@@ -94,7 +94,7 @@ def robust(
     Returns
     -------
     The drive. Its largest amplitude is 1, or less if a weaker drive reaches the requested
-    pressures. Where nothing is uncertain, it is the drive whose worst focus is strongest at that
+    pressures. If nothing is uncertain, it is the drive with the strongest worst focus at that
     limit; for one focus, that of ``time_reversal`` (``phase_conjugate`` for "phases").
 
     Raises

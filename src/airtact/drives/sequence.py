@@ -1,9 +1,9 @@
-"""Sequences of drives, which make ultrasound perceptible.
+"""Sequences of drives, which make ultrasound perceptible to the skin.
 
-Ultrasound itself is too fast to be felt; skin feels changes at a few to a few hundred hertz. They
-come from varying the amplitude (amplitude modulation), from moving a focus back and forth (lateral
-modulation; R. Takahashi, K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 13, 334, 2020) or from moving
-it along a path (spatiotemporal modulation; W. Frier et al., EuroHaptics 2018).
+Ultrasound itself is too fast to be felt; skin feels changes at a few to a few hundred hertz. Such
+changes come from varying the amplitude (amplitude modulation), from moving a focus back and forth
+(lateral modulation; R. Takahashi, K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 13, 334, 2020) or
+from moving it along a path (spatiotemporal modulation; W. Frier et al., EuroHaptics 2018).
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The transfer matrix H from a drive d to the pressures at the foci, p = H d."""
+"""The transfer matrix H, which maps a drive d to the pressures at the foci, p = H d."""
 
 import warnings
 from collections.abc import Callable
@@ -237,11 +237,11 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
 def focus_by_distance(
     array: PhasedArray, target: Target, medium: Medium, frequency: float
 ) -> Drive:
-    """Focus by the distances from the elements to the foci, as if there were no hand; a control.
+    """Focus by the distances from the elements to the foci, without a hand; used as a control.
 
     The drive is d_e = Σ_f e^{−ik r_ef} (the paper's equation 11 in its equation 5), scaled to a
-    largest amplitude of 1. All foci have the same weight, whatever they request. k is the real part
-    of the wavenumber.
+    largest amplitude of 1. All foci have the same weight, regardless of their requests. k is the
+    real part of the wavenumber.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def focus_by_distance(
 def rounding_error(
     transfer: TransferMatrix, drive: Drive, frame: Frame
 ) -> Float64[np.ndarray, "foci"]:
-    """Return the cost of rounding at each focus: the relative change of its pressure.
+    """Return the relative change of the pressure at each focus due to rounding.
 
     Boards with two amplitude levels raise weak elements to full scale, so for them both drives are
     compared at equal energy Σ|d|²; for all other boards they are compared as they are.

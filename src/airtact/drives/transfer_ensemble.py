@@ -1,8 +1,8 @@
-"""Transfer matrices of sampled hands (``ensemble``), from one solve if hands move rigidly.
+"""Transfer matrices of sampled hands (``ensemble``), from a single solve if hands move rigidly.
 
-Warmer air scales the wavenumber by s. The solved field is then evaluated with all lengths scaled
-by s about the middle of the foci. This wrongly scales the bodies and the distances between foci
-too, by 0.2 % for each kelvin, and neglects the change of absorption. Compared with solves of a
+Warmer air scales the wavenumber by s. The solved field is then evaluated with all lengths scaled by
+s about the middle of the foci. As an approximation, this also scales the bodies and the distances
+between foci, by 0.2 % per kelvin, and neglects the change of absorption. Compared with solves of a
 pinch in air that is 2 K (5 K) warmer, the error of the matrix is 1.3 % (3.2 %) in a box and 0.9 %
 (2.3 %) in front of flat boards; without scaling it is 24 to 138 %. The pressure of a drive at the
 weakest focus is within 0.2 % (0.4 %) (``benchmarks/robust.py warmer``).
@@ -57,7 +57,7 @@ Made = TypeVar("Made")
 class TransferEnsemble(TransferMatrix):
     """The nominal transfer matrix and those of S sampled hands; ``ensemble`` makes it.
 
-    Where a ``TransferMatrix`` is expected, it stands for the nominal one. ``robust`` makes drives
+    Functions that expect a ``TransferMatrix`` use the nominal one. ``robust`` makes drives
     for all samples.
 
     Attributes
@@ -293,7 +293,7 @@ class _Sampler:
         uncertainty: Uncertainty,
         solver: Solver | None,
     ) -> "_Sampler":
-        """Prepare what all samples share; ``nominal`` is the matrix without deviations."""
+        """Prepare the data that all samples share; ``nominal`` is the matrix without deviations."""
         of_kind(solver, Solver | None, "the solver", "BoundaryElement()")
         scene = beacons.scene
         foci = beacons.sources.positions
@@ -362,7 +362,7 @@ class _Sampler:
         return draws(self.uncertainty, samples, seed, self.middle, pivots, len(foci))
 
     def matrices(self, samples: Iterable[Draw]) -> Iterator[FociRows | None]:
-        """Yield the transfer matrix of each draw; None for impossible ones."""
+        """Yield the transfer matrix of each draw, or None for an impossible draw."""
         if self.solver is not None or self.field.scene.planes:
             yield from self._solved(list(samples))
             return
@@ -414,7 +414,7 @@ class _Sampler:
     # --- one solve per hand ---
 
     def _solved(self, samples: Sequence[Draw]) -> Iterator[FociRows | None]:
-        """Yield matrices, with one solve for all hands placed alike relative to the scene."""
+        """Yield matrices, with one solve for all hands that have the same place in the scene."""
         alike: dict[Hashable, list[int]] = {}
         for index, draw in enumerate(samples):
             alike.setdefault(self._view(draw) if self.together else index, []).append(index)
@@ -456,7 +456,7 @@ class _Sampler:
         return draw.slower, *(np.round(np.concatenate(numbers), 9) + 0.0).tolist()
 
     def _field_of(self, draw: Draw) -> RadiatedField:
-        """Return the field of a draw's beacons in the frame of its hand; solve if necessary."""
+        """Return the field of a draw's beacons in the frame of its hand, solving if necessary."""
         scene = self.field.scene
         planes = [_plane_seen(plane, draw.hand) for plane in scene.planes]
         pairs = zip(planes, scene.planes, strict=True)
@@ -477,7 +477,7 @@ class _Sampler:
         return transfer_matrix(field, self.array.seen_from(draw.hand)).matrix
 
     def _check(self, pose: Pose, foci: Real[np.ndarray, "group 3"]) -> None:
-        """Check the placement of an array, but only if something is near enough to fail."""
+        """Check the placement of an array if something is near enough to fail the check."""
         array = self.array
         spheres = pose.apply(foci)
         radii = np.zeros(len(foci))
@@ -505,9 +505,9 @@ def _plane_seen(plane: Plane, hand: Pose) -> Plane:
 
 
 def _if_possible(make: Callable[[Draw], Made], draw: Draw) -> Made | None:
-    """Return the result of a function of a draw; None if the draw is geometrically impossible.
+    """Return the result of a function of a draw, or None if the draw is geometrically impossible.
 
-    Other errors in the input, such as a hand metres away, are raised.
+    Other errors, such as a hand metres away, are raised.
     """
     try:
         return make(draw)

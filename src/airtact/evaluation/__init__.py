@@ -1,4 +1,4 @@
-"""Fields and figures of merit of a drive, from a solver that was not used to compute the drive."""
+"""Fields and figures of merit of a drive, from a solver that did not compute the drive."""
 
 from airtact.lazy import attached
 

@@ -66,7 +66,7 @@ class Comparison:
         return self.field.report_at(self.target.points)
 
     def steepening(self, name: str) -> Steepening:
-        """Effect of real air at the foci under a drive, its strongest element at full scale."""
+        """Effect of real air at the foci for a drive with its strongest element at full scale."""
         column = self.column(name)
         points = self.target.points
         return steepening(self.field, points, self.field.at(points)[:, column], column)
@@ -74,7 +74,7 @@ class Comparison:
     def column(self, name: str, phase_only: bool = False) -> int:
         """Return the excitation of ``field`` that belongs to a drive, or to its phases alone.
 
-        It raises ``InvalidInput`` if no drive has that name.
+        Raises ``InvalidInput`` if no drive has that name.
         """
         if name not in self.names:
             raise InvalidInput(

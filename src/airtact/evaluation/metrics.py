@@ -53,7 +53,7 @@ def pascals(pressure: float) -> str:
 def in_real_air(
     pressures: Num[np.ndarray, "foci"], steepening: Steepening | None
 ) -> tuple[str, ...]:
-    """State the pressure left in real air at the focus of the largest steepening, if noticeable.
+    """State the pressure in real air at the focus with the strongest steepening, if noticeable.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def in_real_air(
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """The pressure at each focus under a drive, absolute and relative to the request.
+    """The pressure at each focus for a drive, in pascals and relative to the request.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Evaluation:
 
     @property
     def expected(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) pressure in real air, which steepens strong sound [Pa]; NaN where it is unknown."""
+        """(F,) pressure in real air, where strong sound steepens [Pa]; NaN where it is unknown."""
         return self.magnitudes * (self.steepening.kept if self.steepening else np.nan)
 
     @property
@@ -132,10 +132,10 @@ class Evaluation:
 
     @property
     def counted(self) -> Float64[np.ndarray, "counted"]:
-        """Values of the foci with a request, from which worst, mean and uniformity follow.
+        """Values at the foci with a request, for worst, mean and uniformity.
 
         They are fractions of the requested pressures if pressures are requested. Otherwise they are
-        magnitudes [Pa], divided by the requested shares if shares are requested.
+        pressures [Pa], divided by the requested shares if there are any.
         """
         # Foci without a request have no share and must not count as the worst.
         if self.target.pressures is not None:
@@ -211,8 +211,8 @@ def evaluate(
 
     Returns
     -------
-    The complex pressures (F,) at the foci [Pa], with the report of the solver. They are linear in
-    the drive; ``expected`` holds the pressures in real air, which steepens strong sound.
+    The complex pressures (F,) at the foci [Pa], with the report of the solver. These pressures are
+    linear in the drive; ``expected`` holds the pressures in real air, where strong sound steepens.
 
     Raises
     ------

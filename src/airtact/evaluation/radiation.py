@@ -20,9 +20,9 @@ def radiation_pressure(
     """Return the mean pressure of sound on a sound-hard surface [Pa], positive inwards.
 
     To second order the mean pressure is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2. No air crosses a hard surface at
-    rest, so with peak values it is |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc. R. Soc. Lond. A 147,
-    212, 1934; T. Hasegawa, K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969). A plane wave p at
-    normal incidence exerts 2⟨p²⟩/(ρc²) on a wall.
+    rest. With peak values the mean pressure is therefore |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc.
+    R. Soc. Lond. A 147, 212, 1934; T. Hasegawa, K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969). A
+    plane wave p at normal incidence exerts 2⟨p²⟩/(ρc²) on a wall.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
-"""Steepening of strong sound: the part of the linear pressure that remains at a focus in real air.
+"""Steepening of strong sound: the fraction of the linear pressure that remains in real air.
 
 The sound at a focus is a sum of plane waves, one for each patch of the array. By perturbation
 theory of the isentropic Euler equations, every pair of waves generates a second harmonic (second
 order), and every pair together with a third wave reduces the fundamental (third order). Parallel
-waves interact over their whole path, crossing waves hardly at all. A box of boards therefore loses
-nothing where a single board loses a quarter. ``benchmarks/nonlinear.py`` compares the estimate with
-the Euler equations.
+waves interact over their whole path; crossing waves hardly interact. A box of boards therefore
+loses almost no pressure where a single board loses a quarter. ``benchmarks/nonlinear.py`` compares
+the estimate with the Euler equations.
 
 Sources
 -------
@@ -62,7 +62,7 @@ class Steepening:
 
     @property
     def kept(self) -> Float64[np.ndarray, "points"]:
-        """(F,) ratio of the fundamental to the linear pressure; NaN where shocks or bodies hide it.
+        """(F,) ratio of the fundamental to the linear pressure; NaN if shocks or bodies hide it.
 
         >>> wave = Steepening(np.array([0.25]), np.array([0.5**2 / 8]), np.zeros(1))
         >>> wave.kept.round(3).tolist()  # a plane wave at σ = 0.5: 2 J₁(0.5)/0.5
@@ -156,7 +156,7 @@ class _Waves:
 def _waves_at(field: RadiatedField, excitation: int, point: Float64[np.ndarray, "3"]) -> _Waves:
     """Return the wave of each source and of its images at a point.
 
-    Skin near the point reflects like its tangent plane; bodies farther away are left out.
+    Skin near the point reflects like its tangent plane; bodies farther away are ignored.
     """
     scene = field.scene
     positions = field.sources.positions
@@ -190,7 +190,7 @@ def _skin_near(scene: Scene, point: Float64[np.ndarray, "3"]) -> list[Plane]:
 
 
 def _second_order(waves: _Waves) -> complex:
-    """Return the second harmonic over the squared fundamental at the focus, times P ρc² [Pa]."""
+    """Return the ratio of second harmonic to squared fundamental at the focus, times P ρc² [Pa]."""
     forced, free = _second_harmonic(waves.direction @ waves.direction.T, waves.path)
     pressure = waves.pressure
     return 2.0 * complex(pressure @ (forced * (1.0 - free)) @ pressure) / pressure.sum()

@@ -33,7 +33,7 @@ def sensation(
     depth: float = 1.0,
     fastest: float = np.inf,
 ) -> str:
-    """Describe a focus's level relative to the detection threshold, with the threshold's source.
+    """Describe the level of a focus relative to the detection threshold, and cite the threshold.
 
     Parameters
     ----------

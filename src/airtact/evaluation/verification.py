@@ -26,7 +26,7 @@ from airtact.transducers.levels import EIGHT_BITS, Levels
 
 
 def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
-    """Return the peak pressure that each focus would reach if it were the only one [Pa].
+    """Return the peak pressure [Pa] that each focus would reach as the only focus.
 
     It is Σ_e |H_fe|, where every element is at full scale and the contributions are in phase.
 
@@ -236,7 +236,7 @@ def _side_lobe(
     """Return the strongest pressure on the bodies and in a box two wavelengths beyond the foci.
 
     Points within a wavelength of a focus, within half a wavelength of an element or inside bodies
-    do not count.
+    are ignored.
     """
     scene = field.scene
     wavelength = scene.wavelength

@@ -44,7 +44,7 @@ class Window:
 
     @property
     def origin(self) -> Float64[np.ndarray, "3"]:
-        """Origin of the picture [m]: the frame's along axes of the frame, else the centre."""
+        """Origin of the picture [m]: the frame's for sides along its axes, else the centre."""
         aligned = [axis for axis in (self.right, self.up) if _axis_name(axis)]
         return self.centre - sum((self.centre @ axis * axis for axis in aligned), np.zeros(3))
 
@@ -55,7 +55,7 @@ class Window:
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top edge of its picture, relative to ``origin`` [mm]."""
+        """Left, right, bottom and top edge of the picture, relative to ``origin`` [mm]."""
         ((across, along),) = self.seen(self.centre[None])
         half_width = 500 * self.width
         half_height = 500 * self.height

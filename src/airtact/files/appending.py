@@ -1,4 +1,4 @@
-"""Process that appends rows to an HDF5 file, unaffected by slow disks and killed programs.
+"""A process that appends rows to an HDF5 file; slow disks and killed programs do not affect it.
 
 ``python -m airtact.files.appending FILE`` reads messages from its standard input: pickled mappings
 from names to values. In the first message, the values of ``"attributes"`` become attributes of the

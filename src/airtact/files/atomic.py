@@ -14,7 +14,7 @@ from airtact.errors import InvalidInput
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield another path in the same folder to write to, then rename it.
+    """Yield a temporary path in the same folder, and rename the file afterwards.
 
     The file appears only when it is complete, even if several processes write it. An error names
     the path if the file cannot be written.
@@ -35,7 +35,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_hdf5(path: Path) -> Iterator[Any]:
-    """Yield an HDF5 file in memory, and write it like ``whole_file``."""
+    """Yield an HDF5 file in memory, and then write it like ``whole_file``."""
     import h5py
 
     # HDF5 crashes the process if it closes a file on a full disk.

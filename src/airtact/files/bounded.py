@@ -20,7 +20,7 @@ from airtact.errors import LARGEST_DATA, InvalidInput, about, file_fault
 
 
 def check_file(path: Path, largest: int = LARGEST_DATA) -> None:
-    """Raise for a missing file, a device or pipe, or more than ``largest`` bytes."""
+    """Raise an error for a missing file, a device or pipe, or more than ``largest`` bytes."""
     try:
         status = path.stat()
     except OSError as error:
@@ -71,7 +71,7 @@ def text_of(path: Path, largest: int = 2**26) -> str:
 
 
 def json_of(text: str | bytes) -> Any:
-    """Parse JSON; raise ValueError if it is damaged or names a key of an object twice."""
+    """Parse JSON; raise ValueError if it is damaged or repeats a key of an object."""
 
     def without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         key, count = Counter(key for key, _ in pairs or [("", None)]).most_common(1)[0]
@@ -89,9 +89,9 @@ KINDS = {"real": "biuf", "complex": "biufc", "whole": "biu", "text": "OS"}
 def datasets_of(
     path: Path, layout: Mapping[str, str], newest: int, largest: int = LARGEST_DATA
 ) -> dict[str, Any]:
-    """Read the datasets and attributes of an HDF5 file that a layout lists, and no others.
+    """Read the datasets and attributes of an HDF5 file that a layout lists.
 
-    A file that another process has locked is waited for, up to 10 s.
+    If another process has locked the file, wait for up to 10 s.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def _open_file(path: Path) -> Iterator[Any]:
 
 
 def _item(file: Any, entry: str) -> Any:
-    """Return an attribute, or a dataset that lies in the file itself; None if there is none."""
+    """Return an attribute, or a dataset in the file itself, or None if there is none."""
     import h5py
 
     if entry.startswith("@"):
@@ -213,7 +213,7 @@ def _item(file: Any, entry: str) -> Any:
 def _checked_shape(
     name: str, shape: tuple[int, ...], axes: Sequence[str], lengths: dict[str, int]
 ) -> tuple[int, ...]:
-    """Compare a shape with its axes, and note the lengths of new ones; return the shape."""
+    """Compare a shape with its named axes, record the lengths of new axes, and return the shape."""
     if not axes and math.prod(shape) == 1:
         return ()  # other programs store one number as an array
     if len(shape) < len(axes):

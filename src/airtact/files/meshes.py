@@ -159,7 +159,7 @@ def _stl(content: bytes) -> tuple[Any, Any]:
 
 
 def _plain(word: str) -> str:
-    """Return the word of a number, unless only Python would take it for one."""
+    """Return the text of a number, unless only Python would accept it as a number."""
     if "_" in word or not word.isascii():
         raise ValueError(f"{word!r} is not a number")
     return word
@@ -183,7 +183,7 @@ def _obj(content: bytes) -> tuple[Any, Any]:
 
 
 def _check_tree(tree: Mapping[str, Any]) -> None:
-    """Raise for meshes of a GLB file that trimesh would read wrongly, or that are too large."""
+    """Raise an error for meshes of a GLB file that trimesh misreads or that are too large."""
     wrong = [
         name
         for name in tree.get("extensionsRequired", [])
@@ -224,7 +224,7 @@ def _check_tree(tree: Mapping[str, Any]) -> None:
 
 
 def _place_by_joints(scene: Any, tree: Mapping[str, Any], numbers: bytes) -> None:
-    """Place each skinned mesh as its joints do, which must have moved together (section 3.7.3)."""
+    """Place each skinned mesh by its joints, which must have moved together (section 3.7.3)."""
     import trimesh
 
     names = [node.get("name", str(index)) for index, node in enumerate(tree["nodes"])]

@@ -55,7 +55,7 @@ def check_surface(surface: Surface) -> None:
 
 
 def check_not_crossed(surface: Surface) -> None:
-    """Check that a surface does not cross or touch itself and has no piece inside another."""
+    """Check that a surface neither crosses nor touches itself and has no nested pieces."""
     pairs = surface.crossings
     if len(pairs):
         first, second = pairs[0]
@@ -150,7 +150,7 @@ def _stands_alone(surface: Surface, centres: PointVectors) -> Bool[np.ndarray, "
 
 
 class Approach(NamedTuple):
-    """Distance between two bodies [m], negative if they overlap, and a position (3,) there [m]."""
+    """Distance between two bodies [m], negative if they overlap, and its position (3,) [m]."""
 
     gap: float
     position: Vector3
@@ -177,7 +177,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
 
 
 def approach(first: Surface, second: Surface, within: float = np.inf) -> Approach | None:
-    """Return the distance between the true surfaces of two bodies; None if at least ``within``."""
+    """Return the distance between the true surfaces of two bodies, or None beyond ``within``."""
     if isinstance(first.shape, Capsule) and isinstance(second.shape, Capsule):
         on_first, on_second = nearest_on_segments(first.shape.axis, second.shape.axis)
         across = on_second - on_first

@@ -1,4 +1,4 @@
-"""Shape of a closed mesh at a pose, and its panels of a given size."""
+"""Shape of a closed mesh at a pose, covered with panels of a given size."""
 
 import math
 from dataclasses import dataclass, field, replace

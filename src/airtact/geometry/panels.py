@@ -178,7 +178,7 @@ def _refined(
 def _allowed(
     panels: QuadraticTriangles, edges: PanelSizes, points: Points, factor: float
 ) -> PanelSizes:
-    """Longest edge allowed for each panel by its distance from points [m]; may be inf if large."""
+    """Longest edge allowed for each panel by its distance from points [m]; may be inf."""
     limit = float(edges.max()) * 1.001 / factor
     return factor * _kernels.panel_distances(panels, points, limit)
 

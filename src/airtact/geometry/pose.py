@@ -72,7 +72,7 @@ class Pose:
 
     @classmethod
     def identity(cls) -> "Pose":
-        """Return the motion that leaves every point where it is."""
+        """Return the identity, which leaves every point in place."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod

@@ -115,13 +115,13 @@ class Capsule(Shape):
         return [RidgedMesh(np.array(surface.vertices), np.array(surface.triangles), no_ridges)]
 
     def flat_mesh(self, away: float) -> FlatMesh:
-        """Flat triangles at most ``away`` [m] and at most 1 % of the radius from the surface."""
+        """Flat triangles within ``away`` [m] and within 1 % of the radius of the surface."""
         sagitta = min(away, 0.01 * self.radius)
         mesh = self.mesh(float(np.sqrt(8.0 * sagitta * self.radius)))
         return mesh.vertices, mesh.triangles
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover it with curved panels as large as equilateral triangles of a given edge [m].
+        """Cover the surface with curved panels like equilateral triangles of an edge length [m].
 
         The normal of a panel turns by at most ``bend`` [rad] from edge to edge.
         """

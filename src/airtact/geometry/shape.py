@@ -61,7 +61,7 @@ class Shape(ABC):
 
     @property
     def crossings(self) -> IndexPairs:
-        """Pairs of triangles (K, 2) that meet elsewhere than in a common corner or edge."""
+        """Pairs of triangles (K, 2) that meet outside a common corner or edge."""
         return np.zeros((0, 2), dtype=np.int64)
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:

@@ -45,7 +45,7 @@ from airtact.geometry.shape import Shape
 
 
 class Body:
-    """Identity of one rigid body, shared by its surfaces at all poses."""
+    """Identity of a rigid body; its surfaces at all poses share it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +171,7 @@ class Surface:
 
     @property
     def crossings(self) -> IndexPairs:
-        """Pairs of triangles (K, 2) that meet elsewhere than in a common corner or edge."""
+        """Pairs of triangles (K, 2) that meet outside a common corner or edge."""
         return self.shape.crossings
 
     def panelled(self, edge: float) -> Panels:

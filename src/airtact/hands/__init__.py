@@ -1,4 +1,4 @@
-"""A hand from its joints: its shape, its skin, how it moves."""
+"""A hand built from its joints: its shape, its skin and its motion."""
 
 from airtact.lazy import attached
 

@@ -1,4 +1,4 @@
-"""The body of a hand: blended convex hulls of two or three balls each.
+"""The body of a hand: blended convex hulls, each of two or three balls.
 
 Source: A. Tkach, M. Pauly, A. Tagliasacchi, "Sphere-meshes for real-time hand modeling and
 tracking", ACM Trans. Graph. 35, 222 (2016): the hull of balls contains all points that are nearer
@@ -31,7 +31,7 @@ HullPairs = Float64[np.ndarray, "hulls hulls"]
 
 
 class Look(NamedTuple):
-    """Distances of points (P, 3) from the skin, and the shape of the skin near them.
+    """Distances of points (P, 3) from the skin, and the shape of the nearby skin.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Hulls:
     def unblended(
         cls, balls: Float64[np.ndarray, "balls 4"], parts: Int64[np.ndarray, "hulls 3"]
     ) -> "Hulls":
-        """Make hulls without blending, none of them separate."""
+        """Build hulls that are neither blended nor separate."""
         none = np.zeros((len(parts), len(parts)))
         return cls(balls, parts, none, none)
 
@@ -163,7 +163,7 @@ class Touch:
 
     @property
     def note(self) -> str:
-        """One sentence: the merged parts, their position, and the gap or overlap of the skins."""
+        """A sentence on the merged parts, their position, and the gap or overlap of the skins."""
         apart = "have a gap of" if self.gap > 0.0 else "overlap by"
         return (
             f"the {self.first} and the {self.second} are merged near {in_mm(self.place)}: their "
@@ -172,7 +172,7 @@ class Touch:
 
 
 def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
-    """Build the body of a hand; also return merged parts that are separate in an open hand."""
+    """Build the body of a hand, and list the merged parts that are separate in an open hand."""
     scale = hand_length(joints) / GENERIC_LENGTH
     # Blend radii were tuned on the generic hand. The ball of the web is thinner than the thumb.
     thumb = np.append(0.5 * (joints[1] + joints[2]), 0.4 * (radii[1] + radii[2]))

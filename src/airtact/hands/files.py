@@ -1,4 +1,4 @@
-"""Read hands from JSON files and rigged meshes, tracker landmarks, and point clouds."""
+"""Readers of hands from JSON files and rigged meshes, of tracker landmarks and of point clouds."""
 
 import io
 import re

@@ -1,4 +1,4 @@
-"""A hand in a pose: its closed skin for solvers and its pads, from the joints of a tracker."""
+"""A hand in a pose: its closed skin for solvers and its pads, computed from a tracker's joints."""
 
 import math
 from collections.abc import Mapping
@@ -112,7 +112,7 @@ class Hand:
         return {name: self.position(name) for name in PLACES}
 
     def position(self, name: str) -> Place:
-        """Return one of ``places`` with its normal, even if it lies inside the body.
+        """Return one of ``places`` with its normal, even if the place lies inside the body.
 
         Raises
         ------
@@ -225,8 +225,8 @@ class Hand:
     def posed(self, joints: Real[np.ndarray, "joints 3"]) -> "Hand":
         """Return the same hand in the pose of the next frame.
 
-        If the motion is small, its meshes have the same triangles. They depend only on the poses of
-        the sequence, not on the computations for earlier frames.
+        If the motion is small, its meshes have the same triangles. The meshes depend only on the
+        poses of the sequence.
 
         Parameters
         ----------

@@ -209,7 +209,7 @@ def radii_of(
 
 
 def hand_length(joints: Joints) -> float:
-    """Return the length of a hand along its bones, wrist to tip of the middle finger [m]."""
+    """Return the length [m] of a hand along its bones, from wrist to middle fingertip."""
     return float(np.linalg.norm(np.diff(joints[[0, 11, 12, 13, 14]], axis=0), axis=1).sum())
 
 
@@ -250,7 +250,7 @@ def checked_side(
 
 
 def side_evidence(joints: Joints) -> float:
-    """Return how far fingers and thumb bend as only those of a right hand can.
+    """Return how far the fingers and the thumb bend in the way that only a right hand can.
 
     It is the sum of the sines of all bends and of the thumb's lean, as far as they exceed what
     fingers bend backwards: 30 degrees at a knuckle, 9 and 17 at the next joints. It is negative for
@@ -270,7 +270,7 @@ def side_evidence(joints: Joints) -> float:
 
 
 def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
-    """Raise if the knuckles are out of order or the thumb is at the little finger.
+    """Raise an error if the knuckles are out of order or the thumb is at the little finger.
 
     ``tolerance`` is the error of rough joints [m].
     """

@@ -18,7 +18,7 @@ LAST_BEND_SHARE = 2.0 / 3.0
 
 
 def bending_axis(joints: Joints, side: str, finger: int) -> Point:
-    """Return the unit axis (3,) about which a positive angle bends a finger, 0 (thumb) to 4."""
+    """Return the unit axis (3,) about which a positive angle bends a finger from 0 (thumb) to 4."""
     sign = 1.0 if side == "right" else -1.0
     across = unit(joints[6] - joints[21])
     bones = np.diff(joints[list(CHAINS[finger][-4:])], axis=0)
@@ -48,8 +48,8 @@ def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:
 def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: str) -> Joints:
     """Bend fingers with bones of given ``lengths`` [m] from inaccurate knuckles to inaccurate tips.
 
-    If the errors of the landmarks are as large as a bone, they do not determine each bend, but the
-    distance from knuckle to tip does. The joints in between then bend in their usual ratio.
+    If the errors of the landmarks are as large as a bone, only the distance from knuckle to tip is
+    reliable. The joints in between then bend in their usual ratio.
     """
     joints = landmarks.copy()
     across = unit(landmarks[6] - landmarks[21]) * (1.0 if side == "right" else -1.0)

@@ -1,6 +1,6 @@
 """The paper's model of a pinching hand: thumb and index finger as two capsules.
 
-Source: seed paper (Inoue, Makino, Shinoda 2014), section 4, with the idealisation of
+Source: Inoue, Makino and Shinoda (2014), section 4, with the idealisation of
 ``docs/architecture.md``.
 """
 

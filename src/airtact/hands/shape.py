@@ -49,7 +49,7 @@ class HandShape(Shape):
 
     @cached_property
     def keyframe(self) -> "HandShape":
-        """Keyframe of the next frame: the keyframe of this shape if it is near, else this shape."""
+        """Keyframe of the next frame: this shape's keyframe if it is similar, else this shape."""
         if self.follows is None or motion(self.follows.hulls, self.hulls) > NEAR_KEYFRAME:
             return self
         return self.follows
@@ -61,7 +61,7 @@ class HandShape(Shape):
 
     @staticmethod
     def following(hulls: Hulls, keyframe: "HandShape | None") -> "HandShape":
-        """Make a shape; it follows the keyframe if the motion is small and the same parts touch."""
+        """Build a shape that follows the keyframe if the motion is small and contacts persist."""
         if keyframe is not None and np.array_equal(hulls.apart, keyframe.hulls.apart):
             moved = motion(keyframe.hulls, hulls)
             # Beyond 12 mm a new mesh is made instead.
@@ -105,7 +105,7 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Return ``largest`` (P,) [m] where an inner ball of that diameter fits, else a bound."""
+        """Return ``largest`` (P,) [m] where such an inner ball fits, else a lower bound."""
         smallest = self.least_thickness
         if smallest >= largest:
             return np.full(len(points), smallest)

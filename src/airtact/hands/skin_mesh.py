@@ -2,8 +2,8 @@
 
 Marching cubes on a grid of the distance give a closed mesh. Passes of splitting, collapsing,
 flipping and smoothing make its triangles even; each pass projects the vertices onto the skin. On
-the grid, separate fingers are cut back, so that a coarse grid resolves the air between them. The
-projection moves their triangles back to the skin.
+the grid, separate fingers are made thinner, so that a coarse grid resolves the air between them.
+The projection moves their triangles back to the skin.
 """
 
 from dataclasses import dataclass, replace
@@ -128,7 +128,7 @@ def midpoints(hulls: Hulls, mesh: HandMesh) -> Float64[np.ndarray, "triangles 3 
 
 
 def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMesh]:
-    """Make poor triangles more even, and smaller where skins meet; return ``_fault`` and mesh."""
+    """Improve poor triangles, also where skins meet; return the ``_fault`` and the mesh."""
     best = mesh
     best_fault = _fault(hulls, mesh)
     for attempt in range(6):

@@ -60,7 +60,7 @@ class HandSource:
         return self.stream
 
     def remark(self) -> str:
-        """Say what is odd about the frames, or that there are none; "" if nothing is."""
+        """Describe oddities of the frames, or state that there are none; "" if all is well."""
         return self.stream.remark()
 
     def __enter__(self) -> "HandSource":
@@ -187,7 +187,7 @@ class ReceivedHands(HandSource):
         self.words = f"{'OSC at ' if osc else 'ws://'}127.0.0.1:{self.port}"
 
     def remark(self) -> str:
-        """Say what is odd about the frames, or that there have been none for 5 s."""
+        """Describe oddities of the frames, or state that there have been none for 5 s."""
         if self.stream.idle > 5.0:
             return f"no frames at port {self.port}; is the tracker's program running?"
         return super().remark()

@@ -1,1 +1,1 @@
-"""Functions on plain arrays of vertices and triangles, without physics or ``Surface``."""
+"""Functions on plain arrays of vertices and triangles."""

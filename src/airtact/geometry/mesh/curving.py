@@ -45,7 +45,8 @@ _CAP_DEGREES = 40.0
 def curved(
     vertices: Vertices, triangles: Triangles, sharp_degrees: float
 ) -> tuple[EdgeVectors, EdgeMask]:
-    """Points of the curved surface at the edge middles of a closed mesh [m], and the sharp edges.
+    """Points [m] of the curved surface at the middles of a closed mesh's edges, and the sharp
+    edges.
 
     Caps that close a cut body, such as a hand cut at the wrist, remain flat with sharp rims.
     """
@@ -77,7 +78,7 @@ def _rises(
     flat: TriangleVectors,
     sharp: EdgeMask,
 ) -> EdgeVectors:
-    """Displacement of each edge's middle onto an arc with the given tangents at its ends [m]."""
+    """Displacement of each edge's midpoint onto an arc with given tangents at its ends [m]."""
     along = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(along, axis=2, keepdims=True)
     along = along / length
@@ -92,7 +93,7 @@ def _rises(
 
 
 def _is_folded(panels: QuadraticTriangles, flat: TriangleVectors) -> TriangleMask:
-    """Whether a panel turns by over 60 degrees from its flat triangle at any node."""
+    """Whether a panel turns by more than 60 degrees from its flat triangle at any node."""
     corners = panels[:, :3]
     rise = panels[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))
     twice_area = np.linalg.norm(area_vectors(corners), axis=1)

@@ -89,8 +89,8 @@ def tip_sizes(
 
     The radius of a tip follows from its Gaussian curvature: the angle defects 2π − Σ angles around
     vertices, over their area. Coarse triangles keep the sum of the defects (Gauss-Bonnet), and the
-    roughness of a scan cancels in it. Bends in one direction, such as creases, have none. Defects
-    at sharp edges (``ridges``) are ignored.
+    roughness of a scan cancels in it. Bends in one direction, such as creases, have no angle
+    defects. Defects at sharp edges (``ridges``) are ignored.
     """
     count = len(vertices)
     corners = vertices[triangles]
@@ -132,7 +132,7 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
 def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSizes:
     """Longest edge at each vertex: twice the distance from its sharp edge to the next one.
 
-    Vertices that are not on sharp edges get ``largest``. Near a corner the limit also decreases,
+    Vertices that are not on sharp edges get ``largest``. Near a corner the limit is smaller,
     because the other edge of the corner is close.
     """
     width = np.full(len(vertices), largest / 2.0)

@@ -30,7 +30,7 @@ def shape_functions(points: References) -> NodeWeights:
 
 
 def shape_gradients(points: References) -> tuple[NodeWeights, NodeWeights]:
-    """Return the derivatives of the shape functions by u and by v at reference points (P, 2)."""
+    """Return the u- and v-derivatives of the shape functions at reference points (P, 2)."""
     u, v = points.T
     w = 1 - u - v
     zero = np.zeros_like(u)

@@ -1,4 +1,4 @@
-"""Remeshing of a closed mesh with sharp edges, with MMG.
+"""Remeshing of a closed mesh with sharp edges by MMG.
 
 Source: C. Dapogny, C. Dobrzynski, P. Frey, "Three-dimensional adaptive domain remeshing, implicit
 domain meshing, and applications to free and moving boundary problems", J. Comput. Phys. 262, 358

@@ -1,10 +1,10 @@
-"""Repair of damaged triangle meshes; meshes with ambiguous damage are rejected.
+"""Repair of damaged triangle meshes; ambiguous damage raises an error.
 
-Each step leaves an intact mesh unchanged, and describes its repairs in a sentence with their number
-and the position of the first. The order matters: vertices are merged before triangles are compared,
-holes are filled after triangles are oriented, and slivers are removed from closed meshes. Source
-for the kinds of damage and the order: M. Attene, M. Campen, L. Kobbelt, "Polygon mesh
-repairing: an application perspective", ACM Computing Surveys 45(2), 2013, sections 2 and 3.
+Each step leaves an intact mesh unchanged. A sentence states the number of repairs and the position
+of the first. The order matters: vertices are merged before triangles are compared, holes are filled
+after triangles are oriented, and slivers are removed from closed meshes. Source for the kinds of
+damage and the order: M. Attene, M. Campen, L. Kobbelt, "Polygon mesh repairing: an application
+perspective", ACM Computing Surveys 45(2), 2013, sections 2 and 3.
 """
 
 from dataclasses import dataclass
@@ -136,7 +136,7 @@ def _with_vertices(
 
 
 def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[str]) -> FlatMesh:
-    """Remove unused vertices; raise ``InvalidInput`` for NaN in the others."""
+    """Remove unused vertices, and check that the others are not NaN."""
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
     wrong = np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))
@@ -162,7 +162,7 @@ def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[st
 def _with_merged_vertices(
     vertices: Vertices, triangles: Triangles, near: float, notes: list[str]
 ) -> FlatMesh:
-    """Merge vertices within a distance [m] into the first of them, which does not move."""
+    """Merge vertices within a distance [m] of each other into the first, which does not move."""
     # Exact copies are not noted: some formats repeat the vertices for every triangle.
     order = np.lexsort(vertices.T)
     ranked = vertices[order]
@@ -189,7 +189,7 @@ def _with_merged_vertices(
 
 
 def _without_collapsed(vertices: Vertices, triangles: Triangles, notes: list[str]) -> NewTriangles:
-    """Remove triangles that use a vertex twice; the neighbours of each already share an edge."""
+    """Remove triangles that use a vertex twice; their neighbours already share an edge."""
     collapsed = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
     if not collapsed.any():
         return triangles
@@ -370,7 +370,7 @@ def _oriented(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Tri
 
 
 def _turned_outward(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Triangles:
-    """Reverse closed pieces of negative volume; raise ``InvalidInput`` for those without volume."""
+    """Reverse closed pieces of negative volume, and check that no piece has zero volume."""
     piece = shells(triangles)
     corners = vertices[triangles]
     volumes = np.bincount(piece, weights=cone_volumes(corners))

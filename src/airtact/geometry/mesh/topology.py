@@ -23,7 +23,7 @@ SHARP_DEGREES = 75.0
 
 
 def edge_twins(triangles: AnyTriangles) -> Twins:
-    """Find the reverse of each directed edge 01, 12, 20, as index 3 t + e (triangle t, edge e).
+    """Find the reverse of each directed edge 01, 12, 20 as an index 3 t + e (triangle t, edge e).
 
     It is -1 if there is none, and -2 if the directed edge itself occurs more than once.
     """
@@ -44,7 +44,7 @@ def edge_twins(triangles: AnyTriangles) -> Twins:
 
 
 def edge_keys(triangles: AnyTriangles) -> Triangles:
-    """Key of each edge 01, 12, 20, low * count + high, the same in both directions."""
+    """Key low * count + high of each edge 01, 12, 20, which is the same in both directions."""
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)
     count = int(triangles.max()) + 1 if triangles.size else 1
@@ -59,7 +59,7 @@ def edge_ends(triangles: AnyTriangles) -> Int[np.ndarray, "triangles 3 2"]:
 def are_among(
     edges: Int[np.ndarray, "*edges 2"], listed: Int[np.ndarray, "*listed 2"]
 ) -> Bool[np.ndarray, "*edges"]:
-    """Whether each edge, a pair of vertices in any order, is in a list."""
+    """Whether a list contains each edge, which is a pair of vertices in any order."""
     count = max(int(edges.max(initial=0)), int(listed.max(initial=0))) + 1
     return np.isin(np.sort(edges, axis=-1) @ [count, 1], np.sort(listed, axis=-1) @ [count, 1])
 
@@ -96,7 +96,7 @@ def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
 
 
 def check_size(extent: float) -> None:
-    """Raise ``InvalidInput`` for an extent [m] outside 0.5 mm to 2 m, a sign of a wrong unit."""
+    """Raise ``InvalidInput`` for an extent [m] outside 0.5 mm to 2 m (a wrong unit)."""
     largest = 2.0
     smallest = 0.5e-3
     if extent > largest * (1.0 + 1e-9):
@@ -143,7 +143,7 @@ def check_not_degenerate(vertices: AnyVertices, triangles: AnyTriangles) -> None
 
 
 def check_closed(vertices: AnyVertices, triangles: AnyTriangles) -> Twins:
-    """Return ``edge_twins``; raise unless each edge has exactly one reverse edge."""
+    """Return ``edge_twins``, and check that each edge has exactly one reverse edge."""
     twins = edge_twins(triangles)
     for mark, singular, plural, fault, code in (
         (

@@ -1,4 +1,4 @@
-"""Fit a hand to the point cloud of a depth camera and to the inaccurate landmarks of a tracker."""
+"""Fit of a hand to the point cloud of a depth camera and to inaccurate tracker landmarks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -190,7 +190,7 @@ def fit_hand(
 
 
 def _start_from(before: FittedHand, joints: Joints) -> Joints | None:
-    """Move the hand of the previous frame to new landmarks; return None if its pose differs."""
+    """Move the hand of the previous frame to new landmarks, or return None if the pose differs."""
     turn, shift = nearest_motion(before.hand.joints, joints)
     moved = before.hand.joints @ turn.T + shift
     return moved if np.linalg.norm(moved - joints, axis=1).max() < 25e-3 else None
@@ -240,7 +240,7 @@ def _fitted(
 
 
 def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> None:
-    """Raise if the hand does not match many points, or is far from a landmark."""
+    """Raise an error if many points do not match the hand, or a landmark is far from it."""
     # 2000 points are enough to test for a share of 80 %.
     sampled = cloud[:: max(len(cloud) // 2000, 1)]
     residuals = skin_residuals(sampled, fitted.hand.shape.hulls, seen.camera)
@@ -366,7 +366,7 @@ def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer
 
 
 def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface | None:
-    """Move the skin of a body to points (N, 3) of the true skin [m]; None if triangles cross.
+    """Move the skin of a body to points (N, 3) of the true skin [m], unless triangles cross.
 
     The model and the real hand differ by 0.5 to 2 mm, which matters at a wavelength of 8.6 mm.
     """

@@ -76,7 +76,7 @@ POINTS_AS_ONE = np.array([4.0, 12.0])
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What was observed of a hand in one frame, and the prior of its sizes.
+    """The observations of a hand in one frame, and the prior distribution of its sizes.
 
     Attributes
     ----------

@@ -122,7 +122,7 @@ class HandAnatomy:
         return self.frames >= 8
 
     def learned(self, sizes: Sizes, covariance: SizesMatrix) -> "HandAnatomy":
-        """Include the sizes (62,) of a frame and their ``covariance`` in the mean over frames.
+        """Add the sizes (62,) of a frame and their ``covariance`` to the mean over frames.
 
         The covariance is not divided by the number of frames, because the model's shape has the
         same error in every frame.

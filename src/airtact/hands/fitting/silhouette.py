@@ -53,7 +53,7 @@ class Silhouette:
     def beyond(
         self, balls: Balls
     ) -> tuple[Float64[np.ndarray, "rims"], Float64[np.ndarray, "rims 104"], float]:
-        """Find how far the rims of a hand's balls (26, 4) [m] protrude from the silhouette.
+        """Compute how far the rims of a hand's balls (26, 4) [m] protrude from the silhouette.
 
         Return the weighted distances (R,) of protruding rims divided by their standard deviation,
         the derivatives (R, 104) by the balls at constant weights, and twice the cost.

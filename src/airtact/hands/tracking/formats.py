@@ -30,7 +30,7 @@ STREAMER_LINE = re.compile(r"\s*(left|right) (wrist|landmarks):,?(.*)", re.IGNOR
 
 
 def foreign_format(values: Any) -> str:
-    """Name the format of parsed JSON that is not a frame, and say what to do; "" if unknown."""
+    """Name the format of parsed JSON that is not a frame, with a remedy; "" if it is unknown."""
     keys = set(values) if isinstance(values, dict) else set()
     if {"schema", "frames"} <= keys:
         return "an action recording of IWER: load it as a file"
@@ -54,7 +54,7 @@ def foreign_format(values: Any) -> str:
 
 
 def points_of_matrices(values: Any) -> Points | None:
-    """Return the positions in 4 x 4 matrices of joints (J, 3) [m]; None if they are none.
+    """Return the positions in 4 x 4 matrices of joints (J, 3) [m], or None for other data.
 
     The matrices may be nested, or one list of numbers, row by row (NumPy, Swift) or column by
     column (three.js, vuer).
@@ -120,10 +120,10 @@ def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
 
 
 def frames_of_streamer(lines: Iterable[str]) -> Iterator[Item]:
-    """Read lines of hand-tracking-streamer, for 70 frames per second: they have no times.
+    """Read lines of hand-tracking-streamer, which have no times, at 70 frames per second.
 
-    A line of the wrist has its position and quaternion, one of landmarks 21 positions relative to
-    it, in the left-handed axes of Unity.
+    A wrist line contains its position and quaternion, and a landmark line 21 positions relative to
+    the wrist, in the left-handed axes of Unity.
     """
     wrists: dict[str, list[float]] = {}
     counts = {"left": 0, "right": 0}

@@ -166,7 +166,7 @@ _LANDMARK_FAULTS: dict[str, Fault] = {
 
 @contextmanager
 def _as_faulty_frame(faults: Mapping[str, Fault]) -> Iterator[None]:
-    """Convert errors to faults by their code; other codes become "unreadable"."""
+    """Convert errors to faults with the same code; unknown codes become "unreadable"."""
     try:
         yield
     except InvalidInput as error:

@@ -2,8 +2,8 @@
 
 A message is one object, such as ``{"time": 1.5, "side": "left", "sequence": 45, "landmarks": [[x,
 y, z], ...]}``, optionally with a ``cloud`` of points. A frame without landmarks and cloud, or with
-null for both, means that the hand is lost. A coordinate or landmark of null is lost. Landmarks may
-also be the 4 x 4 matrices of joints. Other keys are ignored.
+null for both, means that the hand is lost. A coordinate or landmark that is null is lost. Landmarks
+may also be the 4 x 4 matrices of joints. Other keys are ignored.
 """
 
 from collections.abc import Sequence

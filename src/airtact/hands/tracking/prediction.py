@@ -27,7 +27,7 @@ class NoiseEstimate:
     The third difference of four positions at even time steps is insensitive to the motion of a
     hand: at 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes 0.02 mm. White noise
     contributes sqrt(1 + 9 + 9 + 1) times its standard deviation. Medians exclude landmarks that
-    jump. The noise of a tracker that smooths is underestimated.
+    jump. The noise of a tracker that smooths its data is underestimated.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class Predictor:
         self._misfit = 0.0
 
     def take(self, frame: HandFrame) -> None:
-        """Update the estimate with the next frame of the hand; a lost one is ignored.
+        """Update the estimate with the next frame of the hand; lost frames are ignored.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class Predictor:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of each coordinate, given or estimated from the frames [m]."""
+        """Standard deviation of each coordinate [m], either set or estimated from the frames."""
         return self._estimate.noise if self._given_noise is None else self._given_noise
 
     def at(self, time: float) -> HandFrame:

@@ -70,8 +70,8 @@ def register(
 ) -> Registration:
     """Find the pose of a tracker from touches of known points.
 
-    The fit is that of least squares. A touch is named and left out if the others agree much better
-    without it.
+    The fit is that of least squares. A touch is reported and ignored if the others agree much
+    better without it.
 
     Parameters
     ----------
@@ -215,9 +215,9 @@ class RestingFingertip:
         self.share = 0.0
 
     def take(self, frame: HandFrame) -> Float64[np.ndarray, "3"] | None:
-        """Take a frame; return the mean position of the tip (3,) after a second of rest [m].
+        """Process a frame, and return the mean position of the tip (3,) [m] after a second of rest.
 
-        The next rest only counts after the tip has moved by 30 mm.
+        The next rest is only accepted after the tip has moved by 30 mm.
         """
         if frame.landmarks is None:
             self._window.clear()
@@ -245,7 +245,7 @@ class RestingFingertip:
         return place
 
     def _rests(self) -> bool:
-        """Return whether the tip moves less than noise of 3 mm explains."""
+        """Return whether the tip moves no more than noise of 3 mm can explain."""
         places = np.array([position for _, position in self._window])
         half = len(places) // 2
         if half == 0:

@@ -1,4 +1,4 @@
-"""Streams of received frames; faulty frames are counted and omitted.
+"""Streams of received frames; faulty frames are counted and skipped.
 
 A ``HandStream`` is fed from any number of threads and stores the newest valid frame of each hand,
 not a queue, so a slow reader gets the newest frame. If the tracker loses a hand or sends nothing
@@ -6,7 +6,7 @@ for a while, the newest frame is a ``lost`` one.
 
 The times of used frames always increase. If a tracker restarts with another clock or counts
 milliseconds, its frames are used again after 20 consistent ones, and their times continue from the
-earlier ones. Readers therefore need not know about restarts.
+earlier ones. Readers are therefore unaware of restarts.
 """
 
 import time
@@ -189,7 +189,7 @@ class HandStream:
         return self._clock() - self._received
 
     def remark(self) -> str:
-        """Say what is odd about frames that are used; "" if nothing is."""
+        """Describe oddities of the used frames; "" if there are none."""
         with self._changed:
             hands = [hand for hand in self._hands.values() if not hand.silent]
         if any(hand.at_origin for hand in hands):
@@ -251,13 +251,13 @@ class HandStream:
                     hand.silent = True
 
     def latest(self, side: Side) -> HandFrame | None:
-        """Return the newest frame of a hand (a lost one after silence); None before the first."""
+        """Return the newest frame of a hand: a lost frame after silence, None before the first."""
         with self._changed:
             self._notice_silence()
             return self._hands[side].newest
 
     def wait(self, timeout: float) -> HandFrame | None:
-        """Wait for a frame that was not returned before, the newest of its hand.
+        """Wait for a new frame, which is the newest of its hand.
 
         Parameters
         ----------
@@ -356,7 +356,7 @@ class HandStream:
         )
 
     def _check_side(self, frame: HandFrame) -> None:
-        """Reject a frame if this hand bends like the other one, in this frame or on average."""
+        """Reject a frame if this hand bends like the other hand, in this frame or on average."""
         if frame.landmarks is None:
             return
         hand = self._hands[frame.side]
