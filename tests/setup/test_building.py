@@ -581,9 +581,9 @@ def test_a_scene_says_how_its_drive_is_modulated(read, text: str, modulation) ->
 
 @pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.toml")))
 def test_the_examples_are_felt(name: str) -> None:
-    assert at.read_scene(EXAMPLES / name).modulation == at.transducers.AmplitudeModulation(
-        200.0, 1.0
-    )
+    setup = at.read_scene(EXAMPLES / name)
+    expected = None if setup.traps else at.transducers.AmplitudeModulation(200.0, 1.0)
+    assert setup.modulation == expected
 
 
 @pytest.mark.parametrize(

@@ -43,8 +43,8 @@ def render(
 
     SCENE is scene.toml by default, which airtact init writes; or one of the examples that come with
     airtact: air_letters, live_pinch, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch,
-    touch_ball. --no-pictures writes only the drive. The drives of moving foci ([drive.modulation])
-    are written to sequence.h5.
+    tinylev, touch_ball, touch_button. --no-pictures writes only the drive. The drives of moving
+    foci ([drive.modulation]) are written to sequence.h5.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
@@ -126,6 +126,15 @@ def _record(result: "Rendering") -> dict[str, Any]:
         "remarks": list(result.remarks),
         "foci": foci,
         "contacts": contacts,
+        "traps": [
+            {
+                "point": verdict.point.tolist(),
+                "is_trap": verdict.is_trap,
+                "stiffness": verdict.stiffness.tolist(),
+                "holds": verdict.holds,
+            }
+            for verdict in result.traps
+        ],
         "sensation": list(result.sensation),
         "estimated_error": result.estimated_error,
         "seconds": dict(result.seconds),

@@ -46,6 +46,7 @@ from airtact.transducers.known import KNOWN_ARRAYS, known_array
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
+from airtact.traps.holding import Trap
 
 # Distance of a focus from the surface of its body [m]
 DEFAULT_OFFSET = 0.5e-3
@@ -103,18 +104,26 @@ def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
         array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
         plates = at.reflecting_boards(array) if file.array.reflects else ()
     # Applications may ask for foci on a hand that is tracked.
-    if not (file.foci or file.objects or (moving and hands)):
+    if not (file.foci or file.objects or file.traps or (moving and hands)):
         raise InvalidInput(
             "the key foci is missing: add [[foci]] or [[objects]].", code="key_missing"
         )
     objects, contacts = touched(file, path.parent, bodies, obstacles, hands, moving)
+    if file.traps and contacts is not None:
+        raise InvalidInput(
+            "traps cannot be combined with contacts with objects: give [[foci]] beside [[traps]].",
+            code="options_clash",
+        )
+    traps = tuple(built(Trap, table) for table in file.traps)
     # Reflecting boards are bodies of the scene too, so warnings and reports need their names.
     bodies += ["boards"] if len(plates) == 1 else [f"board {index}" for index in range(len(plates))]
     scene = Scene(medium, [*obstacles, *plates], frequency=file.frequency, planes=planes)
     surfaces = {
         name: obstacle.surface for name, obstacle in zip(bodies, scene.obstacles, strict=True)
     }
-    target, foci = _target(file, points, surfaces, path.parent, contacts, scene.wavelength)
+    target, foci = _target(
+        file, points, surfaces, path.parent, contacts, traps=traps, wavelength=scene.wavelength
+    )
     with about("solver"):
         solver = _solver(file, scene)
     with about("tracker"):
@@ -152,9 +161,10 @@ def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
         modulation=modulation,
         bodies=tuple(bodies),
         foci=foci,
+        traps=traps,
         board=board,
         hands=tuple(hands.values()),
-        riding=() if None in riding else tuple(riding),
+        riding=() if traps or None in riding else tuple(riding),
         objects=objects,
         contacts=contacts,
         tracker=tracker,
@@ -264,6 +274,8 @@ def _target(
     bodies: Mapping[str, Surface],
     folder: Path,
     contacts: "at.touch.Contacts | None",
+    *,
+    traps: tuple[Trap, ...],
     wavelength: float,
 ) -> tuple[Target, tuple[str, ...]]:
     """Build the target from the foci or the contacts, and return a name for each focus."""
@@ -278,7 +290,7 @@ def _target(
 
     # A table defines one or more points. Shapes may have thousands, so the total is checked again
     # after each table, before memory runs out.
-    check_total(len(file.foci) + len(file.suppression))
+    check_total(len(file.traps) + len(file.foci) + len(file.suppression))
     total = 0
     points = []
     names = []
@@ -297,6 +309,11 @@ def _target(
         wanted = {} if touch.shares is None else {"shares": touch.shares}
         total += len(touch.points)
         check_total(total)
+    for index, trap in enumerate(traps):
+        with about(f"traps[{index}]"):
+            points.append(trap.lobes(wavelength))
+        names += [f"trap {index + 1} lobe {lobe + 1}" for lobe in range(len(points[-1]))]
+        total += len(points[-1])
     for index, table in enumerate(file.foci):
         with about(f"foci[{index}]"):
             points.append(_foci(table, named, bodies, folder))
@@ -329,6 +346,15 @@ def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "fo
     values: dict[str, Any] = {}
     if not file.foci:
         return values
+    if file.traps:
+        # Lobes have the share 1.
+        if any(table.pressure or table.phase_degrees for table in file.foci):
+            raise InvalidInput(
+                "beside traps, give the foci a share instead of pressure or phase_degrees.",
+                code="options_clash",
+            )
+        shares = [1.0 if table.share is None else table.share for table in file.foci]
+        return {"shares": np.repeat([*(1.0 for _ in file.traps), *shares], counts)}
     for key in ("pressure", "share", "phase_degrees"):
         of_tables = [getattr(table, key) for table in file.foci]
         missing = of_tables.count(None)

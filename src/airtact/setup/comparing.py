@@ -14,7 +14,7 @@ from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import upper_bound
-from airtact.drives.methods import FOR_SAMPLES, METHODS, best, method_for
+from airtact.drives.methods import FOR_SAMPLES, METHODS, method_for
 from airtact.drives.nearest import nearest_drive
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput, counted, of_kind, one_line
@@ -283,7 +283,7 @@ def _compare_methods(
             words = method.replace("_", " ")
             try:
                 with times.step(words):
-                    drives[words], stalled = synthesise(METHODS[method], transfer, setup.target)
+                    drives[words], stalled = synthesise(setup.maker(method), transfer, setup.target)
                 warnings += stalled
             # A method may fail, for instance on foci that are too close, without stopping the rest.
             except InvalidInput as fault:
@@ -301,7 +301,7 @@ def _compare_methods(
         name = drive_names(setup.bodies)[-1]
         # The control is the best drive that ignores the bodies.
         with times.step(name):
-            control = control_drive(setup, best)
+            control = control_drive(setup, setup.maker("best"))
         if control is not None:
             drives[name] = control
         bound = upper_bound(transfer, setup.target).worst

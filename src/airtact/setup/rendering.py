@@ -20,7 +20,7 @@ from airtact.drives.frame import Frame
 from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.reach import fraction
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import Vector, of_kind, one_line
+from airtact.errors import Vector, of_kind, one_line, point_of
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.headline import body_word, headline, shortfalls
@@ -71,6 +71,7 @@ class Rendering:
     sequence : drives of moving foci, or None.
     robustness : pressures of the drive on other samples of the uncertainty; None without
         uncertainty.
+    traps : verdict on the equilibrium next to each trap.
     headline : sentence with the pressure at the weakest focus, with and without the hand.
     remarks : sentences on requests that were not met, and on the share of the upper bound.
     sensation : sentences on the foci and the tactile threshold.
@@ -88,6 +89,7 @@ class Rendering:
     drives: Mapping[str, Drive]
     sequence: "at.setup.MovingDrive | None"
     robustness: "at.evaluation.HeldOut | None"
+    traps: "tuple[at.traps.Verdict, ...]"
     headline: str
     remarks: tuple[str, ...]
     sensation: tuple[str, ...]
@@ -273,6 +275,15 @@ def render(
         if setup.target.pressures is not None:
             share = float(np.nanmin(fraction(peak * at_full_scale, setup.target)))
         drive = Drive(drive.amplitudes / max(share, peak))
+    traps = ()
+    if setup.traps:
+        from airtact.traps.search import settled
+
+        drive = drive.at_full_scale()  # the first excitation of the verification
+        traps = tuple(
+            settled(comparison.field, point_of(trap.point, "a trap"), trap.bead(setup.scene))
+            for trap in setup.traps
+        )
     pressures = drive.peak * at_full_scale
     steepening = comparison.steepening(names[0]).scaled(drive.peak)
 
@@ -301,9 +312,11 @@ def render(
         drives={name: emitted.at_full_scale() for name, emitted in drives.items()},
         sequence=sequence,
         robustness=robustness,
+        traps=traps,
         headline=headline(comparison, drive, body_word(setup.bodies), setup.foci),
         remarks=(
             *touches(setup),
+            *(f"Trap {index}: {verdict}." for index, verdict in enumerate(traps, 1)),
             *remarks,
             share_of_bound(setup, transfer, drive),
             *in_real_air(pressures, steepening),

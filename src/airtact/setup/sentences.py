@@ -29,9 +29,11 @@ MAX_SKIN_DISTANCE = 10e-3
 
 def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
     """Return for each focus whether skin may be there: near a body, or anywhere in open air."""
-    if not setup.scene.obstacles:
-        return np.ones(len(setup.target.points), dtype=bool)
-    return np.asarray(-setup.scene.depth(setup.target.points) <= MAX_SKIN_DISTANCE)
+    points = setup.target.points
+    skin = np.arange(len(points)) >= setup.lobes
+    if setup.scene.obstacles:
+        skin &= -setup.scene.depth(points) <= MAX_SKIN_DISTANCE
+    return skin
 
 
 def touches(setup: Setup) -> tuple[str, ...]:
@@ -86,9 +88,10 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         note = setup.contacts.foci(wavelength=scene.wavelength).note
         cautions += [f"{note}."] if note else []
     # A focus in mid-air may be intentional, so this is no error.
-    bare = int(np.count_nonzero(~with_skin(setup)))
+    bare = int(np.count_nonzero(~with_skin(setup))) - setup.lobes
     if bare:
         away = -scene.depth(points)
+        away[: setup.lobes] = 0.0
         more = ""
         if bare > 1:
             foci = counted(bare - 1, "other focus", "other foci")
@@ -146,6 +149,9 @@ def sensations(
 
     Foci away from every body are ignored. If all foci are, the sentence states this.
     """
+    if setup.traps:
+        foci = len(setup.target.points) > setup.lobes
+        return ("Skin hardly feels the foci: beside traps their force is constant.",) * foci
     skin = with_skin(setup)
     if not skin.any():
         return (

@@ -43,6 +43,7 @@ class Setup:
     uncertainty : uncertainty of hand, air and transducers, or None.
     samples, seed : number of samples of the uncertainty used for the drive, and their seed.
     bodies, foci : a name for each body and each focus.
+    traps : traps whose lobes are the first points of the target.
     board : kind of the boards of the array, or None.
     hands : hands that are bodies or define named points, in the obstacles' frame.
     riding : for each focus its named point and its distance from the surface [m], or None.
@@ -81,6 +82,7 @@ class Setup:
     seed: int = 0
     bodies: tuple[str, ...] = ()
     foci: tuple[str, ...] = ()
+    traps: "tuple[at.traps.Trap, ...]" = ()
     board: str | None = None
     hands: "tuple[at.Hand, ...]" = ()  # by this name, so that hands are imported when used
     riding: tuple[tuple[str, float] | None, ...] = ()
@@ -147,6 +149,12 @@ class Setup:
                     "such as position = 1e-3 and rotation = 2.0.",
                     code="data_missing",
                 )
+        if self.traps and (self.uncertainty is not None or self.modulation is not None):
+            raise InvalidInput(
+                "a scene with traps has neither [uncertainty] nor [drive.modulation]: a drive that "
+                "varies drops the bead. Leave them out.",
+                code="options_clash",
+            )
         if self.uncertainty is not None:
             from airtact.drives.transfer_ensemble import check_counts, check_doubts
 
@@ -194,9 +202,22 @@ class Setup:
         return tuple(poses_of_boards(self.board, self.array.positions, self.array.normals))
 
     @property
+    def lobes(self) -> int:
+        """Number of points of the target that are lobes of traps."""
+        return sum(len(trap.phasing) for trap in self.traps)
+
+    @property
     def synthesise(self) -> Callable[[TransferMatrix, Target], Drive]:
         """Function that computes the drive."""
-        return METHODS[self.method]
+        return self.maker(self.method)
+
+    def maker(self, method: str) -> Callable[[TransferMatrix, Target], Drive]:
+        """Return the function of a method, which also makes the setup's traps."""
+        if not self.traps:
+            return METHODS[method]
+        from airtact.traps.holding import holding
+
+        return holding(METHODS[method], self.traps)
 
 
 def default_solver(scene: Scene, accuracy: float) -> Solver:

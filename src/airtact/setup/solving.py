@@ -139,7 +139,12 @@ def method_words(setup: Setup) -> str:
     words = setup.method.replace("_", " ")
     if setup.method != "best":
         return words
-    return f"{words} ({method_for(setup.target).replace('_', ' ')})"
+    target = setup.target
+    if setup.traps:
+        from airtact.traps.holding import merged
+
+        target = merged(setup.traps, target)
+    return f"{words} ({method_for(target).replace('_', ' ')})"
 
 
 def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:

@@ -523,6 +523,27 @@ class SuppressionTable(Shape, frozen=True):
     surface: SurfacePointsTable | None = None
 
 
+class TrapTable(Table, frozen=True):
+    """A trap of a small bead.
+
+    Attributes
+    ----------
+    point : centre of the bead [m].
+    kind : "twin" has two lobes of opposite phase along ``axis``, "vortex" a ring around it.
+    axis : direction of any length.
+    radius : radius of the bead [m].
+    density : density of the bead [kg/m³].
+    sound_speed : speed of sound in the bead [m/s].
+    """
+
+    point: Triple
+    kind: Literal["twin", "vortex"] = "twin"
+    axis: Triple = (0.0, 1.0, 0.0)
+    radius: Positive = 0.65e-3
+    density: Positive = 29.36
+    sound_speed: Positive = 900.0
+
+
 class SolverTable(Table, frozen=True):
     """How the sound field is computed.
 
@@ -635,6 +656,7 @@ class SceneFile(Table, frozen=True):
     ----------
     array : the transducers.
     foci : points that a person feels; contacts of bodies with ``objects`` if left out.
+    traps : traps of small beads.
     objects : virtual objects; at most 64.
     medium : fluid around the bodies; air at 20 °C if left out.
     suppression : points where the sound is suppressed.
@@ -651,6 +673,7 @@ class SceneFile(Table, frozen=True):
 
     array: ArrayTable
     foci: list[FocusTable] = []
+    traps: list[TrapTable] = []
     objects: list[ObjectTable] = []
     medium: MediumTable = msgspec.field(default_factory=lambda: MediumTable(celsius=20.0))
     suppression: list[SuppressionTable] = []

@@ -1,6 +1,8 @@
 from .gorkov import force as force
 from .gorkov import potential as potential
 from .gorkov import stiffness as stiffness
+from .holding import Trap as Trap
+from .holding import hold as hold
 from .search import Verdict as Verdict
 from .search import find as find
 from .search import verdict as verdict

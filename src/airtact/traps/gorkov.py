@@ -186,6 +186,11 @@ def bead_of(scene: Scene, radius: float, density: float, sound_speed: float) -> 
     return Bead(radius, Medium(sound_speed, density))
 
 
+def default_solver(scene: Scene) -> Solver:
+    """Return boundary elements, or the closed form for open air."""
+    return BoundaryElement() if scene.obstacles else FreeField()
+
+
 def trap_field(
     scene: Scene,
     array: PhasedArray,
@@ -194,8 +199,7 @@ def trap_field(
     solver: Solver | None,
 ) -> RadiatedField:
     """Solve for the field of a drive; the points must be in front of the elements."""
-    if solver is None:
-        solver = BoundaryElement() if scene.obstacles else FreeField()
+    solver = solver or default_solver(scene)
     return radiate_drives(scene, array, [drive], solver, foci=points_of(points, "bead points"))
 
 

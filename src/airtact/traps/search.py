@@ -119,7 +119,14 @@ def verdict(
     """
     bead = bead_of(scene, radius, density, sound_speed)
     points = points_of(points, "bead points")
-    field = trap_field(scene, array, drive, points, solver)
+    return judge(trap_field(scene, array, drive, points, solver), points, bead)
+
+
+def judge(
+    field: RadiatedField, points: Float64[np.ndarray, "points 3"], bead: Bead
+) -> list[Verdict]:
+    """Return the verdicts on points in the field of the first excitation."""
+    scene = field.scene
     sound = derivatives(field, points, bead)
     forces = force_of(sound, bead, scene)
     matrices = stiffness_of(sound, bead, scene)
@@ -129,9 +136,15 @@ def verdict(
         shift = np.linalg.pinv(matrix, rcond=1e-6) @ pull
         holds = _largest_hold(field, point, bead) / (9.80665 * bead.mass)  # standard gravity
         # Measured against the exact force on polystyrene in air
-        excess = 0.55 * (scene.wavenumber.real * radius) ** 2
+        excess = 0.55 * (scene.wavenumber.real * bead.radius) ** 2
         verdicts.append(Verdict(point, pull, matrix, shift, holds, excess, scene.wavelength))
     return verdicts
+
+
+def settled(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: Bead) -> Verdict:
+    """Return the verdict on the equilibrium next to a point, or on the point if there is none."""
+    place = descend(field, point, bead)
+    return judge(field, (point if np.isnan(place).any() else place)[None], bead)[0]
 
 
 def _largest_hold(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: Bead) -> float:
@@ -166,10 +179,10 @@ def find(
     bead = bead_of(scene, radius, density, sound_speed)
     starts = points_of(points, "bead points")
     field = trap_field(scene, array, drive, starts, solver)
-    return np.stack([_descend(field, start, bead) for start in starts])
+    return np.stack([descend(field, start, bead) for start in starts])
 
 
-def _descend(
+def descend(
     field: RadiatedField, start: Float64[np.ndarray, "3"], bead: Bead
 ) -> Float64[np.ndarray, "3"]:
     """Return the minimum of the potential next to a point, or NaN."""

@@ -1,0 +1,167 @@
+"""Drives that hold several beads at once, also with foci.
+
+Source: A. Marzo and B. W. Drinkwater, "Holographic acoustic tweezers", PNAS 116, 84 (2019).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Real
+from scipy.linalg import block_diag
+
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.target import Target
+from airtact.drives.drive import Drive
+from airtact.drives.methods import best
+from airtact.drives.transfer import TransferMatrix, transfer_matrix
+from airtact.errors import InvalidInput, Vector, check_choice, point_of, points_of
+from airtact.transducers.layout import PhasedArray
+from airtact.traps.gorkov import Bead, bead_of, default_solver
+
+
+@dataclass(frozen=True)
+class Trap:
+    """A requested trap and its bead.
+
+    Attributes
+    ----------
+    point : (3,) centre of the bead [m].
+    kind : "twin" has two lobes of opposite phase along ``axis``; "vortex" a ring around it, along
+        which the phase increases by 2π.
+    axis : (3,) direction of any length.
+    radius, density, sound_speed : of the bead [m, kg/m³, m/s]; by default expanded polystyrene.
+    """
+
+    point: Vector
+    kind: Literal["twin", "vortex"] = "twin"
+    axis: Vector = (0, 1, 0)
+    radius: float = 0.65e-3
+    density: float = 29.36
+    sound_speed: float = 900.0
+
+    def lobes(self, wavelength: float) -> Float64[np.ndarray, "lobes 3"]:
+        """Return one point on each lobe of the pressure next to the bead [m]."""
+        check_choice(self.kind, "the kind of trap", ("twin", "vortex"))
+        axis = point_of(self.axis, "the axis of a trap")
+        if not np.linalg.norm(axis) > 0.0:
+            raise InvalidInput(
+                "the axis of a trap has length 0. Give a direction.", code="all_zero"
+            )
+        axis = axis / np.linalg.norm(axis)
+        ways = np.stack([axis, -axis])
+        if self.kind == "vortex":
+            # The phase starts at any direction across the axis.
+            start = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+            start = start / np.linalg.norm(start)
+            across = np.cross(axis, start)
+            ways = np.stack([start, across, -start, -across])
+        # Lobes of opposed boards are a quarter of a wavelength from the bead, but there those of
+        # beads at half a wavelength would coincide.
+        return point_of(self.point, "a trap") + wavelength / 6.0 * ways
+
+    def bead(self, scene: Scene) -> Bead:
+        """Return the bead, or raise ``InvalidInput`` if a number is out of range."""
+        return bead_of(scene, self.radius, self.density, self.sound_speed)
+
+    @property
+    def phasing(self) -> Complex128[np.ndarray, "lobes"]:
+        """Weights whose sum over the pressures at the lobes is largest for the trap's phases."""
+        count = 2 if self.kind == "twin" else 4
+        return np.exp(-2j * np.pi * np.arange(count) / count) / count
+
+
+def target_of(
+    traps: Sequence[Trap],
+    wavelength: float,
+    foci: Real[np.ndarray, "foci 3"] | None = None,
+    focus_share: float = 1.0,
+) -> Target:
+    """Return the lobes of traps, and foci after them, as one target for ``holding``."""
+    points = np.concatenate([trap.lobes(wavelength) for trap in traps])
+    if foci is None:
+        return Target(points)
+    foci = points_of(foci, "the foci beside traps")
+    shares = np.concatenate([np.ones(len(points)), np.full(len(foci), focus_share)])
+    return Target(np.concatenate([points, foci]), shares=shares)
+
+
+def merged(traps: Sequence[Trap], target: Target) -> Target:
+    """Return the target of ``target_of`` with one focus per trap instead of its lobes."""
+    counts = [len(trap.phasing) for trap in traps]
+    points = [point_of(trap.point, "a trap")[None] for trap in traps]
+    first = np.cumsum([0, *counts[:-1]])
+    kept = np.concatenate([first, np.arange(sum(counts), len(target.points))])
+    return Target(
+        np.concatenate([*points, target.points[sum(counts) :]]),
+        shares=None if target.shares is None else target.shares[kept],
+        suppression_points=target.suppression_points,
+    )
+
+
+def holding(
+    method: Callable[[TransferMatrix, Target], Drive], traps: Sequence[Trap]
+) -> Callable[[TransferMatrix, Target], Drive]:
+    """Let a method for foci make traps from the transfer matrix of ``target_of``.
+
+    To the method each trap is one focus, whose pressure is the sum of the pressures at the lobes in
+    the trap's phases. For a single trap the phases of this drive are those of its signature.
+    """
+
+    def make(transfer: TransferMatrix, target: Target) -> Drive:
+        phasing = [trap.phasing for trap in traps]
+        rest = np.eye(len(transfer.matrix) - sum(len(weights) for weights in phasing))
+        matrix = block_diag(*phasing, rest) @ transfer.matrix
+        return method(TransferMatrix(matrix, transfer.estimated_error), merged(traps, target))
+
+    return make
+
+
+def hold(
+    scene: Scene,
+    array: PhasedArray,
+    points: Real[np.ndarray, "traps 3"],
+    kind: Literal["twin", "vortex"] = "twin",
+    axis: Vector = (0, 1, 0),
+    foci: Real[np.ndarray, "foci 3"] | None = None,
+    focus_share: float = 1.0,
+    solver: Solver | None = None,
+) -> Drive:
+    """Return the drive that makes a trap at each point, and foci if given.
+
+    Parameters
+    ----------
+    scene : the air and the bodies in it.
+    array : the transducers in the scene's frame.
+    points : (T, 3) traps [m]. Traps shift each other: ``find`` returns where the beads will be.
+    kind, axis : of all traps, see ``Trap``. Between boards that face each other, take "twin" along
+        the normal of the boards.
+    foci : (F, 3) foci that skin feels [m].
+    focus_share : pressure at the foci over that at the lobes of the traps.
+    solver : as for ``force``.
+
+    Returns
+    -------
+    The drive; the weakest of traps and foci is as strong as ``best`` makes it.
+
+    Raises
+    ------
+    InvalidInput
+        If a lobe or a focus is in a body or behind the array, the kind is unknown, or the axis is
+        zero.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> places = np.array([[0, -0.1, 0], [0, 0.1, 0]])
+    >>> pair = PhasedArray(places, np.array([[0, 1, 0], [0, -1, 0]]))
+    >>> drive = hold(Scene(at.air()), pair, np.zeros((1, 3)))
+    >>> np.round(drive.amplitudes[1] / drive.amplitudes[0], 6).real.item()
+    -1.0
+    """
+    traps = [Trap(tuple(point), kind, axis) for point in points_of(points, "trap points")]
+    target = target_of(traps, scene.wavelength, foci, focus_share)
+    field = (solver or default_solver(scene)).radiate(scene, target.beacons())
+    return holding(best, traps)(transfer_matrix(field, array), target)
