@@ -1,4 +1,4 @@
-"""Emission of drives: board messages, links to boards, and safe silence."""
+"""Emission of drives: board messages, links to boards, and safe shutdown."""
 
 from airtact.lazy import attached
 

@@ -1,4 +1,4 @@
-"""AUTD3 boards, and a link to those of older firmware through pyautd3 or Audit, a model of it."""
+"""AUTD3 boards, and a link to boards with older firmware through pyautd3 or its model Audit."""
 
 import ctypes
 import importlib.metadata
@@ -28,7 +28,7 @@ PHASE_FADE = 1000
 
 
 class AUTD3Boards(Link):
-    """AUTD3 boards, in the order in which they are chained.
+    """A chain of AUTD3 boards, in order.
 
     The silencer of a board spreads changes of intensity over 0.25 ms and of phase over 1 ms, which
     avoids audible noise; a sequence with shorter frames shortens these times to one frame.
@@ -75,7 +75,7 @@ class AUTD3Boards(Link):
         check_rate(rate, PERIODS, 0xFFFF, "AUTD3")
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Have the boards modulate all frames that are sent from now on.
+        """Make the boards modulate all frames sent from now on.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class AUTD3Boards(Link):
 
 
 class AUTD3Link(AUTD3Boards):
-    """AUTD3 boards with firmware before 0.10, by EtherCAT, in the order in which they are chained.
+    """A chain of AUTD3 boards with firmware before 0.10 on EtherCAT, in order.
 
     Drives contain all phases, so the frames do not depend on pyautd3's speed of sound, which is set
     for simulators only.
@@ -260,7 +260,7 @@ class AUTD3Link(AUTD3Boards):
         self._sender.send(self._silencer(INTENSITY_FADE, PHASE_FADE))
 
     def _smooth(self, divide: int) -> None:
-        """Have the boards spread changes over at most one frame of ``divide`` periods."""
+        """Make the boards spread changes over at most one frame of ``divide`` periods."""
         period = divide * (1_000_000 // PERIODS)
         if period != self._smoothed:
             self._sender.send(self._silencer(min(INTENSITY_FADE, period), min(PHASE_FADE, period)))

@@ -1,11 +1,11 @@
 """Messages of boards: frames in each board's levels, channels and phase convention.
 
-On every board here, a larger phase number delays the pulse of an element. So does the phase of a
-drive d in Re[d e^{−iωt}], so no codec conjugates. Evidence: the tests compare AUTD3 with its
-emulator in the time domain. SonicSurface: ``PhaseLine.vhd`` starts the pulse when a rising counter
-reaches the number. Nano16: ``ArduinoNano.java`` puts the first high step at the number, and
-``DriverNano16.ino`` plays the steps in order. OpenMPD: its driver shifts the number of a shorter
-pulse by half of the difference, which keeps the middle of the pulse in place.
+On every board here, a larger phase number delays the pulse of an element, like the phase of a drive
+d in Re[d e^{−iωt}]. Therefore no codec conjugates the drive. The evidence is as follows. The tests
+compare AUTD3 with its emulator in the time domain. SonicSurface: ``PhaseLine.vhd`` starts the pulse
+when a rising counter reaches the number. Nano16: ``ArduinoNano.java`` puts the first high step at
+the number, and ``DriverNano16.ino`` plays the steps in order. OpenMPD: its driver shifts the number
+of a shorter pulse by half of the difference, which keeps the middle of the pulse in place.
 """
 
 from collections.abc import Callable
@@ -50,7 +50,7 @@ class Codec:
         return self.encoded(self, frame)
 
     def decode(self, message: bytes, boards: int = 1) -> list[Frame]:
-        """Return the frames in messages for a number of boards; none if it is not whole frames."""
+        """Return the frames in messages for a number of boards; none if a frame is incomplete."""
         channels = self.decoded(np.frombuffer(message, dtype=np.uint8), boards)
         if channels is None:
             return []
@@ -65,7 +65,7 @@ class Codec:
         ]
 
     def fastest_frames(self, boards: int = 1) -> float:
-        """Largest rate of the boards' serial line [frames/s]; infinite without one."""
+        """Largest rate of the boards' serial line [frames/s]; infinite without a serial line."""
         if self.baud is None:
             return np.inf
         zeros = np.zeros(boards * len(self.board), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""Safe emission: ramp, cap, watchdog, and silence at the end in every case."""
+"""Safe emission: ramp, cap, watchdog, and silence at the end in all cases."""
 
 import atexit
 import re
@@ -44,19 +44,19 @@ class Played:
 
 
 class Emission:
-    """Emission of drives by boards, which ends in silence in every case.
+    """Emission of drives by boards; it always ends in silence.
 
     Use it as ``with Emission(link) as emission:``. A separate process opens the link and raises the
     sound over a ramp. It sends a confirmed frame of zeros when the block is left, when this process
     ends for any reason, and when half a second passes without ``send``, ``hold``, ``play``,
-    ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. Nothing can be sent after
+    ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. No drive can be sent after
     that, unless the emission ``resumes`` after late calls. SIGINT, SIGTERM and SIGHUP in the main
     thread raise ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
     opens the link and silences the boards. A link whose class is defined in the script itself, or
-    any link on a system without POSIX, is opened in this process, with a warning: the boards then
-    keep emitting if this process is killed.
+    any link on a system without POSIX, is opened in this process, with a warning, because the
+    boards then keep emitting if this process is killed.
 
     Parameters
     ----------
@@ -205,11 +205,11 @@ class Emission:
 
     @property
     def process(self) -> int | None:
-        """Id of the process that holds the link; None if it is this one, or not open."""
+        """Id of the process that holds the link; None if it is this one or no link is open."""
         return None if self._link_process is None else self._link_process.process
 
     def send(self, drive: Drive, wait: bool = True, at: float | None = None) -> Frame:
-        """Play a drive from now on; the first drive, and the first after silence, have a ramp.
+        """Play a drive from now on; a ramp precedes the first drive, and the first after silence.
 
         Parameters
         ----------
@@ -261,8 +261,8 @@ class Emission:
 
         Returns
         -------
-        Statistics of the playback. Boards that repeat a sequence themselves drop nothing; otherwise
-        frames that would be late by a whole frame are dropped, which keeps the rate.
+        Statistics of the playback. Boards that repeat a sequence themselves drop no frames;
+        otherwise frames that are late by a whole frame are dropped to keep the rate.
 
         Raises
         ------
@@ -279,7 +279,7 @@ class Emission:
     ) -> Played:
         """Play a drive with amplitude modulation for some time [s].
 
-        Skin only feels a modulated drive. By default the force follows a cosine of 200 Hz. Boards
+        Skin only feels a modulated drive. By default the force varies as a cosine of 200 Hz. Boards
         without amplitude levels vary the number of elements that are on. The drive rises over the
         ramp.
 
@@ -305,8 +305,9 @@ class Emission:
     def set_modulation(self, modulation: AmplitudeModulation | None) -> None:
         """Modulate the amplitude of all drives sent from now on; None ends the modulation.
 
-        The modulation continues without a jump while drives change. AUTD3 boards play it
-        themselves; other boards get the newest drive for each of its frames.
+        The modulation continues without a jump while drives change. AUTD3 boards play the
+        modulation themselves; for other boards, each of its frames is computed from the newest
+        drive.
 
         Raises
         ------
@@ -485,7 +486,7 @@ class Emission:
             self._obey()
 
     def _obey(self) -> None:
-        """Act on a signal while nothing is being sent; a signal ends the main thread only."""
+        """Handle a signal while nothing is being sent; a signal only ends the main thread."""
         if self._signal is None or threading.current_thread() is not threading.main_thread():
             return
         kind = self._signal
@@ -502,9 +503,9 @@ class Emission:
 def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
     """Choose the number of frames per period of a modulation, and their rate [frames/s].
 
-    On boards without a rate limit, a frame lasts whole periods of the 40 kHz sound. Of 16 to 40
-    frames, the number that best matches the frequency is chosen, and among equals the one nearest
-    to 20. Slower serial lines get an even number of frames, up to 20; 2 frames are on and off.
+    On boards without a rate limit, a frame lasts whole periods of the 40 kHz sound. The number from
+    16 to 40 that best matches the frequency is chosen; among equals, it is the number nearest to
+    20. Slower serial lines get an even number of frames, up to 20; 2 frames switch on and off.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ def load_drive(
     board: str | None = None,
     elements: int | None = None,
 ) -> Drive | Sequence:
-    """Read a drive or a sequence from a file, of airtact or of another program.
+    """Read a drive or a sequence from a file of airtact or another program.
 
     It reads the .h5 files of ``Drive.save``, ``Sequence.save`` and ``write_frames``, and .csv
     tables of a drive, in the order of their column ``index``. The saved amplitudes and phases are

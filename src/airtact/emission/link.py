@@ -22,7 +22,7 @@ from airtact.transducers.levels import Levels
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
-    """Failure of an open link; the message describes what was sent last.
+    """Failure of an open link; the message describes the last frame sent.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class Link(ABC):
         self.sent += 1
 
     def play(self, frames: Sequence[Frame], rate: float) -> None:
-        """Have the boards repeat a sequence at a rate [frames/s], if ``plays_itself``.
+        """Make the boards repeat a sequence at a rate [frames/s], if ``plays_itself``.
 
         Raises
         ------
@@ -248,7 +248,7 @@ class Link(ABC):
     def modulate(  # noqa: B027 (most boards cannot)
         self, envelope: Float64[np.ndarray, "frames"] | None, rate: float
     ) -> None:
-        """Have the boards modulate all frames that are sent from now on, if ``plays_itself``.
+        """Make the boards modulate all frames sent from now on, if ``plays_itself``.
 
         Parameters
         ----------
@@ -291,7 +291,7 @@ class Link(ABC):
         self._transmit(self.zero())
 
     def _look(self) -> None:  # noqa: B027 (links that cannot check do nothing)
-        """Raise an error for ``_reporting`` if the boards are no longer connected."""
+        """Raise an error if the boards are no longer connected, for ``_reporting``."""
 
     @abstractmethod
     def _end(self) -> None: ...
@@ -347,7 +347,7 @@ class Link(ABC):
 
 
 class RecordingLink(Link):
-    """Link that records its frames, for tests and trials.
+    """Link that only records its frames, for tests and trials.
 
     Attributes
     ----------

@@ -1,10 +1,11 @@
 """The process that holds a link, its guard, and the owner's code that starts them.
 
-The owner starts the guard, which forks the link process. The link process plays for its owner, and
-silences the boards when the owner, the guard or the connection ends. The guard holds a copy of the
-link. If the link process ends or stops responding, the guard kills it, opens the link itself, and
-silences the boards. Both have their own session and ignore every signal that they can. Only the
-loss of all three processes leaves boards emitting that repeat a frame by themselves.
+The owner starts the guard, which forks the link process. The link process plays its owner's drives,
+and silences the boards when the owner, the guard or the connection ends. The guard holds a copy of
+the link. If the link process ends or stops responding, the guard kills it, opens the link itself,
+and silences the boards. Both processes have their own session and ignore all signals that can be
+ignored. Boards that repeat a frame by themselves only keep emitting if all three processes are
+lost.
 """
 
 import copy
@@ -59,7 +60,7 @@ class Channel:
         self._received = bytearray()
 
     def send(self, message: tuple[object, ...]) -> None:
-        """Send picklable objects; raise OSError if the other side does not accept them."""
+        """Send picklable objects, or raise OSError if the other side does not accept them."""
         data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
         # An owner that does not read must not block the player's watchdog.
         self._socket.settimeout(self._patience)
@@ -82,7 +83,7 @@ class Channel:
         return message
 
     def close(self) -> None:
-        """Close this end, which the other side notices at once."""
+        """Close this end; the other side notices this at once."""
         self._socket.close()
 
     def _complete(self) -> tuple[Any, ...] | None:
@@ -97,7 +98,7 @@ class Channel:
 
 
 class LinkProcess:
-    """A link that is open in its own process, or in a thread of this process if necessary.
+    """A link that runs in its own process, or if necessary in a thread of this process.
 
     Parameters
     ----------
@@ -189,7 +190,7 @@ class LinkProcess:
         return None
 
     def _lose(self, event: str) -> LinkFailed:
-        """Wait until the guard has silenced the boards, else do it; return the error to raise."""
+        """Wait for the guard to silence the boards, or do so; return the error to raise."""
         code = "link_process_lost"
         then = "it had not opened"
         if self._guard is None:
@@ -292,7 +293,7 @@ class Tether:
         end.setblocking(False)
 
     def alive(self, seconds: float) -> None:
-        """Tell the guard that the boards are open and the next work may take some time [s]."""
+        """Tell the guard that the boards are open and how long the next call may take [s]."""
         with suppress(OSError):
             self._socket.send(self.TIME.pack(seconds))
 
@@ -313,7 +314,7 @@ def serve(
     here: Link | None = None,
     message: tuple[Any, ...] | None = None,
 ) -> bool:
-    """Play a link, ``here`` or from the first message, until its owner closes it or ends.
+    """Run a link, either ``here`` or that of the first message, until its owner closes it or ends.
 
     Return whether the owner was answered or the boards are silent.
     """
@@ -381,7 +382,7 @@ def _silenced(player: Player) -> bool:
 
 
 def guard(process: int, end: socket.socket, owner: int, rescue: Callable[[], bool]) -> int:
-    """Watch the link process until it ends, and silence the boards unless it did; return a status.
+    """Watch the link process until it ends, silence the boards if it did not, and return a status.
 
     Parameters
     ----------

@@ -89,8 +89,8 @@ def _unpacked(path: Path, packed: io.BufferedIOBase) -> bytes:
 def _table(path: Path) -> Drives:
     """Read a table of phases: named columns, or numbers only.
 
-    With names there is one element per line and a column ``phase``, ``phase_degrees`` or
-    ``phase_radians``, and perhaps ``amplitude``. Without names, a single column or line is one
+    A table with names has one element per line and a column ``phase``, ``phase_degrees`` or
+    ``phase_radians``, and optionally ``amplitude``. Without names, a single column or line is one
     drive; otherwise each line is a frame. AcousTools writes the numbers of frames and elements in
     the first line, and radians in the order of OpenMPD's boards.
     """
@@ -176,7 +176,7 @@ def _checked(
 
 
 def _holograms(path: Path) -> Drives:
-    """Read a .holo file: numbers of 5 bytes, phases and amplitudes in 32 levels, 63 between them.
+    """Read a .holo file: numbers of 5 bytes; phases and amplitudes in 32 levels, separated by 63.
 
     AcousTools orders the elements of a board by x, then y. The result is in the order of OpenMPD's
     boards, as AcousTools writes it to .csv files: the first 256 elements are the upper board.

@@ -18,7 +18,7 @@ STALL = 0.6
 
 
 def suspended() -> float:
-    """Return for how long the computer was suspended since it started [s], or less; 0 if unknown.
+    """Return a lower bound of the time for which the computer was suspended [s]; 0 if unknown.
 
     ``time.monotonic`` does not count this time.
     """
@@ -54,10 +54,10 @@ class Cycle:
 
 
 class Player:
-    """Plays on a link step by step; every command returns at once.
+    """Plays on a link in steps; every command returns at once.
 
     ``Emission`` calls the methods without an underscore by name. ``step`` does the work that is
-    due. If a step fails, the next command that feeds the watchdog raises its error.
+    due. If a step fails, the next command that resets the watchdog raises its error.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class Player:
         return full, self.left(), self._gain
 
     def dropped(self) -> int:
-        """Return the number of frames left out so far because they would have been late."""
+        """Return the number of frames dropped so far because they would have been late."""
         return self._dropped
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
@@ -188,12 +188,12 @@ class Player:
         return self.left()
 
     def beat(self) -> float:
-        """Feed the watchdog; return the remaining time of a ramp [s]."""
+        """Reset the watchdog, and return the remaining time of a ramp [s]."""
         self._feed()
         return self.left()
 
     def finish(self, why: str) -> None:
-        """Silence the boards permanently; the first reason is kept."""
+        """Silence the boards permanently; later calls do not change the reason."""
         if self.over is None:
             self.over = why
         elif self._failure is None:
@@ -273,7 +273,7 @@ class Player:
             self.link.probe()
 
     def _starve(self, why: str) -> None:
-        """Silence the boards, for good unless the emission resumes."""
+        """Silence the boards, permanently unless the emission resumes."""
         if self._settings.resumes:
             self._write(why)
             self._silence()
@@ -281,7 +281,7 @@ class Player:
             self.finish(why)
 
     def _check_suspend(self) -> None:
-        """Silence the boards after a suspend of the computer, during which they play on."""
+        """Silence the boards after the computer was suspended, during which they kept playing."""
         now = suspended()
         if self._emitting and now - self._suspended > 0.1:
             self._starve("the computer was suspended")
@@ -318,7 +318,7 @@ class Player:
             self._show()
 
     def _show(self, at: float | None = None) -> None:
-        """Send the sound at the present gain, to act at a time if given."""
+        """Send the sound at the present gain, to take effect at a time if one is set."""
         sound = self._sound
         if sound is not None and sound.rate and self.link.plays_itself and self._gain == 1.0:
             self._upload([item[2] for item in sound.items], sound.rate)
@@ -356,7 +356,7 @@ class Player:
         self._note(frames)
 
     def _note(self, frames: Sequence[Frame]) -> None:
-        """Log the largest amplitude sent, and postpone the next check of the connection."""
+        """Log the largest amplitude, and postpone the next check of the connection."""
         self._looked = time.monotonic()
         largest = max(float(frame.levels.amplitudes[frame.amplitude.max()]) for frame in frames)
         self._write(f"frame {self.link.sent} loudest {largest:.4g}")

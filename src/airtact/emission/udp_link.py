@@ -19,11 +19,11 @@ TRIES = 3
 
 
 class UDPLink(AUTD3Boards):
-    """AUTD3 boards with firmware 0.12, in the order in which they are chained.
+    """A chain of AUTD3 boards with firmware 0.12, in order.
 
     The boards silence themselves half a second after the last call of ``send``, ``play`` or
-    ``probe``; ``Emission`` probes them. A frame can be sent ahead of the time at which it acts, see
-    ``send``.
+    ``probe``; ``Emission`` probes them. A frame can be sent before the time at which it takes
+    effect, see ``send``.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class UDPLink(AUTD3Boards):
         self._answer = self._done(lambda: self._client.send_frame_at(frames, sdk.ExecAt.At(acts)))
 
     def _prepare(self) -> None:
-        """Have the boards play the present modulation; check the last frame sent ahead."""
+        """Make the boards play the present modulation, and check the last frame sent ahead."""
         answer = self._answer
         if answer is not None:
             self._answer = None
@@ -221,7 +221,7 @@ class UDPLink(AUTD3Boards):
         self._deliver(commands.ReleaseFailsafe())
 
     def _smooth(self, divide: int) -> None:
-        """Have the boards spread changes over at most one frame of ``divide`` periods."""
+        """Make the boards spread changes over at most one frame of ``divide`` periods."""
         period = divide * (1_000_000 // PERIODS)
         # Until silence the time only becomes shorter, because boards reject times that are longer
         # than a frame of what they still play.
@@ -256,7 +256,7 @@ class UDPLink(AUTD3Boards):
         return phases, IntensityBuffer.from_array(of_boards(frame.amplitude))
 
     def _next_bank(self) -> Any:
-        """Return the bank that does not play, so that no frame sounds before it is complete."""
+        """Return the bank that is not playing, so that no incomplete frame sounds."""
         banks = self._sdk.value.PatternBank
         self._bank = 1 - self._bank
         return (banks.B0, banks.B1)[self._bank]
@@ -274,7 +274,7 @@ class UDPLink(AUTD3Boards):
         self._check_lost()
 
     def _done(self, start: Callable[[], Awaitable[Any]]) -> Any:
-        """Start work of the library and wait for its result."""
+        """Start an operation of the library, and wait for its result."""
 
         async def work() -> Any:
             return await start()

@@ -30,9 +30,10 @@ STATE_INTERVAL = 1.0 / 60.0
 class ApplicationServer(WebSocketReceiver):
     """Websocket server for trackers and applications.
 
-    Messages of the types of ``messages`` come from applications and change the world. From the
-    first one on, the connection gets the newest state, 60 times per second at most; states are left
-    out while the application has not read the earlier ones. Other messages are frames of a tracker.
+    Messages of the types of ``messages`` come from applications and change the world. After the
+    first message, the connection gets the newest state, at most 60 times per second; states are
+    skipped while the application has not read the earlier ones. Other messages are frames of a
+    tracker.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ class ApplicationServer(WebSocketReceiver):
         take_text(raw, source, self.stream, self._world)
 
     def _report(self, connection: "ServerConnection", source: str) -> None:
-        """Send the newest state to an application if it is due and new."""
+        """Send the newest state to an application if a new state is due."""
         if source not in self._sent:
             return
         then, before = self._sent[source]

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 class Client:
     """Connection of an application to ``airtact live SCENE --from websocket``.
 
-    Use it in a ``with`` block. Foci end when nothing was sent for 0.5 s, so send them again, or
-    anything else, several times per second. The methods raise ``InvalidInput`` with the code
+    Use it in a ``with`` block. Foci end when nothing was sent for 0.5 s, so repeat them or send any
+    other message several times per second. The methods raise ``InvalidInput`` with the code
     "link_failed" when the loop has ended.
 
     Parameters
@@ -102,7 +102,7 @@ class Client:
 
     @property
     def state(self) -> StateMessage | None:
-        """The newest state of the loop; None before the first one."""
+        """The newest state of the loop; None before the first state."""
         return self._state
 
     def next_state(self, timeout: float = 1.0) -> StateMessage | None:
@@ -113,7 +113,7 @@ class Client:
         return self._state
 
     def objects(self, *objects: VirtualObject) -> None:
-        """Add objects, or replace those with the same names; those without get names."""
+        """Add objects, or replace objects with the same names; unnamed objects get names."""
         added = [ObjectMessage.of(thing) for thing in objects_of(objects)]
         self._send(ObjectsMessage(VERSION, add=added))
 
@@ -126,7 +126,7 @@ class Client:
         self._send(ObjectsMessage(VERSION, remove=list(names)))
 
     def foci(self, *foci: WantedFocus) -> None:
-        """Ask for these foci, instead of all earlier ones of this client."""
+        """Request these foci; they replace all earlier foci of this client."""
         self._send(FociMessage(VERSION, [focus.message() for focus in foci]))
 
     def hands(self, *frames: HandFrame) -> None:

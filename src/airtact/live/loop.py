@@ -1,4 +1,4 @@
-"""The live loop: it turns the newest frame into a drive and fades to silence if that is unsafe."""
+"""The live loop, which computes a drive from the newest frame and fades to silence if necessary."""
 
 import time
 from collections import Counter, deque
@@ -140,7 +140,7 @@ class Followed:
         return facts
 
     def record(self) -> dict[str, float | str | dict[str, int] | None]:
-        """Return all values by name for JSON, with None for unknown numbers."""
+        """Return all values by name for JSON; unknown numbers are None."""
         # Only NaN differs from itself.
         return {name: value if value == value else None for name, value in asdict(self).items()}
 
@@ -189,7 +189,7 @@ def follow(
     InvalidInput
         If the duration, latency or cap is invalid, or the link cannot be opened.
     LinkFailed
-        If the boards fail; those that answer are silent.
+        If the boards fail; the boards that answer are silent.
     """
     duration = checked_seconds(seconds)
     output = output or Output()
@@ -288,7 +288,7 @@ class _Loop:
         return self.summary(seconds, health, status)
 
     def arrived(self, frame: HandFrame, now: float) -> None:
-        """Note the arrival of a frame; called by the thread that received it."""
+        """Record the arrival of a frame; the thread that received the frame calls this method."""
         if frame.side != self.scene.side and not self.scene.both:
             return
         self.arrivals.append((frame.time, now))
@@ -296,7 +296,7 @@ class _Loop:
             self.session.frame(frame)
 
     def patience(self, latest: float) -> float:
-        """Return the longest time to wait for a frame [s]."""
+        """Return the longest time to wait for the next frame [s]."""
         until = latest
         playing = self.fault is None and self.controls.playing
         if playing or not self.silent:
@@ -307,7 +307,7 @@ class _Loop:
         return max(until - time.monotonic(), 0.0)
 
     def _next_drive(self) -> float:
-        """Return when to start a drive without a new frame, so as not to delay the next frame."""
+        """Return when to start a drive without a new frame and without delaying the next one."""
         begin = self.begun + float(np.clip(2.0 * self.duration, MIN_INTERVAL, 1.0 / 66.0))
         if len(self.arrivals) > 1:
             first = self.arrivals[0][1]
@@ -322,7 +322,7 @@ class _Loop:
         return begin
 
     def advance(self, frame: HandFrame | None) -> None:
-        """Take a frame, if any, and emit the drive that is due."""
+        """Process a frame, if any, and emit the drive that is due."""
         if frame is not None:
             self._take(frame)
         if self.output.stopped:
@@ -442,7 +442,7 @@ class _Loop:
             self.duration += 0.1 * (min(reached - now, 0.1) - self.duration)
 
     def _limit(self, moment: Moment) -> None:
-        """Lower the cap if a focus comes to a place where the level at a head would be too high."""
+        """Lower the cap if the level at a head would be too high for the present foci."""
         assert self.output.levels is not None
         for focus in [] if moment.foci is None else moment.foci:
             # The level changes little within 30 mm.
@@ -487,7 +487,7 @@ class _Loop:
             return None
 
     def _fault_of(self, moment: Moment | None) -> str | None:
-        """Return a short reason not to emit a drive, or None."""
+        """Return a short reason for silence, or None."""
         if moment is not None and moment.foci is not None:
             faults = [
                 self.workspace.fault(joints, moment.foci)
@@ -548,7 +548,7 @@ class _Loop:
         )
 
     def _ended_processes(self) -> str:
-        """Restart solvers that ended, and name all processes that ended."""
+        """Restart solvers that ended, and return the names of all processes that ended."""
         ended = []
         if restarts := self.maker.revive():
             ended.append(f"solvers ended and restarted: {restarts}")

@@ -224,7 +224,7 @@ class HandsMessage(msgspec.Struct, frozen=True, tag="hands"):
 
 
 class ObjectsMessage(msgspec.Struct, frozen=True, tag="objects", omit_defaults=True):
-    """Changes of the virtual objects: first removals, then additions, then motions.
+    """Changes of the virtual objects, in the order removals, additions, motions.
 
     Attributes
     ----------
@@ -355,7 +355,7 @@ _answers: msgspec.json.Decoder[Answer] = msgspec.json.Decoder(Answer)
 
 
 def is_message(raw: bytes) -> bool:
-    """Return whether a text is meant as such a message, and not as a frame of a tracker."""
+    """Return whether a text is such a message and not a frame of a tracker."""
     if b'"type"' not in raw:  # as in most frames
         return False
     try:
@@ -428,7 +428,7 @@ def _explained(error: msgspec.ValidationError) -> InvalidInput:
 
 
 def read_answer(text: bytes | str) -> Answer | None:
-    """Read a message of the loop; None if its kind is not known."""
+    """Read a message of the loop; return None if its kind is unknown."""
     try:
         return _answers.decode(text)
     except msgspec.MsgspecError:

@@ -80,7 +80,7 @@ class Moment:
 
 
 def silent_moment(scene: LiveScene, time: float, frame_time: float) -> Moment:
-    """Return a moment without a hand and without sound."""
+    """Return a moment without hand and sound."""
     silence = np.zeros(len(scene.array), np.complex128)
     return Moment(time, frame_time, None, None, silence, state="waiting")
 
@@ -133,16 +133,16 @@ class DriveMaker(ABC):
 
     @abstractmethod
     def take(self, frame: HandFrame) -> None:
-        """Take the tracker's newest frame, in scene coordinates; it replaces older ones."""
+        """Process the tracker's newest frame, in scene coordinates; it replaces older frames."""
 
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:
-        """Make the drive for sound that is in the air at a time of the tracker's clock [s]."""
+        """Compute the drive for sound in the air at a time of the tracker's clock [s]."""
 
     def feel(  # noqa: B027 (some makers have fixed foci)
         self, objects: Sequence[VirtualObject], foci: "Sequence[at.live.WantedFocus]"
     ) -> None:
-        """Set the objects and wanted foci; the loop calls it before each drive."""
+        """Set the objects and requested foci; the loop calls this before each drive."""
 
     def revive(self) -> int:
         """Restart processes of the maker that ended; return the number of restarts so far."""

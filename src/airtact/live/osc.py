@@ -1,4 +1,4 @@
-"""Hands, objects and foci by OSC over UDP, for Unity, Unreal, TouchDesigner and Max.
+"""OSC over UDP for hands, objects and foci: Unity, Unreal, TouchDesigner and Max.
 
 Every address begins with /airtact. docs/applications.md lists them; they become the messages of
 ``messages``.
@@ -170,7 +170,7 @@ class OscServer:
 
 
 def message_of(kind: str, values: Sequence[Any]) -> Message:
-    """Return the message that an address after /airtact/ and its arguments stand for.
+    """Return the message for an address after /airtact/ and its arguments.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def _checked(kind: str, values: Sequence[Any]) -> list[Any]:
 
 
 def _bundle(lines: Sequence[tuple[str, Sequence[Any]]]) -> bytes:
-    """Write addresses after /airtact/ with their arguments as one packet."""
+    """Encode addresses after /airtact/ and their arguments as one packet."""
     from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
     from pythonosc.osc_message_builder import OscMessageBuilder
 

@@ -16,8 +16,8 @@ from airtact.transducers.modulation import AmplitudeModulation
 class Output:
     """Receiver of drives: boards behind a link, or nothing. A ``with`` block ends in silence.
 
-    Drives over a cap, by default full scale, are scaled down. After silence the sound rises
-    within 0.2 s. If the boards fail, the methods raise ``LinkFailed``.
+    Drives above a cap, which is full scale by default, are scaled down. After silence, the sound
+    rises within 0.2 s. If the boards fail, the methods raise ``LinkFailed``.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class Output:
             self._emission.cycle(Sequence(frames, rate), wait=False)
 
     def beat(self) -> None:
-        """Keep the output as it is, and feed the watchdog."""
+        """Keep the output as it is, and reset the watchdog."""
         if self._emission is not None:
             self._emission.beat()
 

@@ -80,7 +80,7 @@ class RegisteredTracker:
 
 
 def elements_to_touch(array: PhasedArray, count: int = 6) -> tuple[int, ...]:
-    """Return transducers that are far from each other, such as the corners of boards.
+    """Return transducers that are far apart, such as those at the corners of boards.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def register_tracker(
 
 
 def _frames(source: str) -> Iterator[HandFrame | str]:
-    """Yield the frames of a recording or tracker in its own axes, or why there is none."""
+    """Yield the frames of a recording or tracker in its own axes, or why one is missing."""
     hands = received(source)
     if hands is None:
         yield from load_recording(source, leave_out=True).frames
@@ -245,12 +245,12 @@ def _values(pose: Pose) -> dict[str, str]:
 
 
 def with_tracker(text: str, pose: Pose) -> str:
-    """Return the text of a scene file with another ``[tracker]``; all else stays, with comments.
+    """Return the text of a scene file with another ``[tracker]``; the rest is unchanged.
 
     Raises
     ------
     InvalidInput
-        If the tracker is written in another way than as a table ``[tracker]``.
+        If the tracker is not written as a table ``[tracker]``.
     """
     values = _values(pose)
     lines = text.splitlines(keepends=True)
@@ -290,7 +290,7 @@ def with_tracker(text: str, pose: Pose) -> str:
 
 
 def write_tracker(scene: str | Path, pose: Pose, copy: str | Path | None = None) -> None:
-    """Write ``[tracker]`` into a scene file, or into a copy of it; all else stays.
+    """Write ``[tracker]`` into a scene file, or into a copy; the rest is unchanged.
 
     Parameters
     ----------

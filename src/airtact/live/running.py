@@ -232,7 +232,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
 def received(
     source: str, tracker: Pose | None = None, world: World | None = None
 ) -> ReceivedHands | None:
-    """Open the socket that a source names; None if it names none."""
+    """Open the socket of a source; return None if the source has no socket."""
     kind, colon, port = source.partition(":")
     if kind not in PORTS:
         return None
@@ -247,7 +247,7 @@ def received(
 def output_to(
     setup: Setup, folder: Path, board: str | None, link: str | None, **settings: str | None
 ) -> Output:
-    """Return the output of a run: boards behind a link, or none if both are missing.
+    """Return the output of a run: boards behind a link, or nothing if both are missing.
 
     Parameters
     ----------

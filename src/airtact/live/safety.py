@@ -19,7 +19,7 @@ FADE = 0.085
 
 
 class Workspace:
-    """The region in front of an array in which a hand may get sound."""
+    """The region in front of an array in which a hand may receive sound."""
 
     def __init__(self, scene: LiveScene) -> None:
         self._scene = scene
@@ -27,7 +27,7 @@ class Workspace:
         self._radius = float(scene.array.element.reach)
 
     def out_of_reach(self, foci: Foci) -> str | None:
-        """Return a short reason why there must be no sound at points, or None."""
+        """Return a short reason for silence at some points, or None."""
         if not len(foci):
             return None
         distances, _ = self._elements.query(foci)
@@ -44,7 +44,7 @@ class Workspace:
         return None
 
     def fault(self, joints: Joints, foci: Foci) -> str | None:
-        """Return a short reason why a hand with these foci must not get sound, or None."""
+        """Return a short reason for silence at a hand with these foci, or None."""
         fault = self.out_of_reach(foci)
         if fault is not None:
             return fault
@@ -68,7 +68,7 @@ class Workspace:
 
 
 def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
-    """Return the hand of a frame, or a short reason why there is none."""
+    """Return the hand of a frame, or a short reason for its absence."""
     if frame.landmarks is None:
         return "lost" if frame.lost else "no landmarks"
     try:
@@ -85,7 +85,7 @@ class Gain:
         self._then: float | None = None
 
     def advance(self, now: float, on: bool) -> float:
-        """Advance to a time [s], up or down, and return the factor."""
+        """Raise or lower the factor up to a time [s], and return it."""
         step = 0.0 if self._then is None else max(now - self._then, 0.0)
         self._then = now
         if on:

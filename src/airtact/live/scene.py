@@ -288,7 +288,7 @@ def hand_in(
 ) -> Hand:
     """Return the hand with these landmarks, or joints (25, 3) [m].
 
-    The side, by default that of the scene, was checked with the frame and is not checked again.
+    The side, by default that of the scene, was checked with the frame.
     """
     joints = joints_of(landmarks)
     check_finger_order(joints)

@@ -185,7 +185,7 @@ class SessionWriter:
         self._take("drives", row)
 
     def close(self) -> None:
-        """Write the remaining rows and close the file; ``fault`` says what is missing."""
+        """Write the remaining rows and close the file; ``fault`` states what is missing."""
         if self._process is None and self._rows:
             self.begin()
         self._done.set()
@@ -418,8 +418,8 @@ def read_session(path: str | Path) -> Session:
     Raises
     ------
     InvalidInput
-        If the file cannot be read, is no session, or has a newer version; the message begins with
-        its name.
+        If the file cannot be read, is not a session, or has a newer version; the message begins
+        with its name.
     """
     raw = _read(path, FRAME_LAYOUT | SCENE_LAYOUT | DRIVE_LAYOUT)
     with about(Path(path).name):
@@ -456,7 +456,7 @@ def read_session(path: str | Path) -> Session:
 
 
 def recording_of(path: str | Path) -> Recording:
-    """Read the frames of a session as a recording, in scene coordinates.
+    """Read the frames of a session in scene coordinates, as a recording.
 
     Parameters
     ----------

@@ -152,7 +152,7 @@ class RecordedHands(HandSource):
 
 
 class ReceivedHands(HandSource):
-    """Source that receives the messages of trackers and applications, at a port opened at once.
+    """Source that receives messages of trackers and applications at a port, which opens at once.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def moved_to(recording: Recording, hand: Hand) -> Recording:
 
 
 def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
-    """Let a hand touch an object and leave it by 12 mm, once in 2 s, at 60 frames per second.
+    """Make a hand touch an object and move away by 12 mm, once in 2 s, at 60 frames per second.
 
     Without a hand, it is the packaged recording of a small hand around the ball of ``touch_ball``.
     """

@@ -22,7 +22,7 @@ from airtact.timing import Progress, no_progress
 
 @dataclass(frozen=True, eq=False)
 class VerifiedSession:
-    """Pressures on the hand from selected drives of a session.
+    """Pressures at the hand from selected drives of a session.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ def _touched(
 ) -> tuple[Foci, Float64[np.ndarray, "foci"]]:
     """Return the foci (F, 3) of a drive [m], in front of the true skin, and their strengths (F,).
 
-    Weak foci are left out, because those of the others drown them.
+    Weak foci are ignored, because the sound of the others masks them.
     """
     foci = []
     strengths = []

@@ -42,7 +42,7 @@ class Mailbox:
             self._changed.notify_all()
 
     def take(self) -> Any:
-        """Wait for a message and remove it; None at the end."""
+        """Wait for a message and remove it; return None at the end."""
         with self._changed:
             self._changed.wait_for(lambda: self.ended or self.newest is not None)
             message = self.newest
@@ -50,7 +50,7 @@ class Mailbox:
             return None if self.ended else message
 
     def look(self, max_age: float) -> Any:
-        """Wait for a message younger than ``max_age`` [s] and leave it; None at the end."""
+        """Wait for a message newer than ``max_age`` [s] and keep it; return None at the end."""
         with self._changed:
             while not self.ended:
                 if self.newest is not None and time.monotonic() - self._arrived < max_age:
@@ -138,7 +138,7 @@ def dump(message: object, pipe: IO[bytes]) -> None:
 
 
 def main() -> None:
-    """Do the work in the first message from the input, until the input ends."""
+    """Perform the task in the first message from the input until the input ends."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     # Output of libraries must not mix with the messages.
     with open(os.devnull, "wb") as nothing:

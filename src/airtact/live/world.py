@@ -1,6 +1,6 @@
-"""What is to be felt: virtual objects and foci, which applications change while the loop runs.
+"""The virtual objects and foci to be felt, which applications change while the loop runs.
 
-Every application is a source with a name. Its foci are dropped when it is silent for ``SILENCE``.
+Every application is a source with a name. Its foci end after it has been silent for ``SILENCE``.
 Its objects stay until its connection has been closed for ``SILENCE``, so that an application that
 reconnects at once does not lose them.
 """
@@ -108,7 +108,7 @@ class WantedFocus:
 
 
 class World:
-    """The virtual objects and wanted foci of the loop; any thread may read and change them.
+    """The virtual objects and requested foci of the loop; any thread may read and change them.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class World:
         return self._objects
 
     def foci(self, now: float) -> tuple[WantedFocus, ...]:
-        """Return the foci wanted at a time of ``time.monotonic`` [s], with their strengths then."""
+        """Return the foci requested at a time of ``time.monotonic`` [s], with their strengths."""
         with self._lock:
             self._forget(now)
             names = {thing.name for thing in self._objects}
@@ -157,7 +157,7 @@ class World:
             return tuple(wanted.values())
 
     def take(self, text: bytes | str, source: str) -> str | None:
-        """Process a message in JSON; return why it is rejected, or None."""
+        """Process a message in JSON; return the reason for its rejection, or None."""
         try:
             self.receive(read_message(text), source)
         except InvalidInput as fault:
@@ -188,7 +188,7 @@ class World:
         self.alive(source)
 
     def alive(self, source: str) -> None:
-        """Note that an application has sent something, which keeps its foci."""
+        """Record that an application has sent something, which keeps its foci alive."""
         with self._lock:
             if source in self._foci:
                 self._heard[source] = self._clock()
@@ -202,7 +202,7 @@ class World:
                 self._closed[source] = self._clock()
 
     def reject(self, sentence: str) -> None:
-        """Note why a message was rejected, for the status."""
+        """Record why a message was rejected, for the status."""
         self._rejected = (self._clock(), sentence)
 
     @property
@@ -212,7 +212,7 @@ class World:
         return sentence if self._clock() - when < 3.0 else ""
 
     def show(self, moment: Moment | None, reason: str | None, scale: float = 1.0) -> None:
-        """Take what the loop does now; the loop calls it in every pass.
+        """Receive the state of the loop, which calls this method in every pass.
 
         Parameters
         ----------

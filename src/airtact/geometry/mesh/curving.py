@@ -45,8 +45,7 @@ _CAP_DEGREES = 40.0
 def curved(
     vertices: Vertices, triangles: Triangles, sharp_degrees: float
 ) -> tuple[EdgeVectors, EdgeMask]:
-    """Points [m] of the curved surface at the middles of a closed mesh's edges, and the sharp
-    edges.
+    """Points [m] of the curved surface at the middles of the edges, and the sharp edges.
 
     Caps that close a cut body, such as a hand cut at the wrist, remain flat with sharp rims.
     """

@@ -1,1 +1,1 @@
-"""Makers of drives that account for the hand, and the processes that solve its scattering."""
+"""Computation of drives that account for the hand, and the processes that solve its scattering."""

@@ -5,8 +5,9 @@ because the phase of the sound that a neighbouring finger scatters changes with 
 The strengths of the sources on the skin, relative to the direct sound of the beacon, hardly change:
 they are smooth functions of the position on each bone. The sources are therefore moved with their
 bones, their phases are updated for the new paths from the focus, and their field is recomputed.
-This takes 20 ms and makes a solution of 0.1 s ago about right. Until the next such step, the
-sources of each bone are combined, and their phase is updated for the path through their centre.
+This takes 20 ms and corrects most of the error of a solution that is 0.1 s old. Until the next
+update, the sources of each bone are combined, and their phase follows the path through their
+centre.
 """
 
 from collections.abc import Sequence
@@ -103,7 +104,7 @@ class ElementSubset:
 
     @classmethod
     def of(cls, positions: Points, count: int) -> "ElementSubset":
-        """Choose a number of elements (E, 3) [m], each the farthest from those before it."""
+        """Choose a number of elements (E, 3) [m], each as far as possible from the earlier ones."""
         chosen = [0]
         away = np.linalg.norm(positions - positions[0], axis=1)
         while len(chosen) < count:
@@ -375,7 +376,7 @@ class BendingHand:
         self._solutions = [*self._solutions[-59:], solution]
 
     def carried(self, joints: Joints, time: float) -> CarriedFactors | None:
-        """Carry the most similar solution to a pose; return None if there is none."""
+        """Carry the solution of the most similar pose to a pose; return None if there is none."""
         solutions = self._solutions
         posed = pose_hand(self._scene, joints)
         if not solutions:

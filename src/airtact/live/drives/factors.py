@@ -72,7 +72,7 @@ class HandFactors:
 
 
 def beacon_points(scene: LiveScene, posed: PosedHand) -> Float64[np.ndarray, "points 3"]:
-    """Return the points to solve for (P, 3) [m]: the foci, then those of each frame of paths."""
+    """Return the points to solve for (P, 3) [m]: the foci, then the foci of each frame of paths."""
     if scene.moving is None:
         return posed.foci
     return np.concatenate([posed.foci, moving_points(scene.moving, posed).reshape(-1, 3)])

@@ -1,4 +1,4 @@
-"""Library of solutions, and the choice of the best one for the present pose.
+"""Library of solutions, and the choice of the best solution for the present pose.
 
 The value of a solution depends on how similar its pose is to the present one, not on its age: a
 hand that pinches again returns to poses solved before.
@@ -42,8 +42,8 @@ def expected_kept(
     The shares are medians of 1,700 pairs of poses, one solved and one played, with solutions of the
     whole hand. Thumb and index finger open and close 200 mm in front of 2 x 2 flat boards while the
     hand moves by 150 mm. The share falls within a millimetre, an eighth of the wavelength, because
-    of multiple reflections between both fingers. The benefit of a whole hand is lost as fast as
-    that of the phalanges.
+    of multiple reflections between both fingers. The benefit of solutions for the whole hand is
+    lost as fast as for the phalanges.
 
     The effect of noise, after ``Predictor``, is fitted by hand to medians of ``benchmarks/live.py
     --emulated`` at 60 frames/s: 23 drives for the same motion with 1 mm of noise kept 0.78, and 17
@@ -76,7 +76,7 @@ def expected_kept(
 
 
 def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
-    """Return the difference of poses; at 1 most of the benefit of a solution is lost."""
+    """Return the difference between poses; at 1 most of the benefit of a solution is lost."""
     scale = (max(foci, FITTED_FOCI) / FITTED_FOCI) ** 2
     return scale * ((gap / GAP_SCALE) ** 2 + (turned / 0.2) ** 2)
 

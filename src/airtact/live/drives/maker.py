@@ -20,19 +20,19 @@ from airtact.live.scene import Joints, LiveScene, pose_hand
 
 
 def solved_for(scene: LiveScene) -> list[Rule]:
-    """Return the parts to solve, each in its own process: phalanges and hand, or carried hands."""
+    """Return the parts to solve, each in its own process: phalanges and hand, or moved hands."""
     # With three foci, or one at the palm, scattering by the other fingers and the palm matters.
     many = len(scene.places) >= 3 or "palm" in scene.places
     return ["carried"] if many and scene.moving is None else ["phalanges", "hand"]
 
 
 class HandAware(DriveMaker):
-    """Maker of drives that account for the hand.
+    """Computes drives that account for the hand.
 
     The transfer matrix is the open-air matrix of the present pose times the factors of the stored
-    solution with the largest expected pressure. The open-air matrix alone is used if it is expected
-    to give more. The solvers pause while noise makes all solutions useless. A Kalman filter smooths
-    and predicts the frames.
+    solution with the largest expected pressure. The open-air matrix alone is used if its expected
+    pressure is larger. The solvers pause while noise makes all solutions useless. A Kalman filter
+    smooths and predicts the frames.
 
     The method ``"best"`` is ``weighted_gerchberg_saxton`` here, which takes less than a millisecond
     and comes within 1 % of it.
@@ -77,7 +77,7 @@ class HandAware(DriveMaker):
         self.solutions = 0
 
     def take(self, frame: HandFrame) -> None:
-        """Take the tracker's newest frame; those of the other hand are ignored.
+        """Process the tracker's newest frame; frames of the other hand are ignored.
 
         Raises
         ------
@@ -92,12 +92,12 @@ class HandAware(DriveMaker):
     def feel(
         self, objects: "Sequence[at.VirtualObject]", foci: "Sequence[at.live.WantedFocus]"
     ) -> None:
-        """Reject wanted foci, because the places of the scene are fixed."""
+        """Reject requested foci, because the places of the scene are fixed."""
         reason = "the scene has [[foci]], which do not move: remove them, or add [[objects]]."
         self._rejected = {focus.name: reason for focus in foci}
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Make the drive for sound that is in the air at a time [s]; zeros if there is no hand.
+        """Compute the drive for sound in the air at a time [s]; it is zero if there is no hand.
 
         The loop applies cap, modulation and ``playing``.
         """

@@ -17,7 +17,7 @@ Points = Float64[np.ndarray, "points 3"]
 
 
 class Rounds:
-    """Makes the frames of one round after another.
+    """Computes the frames of successive rounds.
 
     Parameters
     ----------
@@ -125,6 +125,6 @@ def aligned(frames: Frames, previous: Frames | None) -> Frames:
 def turned_towards(
     drives: Complex128[np.ndarray, "*shape"], reference: Complex128[np.ndarray, "*shape"]
 ) -> Complex128[np.ndarray, "*shape"]:
-    """Give drives the global phase closest to a reference; this has no effect at a focus."""
+    """Align the global phase of drives with a reference, which has no effect at a focus."""
     product = complex(np.vdot(drives, reference))
     return drives * (product / abs(product)) if product else drives

@@ -14,7 +14,7 @@ from airtact.touch.skin import Skin, skin_of
 
 @dataclass(frozen=True, eq=False)
 class _Meshed:
-    """The skin as meshed, the weight of each bone in its motion, and the pose."""
+    """The skin as meshed, the weight of each bone in its motion, and the pose of the hand."""
 
     skin: Skin
     weights: Weights

@@ -1,4 +1,4 @@
-"""Solutions for beacons on the skin that touches or will touch an object.
+"""Solutions for beacons on skin that touches or will touch an object.
 
 A focus at a contact may be anywhere on the hand, and it moves along the skin. Nearly all of the
 sound that the hand scatters to it comes from the skin around it: panels within 20 mm of the foci

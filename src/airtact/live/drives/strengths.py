@@ -1,4 +1,4 @@
-"""Drives for foci with different strengths, some of which may be off or out of reach."""
+"""Drives for foci of different strengths; some foci may be off or out of reach."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -20,7 +20,7 @@ def balanced(
     foci: Foci,
     strengths: Float64[np.ndarray, "foci"],
 ) -> Amplitudes:
-    """Make a drive that gives each focus a pressure in proportion to its strength.
+    """Compute a drive with pressures at the foci in proportion to their strengths.
 
     Parameters
     ----------

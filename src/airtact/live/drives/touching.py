@@ -1,4 +1,4 @@
-"""Drives for what hands touch: contacts with virtual objects, and foci that applications want."""
+"""Drives for contacts of hands with virtual objects, and for foci requested by applications."""
 
 import time as clock
 from collections.abc import Mapping, Sequence
@@ -95,13 +95,13 @@ class _Foci:
 
 
 class TouchAware(DriveMaker):
-    """Maker of drives for contacts with virtual objects and for wanted foci, on both hands.
+    """Computes drives for contacts with virtual objects and for requested foci, on both hands.
 
-    Contacts are found on the predicted hands at each drive. Foci appear, move and fade as
-    ``TouchState`` says; wanted foci rise and fall as fast. The transfer matrix is that of open air
+    Contacts are found on the predicted hands at each drive. Foci appear, move and fade as described
+    in ``TouchState``; requested foci rise and fall as fast. The transfer matrix is that of open air
     times the factors of the newest solution of the skin near contacts, which a process of its own
-    computes; beacons are solved before the skin touches. The amplitude follows the strongest
-    focus, so that a focus of strength s gets s times the pressure.
+    computes; beacons are solved before the skin touches. The amplitude follows the strongest focus,
+    so that a focus of strength s gets s times the pressure.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class TouchAware(DriveMaker):
         self.solutions = 0
 
     def take(self, frame: HandFrame) -> None:
-        """Take the newest frame of a hand; after one without a hand, its foci fade.
+        """Process the newest frame of a hand; after a frame without a hand, its foci fade.
 
         Raises
         ------
@@ -172,7 +172,7 @@ class TouchAware(DriveMaker):
         self._asked = tuple(foci)
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Make the drive for sound that is in the air at a time [s].
+        """Compute the drive for sound in the air at a time [s].
 
         Without a hand, or without a focus, all amplitudes are 0.
         """
@@ -271,7 +271,7 @@ class TouchAware(DriveMaker):
         controls: Controls,
         elapsed: float,
     ) -> dict[str, str]:
-        """Add the wanted foci, and those that fade; return why others are rejected, by name."""
+        """Add the requested foci and those that fade; return rejected foci with the reasons."""
         rejected = {}
         present = set()
         for wanted in (*self._always, *self._asked):
@@ -297,12 +297,12 @@ class TouchAware(DriveMaker):
     def _place_of(
         self, wanted: WantedFocus, seen: Mapping[Side, _TrackedHand], controls: Controls
     ) -> tuple[Point, Side | None]:
-        """Return where a wanted focus is [m], and the side of the hand that it is on, if any.
+        """Return the position of a requested focus [m], and the side of its hand, if any.
 
         Raises
         ------
         InvalidInput
-            If that is unknown, inside a hand or out of reach.
+            If the position is unknown, inside a hand or out of reach.
         """
         side: Side | None = None
         if wanted.place is not None:

@@ -1,4 +1,4 @@
-"""The pages that are open: what they ask for, what they are sent, and the hand that is dragged."""
+"""The open pages: their requests, the data sent to them, and the dragged hand."""
 
 import time
 from contextlib import suppress
@@ -129,7 +129,7 @@ class Pages:
             Thread(target=self._give_hand, daemon=True).start()
 
     def paint(self, mailbox: Mailbox) -> None:
-        """Send pictures of the newest ``Shown`` to the open pages, until the loop ends."""
+        """Send pictures of the newest ``Shown`` to the open pages until the loop ends."""
         view = View(self._scene)
         known: frozenset[int] = frozenset()
         while not mailbox.ended:
@@ -152,7 +152,7 @@ class Pages:
             time.sleep(max(1.0 / 18.0 - spent, 3.0 / 7.0 * spent))
 
     def _serve(self, connection: ServerConnection) -> None:
-        """Send pictures to a page as fast as it draws them, and take its messages."""
+        """Send pictures to a page as fast as it draws them, and process its messages."""
         pictures = Mailbox()
         drawn = Semaphore(2)  # the next picture travels while one is drawn
 
@@ -221,7 +221,7 @@ class Pages:
         return Pose(turn, np.array(self._hand.position)).apply(joints)
 
     def _give_hand(self) -> None:
-        """Send the hand that is dragged as a tracker does, 60 times a second."""
+        """Send the dragged hand like a tracker, 60 times per second."""
         sequence = 0
         while True:
             joints = self._joints()

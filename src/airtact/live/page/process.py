@@ -138,7 +138,7 @@ class PageProcess:
         self.close()
 
     def show(self, moment: Moment) -> None:
-        """Show a moment, unless a newer one comes first; call it in every pass of the loop."""
+        """Show a moment, unless a newer one replaces it; call this in every pass of the loop."""
         self._shown = replace(self._shown, moment=moment, drives=self._shown.drives + 1)
         self._put()
 
@@ -173,7 +173,7 @@ class PageProcess:
 
     @property
     def ended(self) -> bool:
-        """Whether the process of the page has ended."""
+        """Whether the page's process has ended."""
         return self._worker.ended
 
     def close(self) -> None:
@@ -213,7 +213,7 @@ def serve_page(
     controls: Controls,
     certificate: Path | None,
 ) -> None:
-    """Serve the page until the loop ends; the mailbox has the newest ``Shown``."""
+    """Serve the page until the loop ends; the mailbox contains the newest ``Shown``."""
     try:
         with extra("live", "the page needs websockets; to run without a page, set --no-page"):
             from airtact.live.page.pages import Pages

@@ -1,4 +1,4 @@
-"""What the page shows of a moment: numbers, words and arrays that its scripts draw."""
+"""The content of the page for a moment: numbers, words and arrays that its scripts draw."""
 
 import time
 from dataclasses import dataclass
@@ -147,7 +147,7 @@ class View:
     def _sound_of(
         self, moment: Moment, skin: np.ndarray, across: Axis, offset: float
     ) -> Sound | None:
-        """Request the pressure of a moment, and return the newest result if under 20 s old."""
+        """Request the pressure of a moment; return the newest result if it is under 20 s old."""
         if moment.joints is None or moment.foci is None or not len(moment.foci):
             return None
         self._middle = moment.foci.mean(axis=0)
@@ -227,7 +227,7 @@ def packed(facts: dict[str, Any], arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
-    """Return facts and numbers that never change, for the template."""
+    """Return the constant facts and numbers for the template."""
     array = scene.array
     middle = expected_middle(scene)
     # A hand reaches about 0.15 m from its foci.
