@@ -1,4 +1,4 @@
-"""Wall time of steps, progress reports, child processes, and limits of threads and priority."""
+"""Timing of steps, progress reports, child processes, and limits of threads and priority."""
 
 import os
 import subprocess
@@ -68,8 +68,9 @@ def _threads() -> ThreadpoolController:
 def give_way(nice: int) -> None:
     """Lower the priority of this process by ``nice`` steps, if the system supports it.
 
-    Linux first divides the processors among sessions (autogroups), so ``nice`` has effect only
-    inside a session. A process with a session of its own therefore lowers the session too.
+    Linux first divides the processors among sessions (autogroups), so ``nice`` only has an effect
+    within a session. A process with its own session therefore also lowers the priority of the
+    session.
     """
     with suppress(AttributeError, OSError):
         os.nice(nice)
@@ -79,7 +80,7 @@ def give_way(nice: int) -> None:
 
 
 def start_python(*arguments: str, **options: Any) -> "subprocess.Popen[bytes]":
-    """Start Python in a session of its own, with one thread for linear algebra.
+    """Start Python in its own session, with one thread for linear algebra.
 
     It can import what this process can. ``options`` are those of ``subprocess.Popen``.
     """

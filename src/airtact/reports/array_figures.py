@@ -1,4 +1,4 @@
-"""Pictures of the transducers, with faces side by side (Fig. 5 of the paper) or in 3-D."""
+"""Pictures of the transducers, either with faces side by side (Fig. 5 of the paper) or in 3-D."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -58,8 +58,7 @@ def unfold(
 ) -> list[Face]:
     """Split an array into its flat faces and unfold them; more than eight count as a single face.
 
-    Faces around an upright axis are in the order in which a viewer inside sees them when turning
-    right.
+    Faces around an upright axis are in the order that a viewer inside sees when turning right.
     """
     # Elements of a face share their normal and the plane's distance from the origin to 0.1 mm.
     keys = np.round(np.column_stack([normals, (positions * normals).sum(axis=1) / 1e-4]), 3)
@@ -150,7 +149,7 @@ def draw_receivers(
     values: Mapping[str, Float64[np.ndarray, "elements"]],
     label: str,
 ) -> Figure:
-    """Draw positive values of every transducer, a panel per name, on a common logarithmic scale."""
+    """Draw positive values of every transducer on a logarithmic scale, one panel per name."""
     rows, columns, width, height = _panels(positions, normals, len(values))
     size = columns * (width + 0.9) + 0.9, rows * (height + 1.0)
     figure = Figure(figsize=size, layout="constrained")
@@ -271,7 +270,7 @@ def draw_scene(
 ) -> Figure:
     """Draw transducers as discs coloured by phase, bodies in grey, foci as dots, planes as sheets.
 
-    Transducers that face away from the viewer are faint rings, which hide nothing.
+    Transducers that face away from the viewer are drawn as faint rings.
     """
     figure = Figure(figsize=(10.4, 8.0), layout="constrained")
     axes = space_axes(figure, view_of(normals))
@@ -345,7 +344,7 @@ def _add_discs(
 
 
 def view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
-    """Return the view into a surrounding array, or past the edge of any other array."""
+    """Return the view into a surrounding array, or past the edge of another array."""
     mean = normals.mean(axis=0)
     if np.linalg.norm(mean) < 0.3:
         return -58.0, 26.0

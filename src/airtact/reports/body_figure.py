@@ -93,7 +93,7 @@ def sharp_edges(body: Surface) -> Bool[np.ndarray, "triangles 3"]:
 
 
 def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:
-    """Draw curved panels with their edges, coloured by the smallest angle of each panel."""
+    """Draw curved panels and their edges, coloured by the smallest angle of each panel."""
     # An equilateral panel has 60°.
     scale = ScalarMappable(Normalize(0.0, 60.0), "viridis")
     hexagons = _hexagons(quadratic_triangles)

@@ -81,7 +81,7 @@ def draw_difference(
     names: Sequence[str] | None = None,
     axes: Axes | None = None,
 ) -> Figure:
-    """Draw the level of one drive relative to another [dB]; it is grey where both are faint."""
+    """Draw the level of one drive relative to another [dB]; it is grey where both are weak."""
     first, second = (np.abs(cut.pressures[name]) for name in drives)
     # The floor, 60 dB below the peak, avoids the logarithm of zero.
     smallest = 1e-3 * peak
@@ -137,7 +137,7 @@ def _draw_plane(
 
 
 def draw_solid(axes: Axes, window: Window, depth: Float64[np.ndarray, "points"]) -> None:
-    """Fill the bodies in a window, which are the points with a positive depth."""
+    """Fill the bodies in a window, where the depth is positive."""
     if depth.max() > 0.0:
         grid = (*grid_axes(window), depth.reshape(window.shape))
         axes.contourf(*grid, levels=[0.0, 2.0 * depth.max()], colors=[BODY])
@@ -156,7 +156,7 @@ def grid_axes(
 def _past_the_surface(
     values: Float64[np.ndarray, "rows columns"],
 ) -> Float64[np.ndarray, "rows columns"]:
-    """Continue values by 3 points into bodies, where they are NaN.
+    """Extend values by 3 points into bodies, where they are NaN.
 
     This leaves no gap between the interpolated values and the outlines.
     """

@@ -1,4 +1,4 @@
-"""The page that compares all methods: a table, bars with the bound, and fields on one scale."""
+"""The page that compares all methods: a table, bars with the bound, and the fields."""
 
 from pathlib import Path
 from typing import Any

@@ -57,7 +57,7 @@ def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) 
 
 
 def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
-    """Draw a figure and crop its empty margins, which 3-D axes make wide."""
+    """Draw a figure, and crop the wide margins of 3-D axes."""
     figure.set_dpi(96 * PIXELS)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()

@@ -61,7 +61,8 @@ def field(
 
     Returns
     -------
-    The axes. Drives of a comparison have their strongest element at full scale.
+    The axes. All drives of a comparison are scaled so that their strongest element is at full
+    scale.
 
     Raises
     ------
@@ -125,7 +126,7 @@ def phases(
     show: Literal["phase", "amplitude"] = "phase",
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the phase or amplitude of every transducer as a disc at its position, face by face.
+    """Plot the phase or amplitude of each transducer as a disc at its position, face by face.
 
     Each face is seen from the side to which it radiates.
 

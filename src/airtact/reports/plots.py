@@ -21,7 +21,7 @@ COLOURS_OF_DRIVES = (BAR, "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#0072b2",
 def draw_bars(
     names: Sequence[str], heights: Float64[np.ndarray, "names"], bound: float, label: str
 ) -> Figure:
-    """Draw a bar for each name, with the first on top, and a line at the bound.
+    """Draw one bar per name, from top to bottom, and a line at the bound.
 
     ``label`` names the quantity and its unit.
     """
@@ -140,7 +140,7 @@ def draw_varied(
     values: Float64[np.ndarray, "points"],
     label: str,
 ) -> Figure:
-    """Draw values against each varied column, with the median of points that share a value."""
+    """Plot values against each varied column, with the median of points that share a value."""
     figure = Figure(figsize=(min(4.6 * len(axes), 16.0), 3.6), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(axes), sharey=True))
     for panel, (name, varied) in zip(panels, axes.items(), strict=True):

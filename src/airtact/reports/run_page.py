@@ -231,7 +231,7 @@ def _foci(run: Rendering) -> dict[str, Any]:
 
 
 def _comparisons(run: Rendering) -> dict[str, list[tuple[str, ...]]]:
-    """Rows of the pressures under both drives, by caption; one table if all are the same."""
+    """Rows of the pressures for both drives, by caption; a single table if all are equal."""
     tables = {}
     for held_equal, pressures in run.verification.pressures.items():
         rows = []

@@ -78,7 +78,7 @@ class SceneView:
 
 
 def off_one_plane(setup: Setup) -> bool:
-    """Whether there are more than two foci, on bodies, so that one plane rarely contains them."""
+    """Whether more than two foci are on bodies, so that a single plane rarely contains them."""
     return len(setup.foci) > 2 and bool(setup.scene.obstacles)
 
 
@@ -147,7 +147,7 @@ def embedded(facts: dict[str, Any], numbers: bytes) -> dict[str, Any]:
 
 
 def joined(arrays: Mapping[str, np.ndarray]) -> tuple[dict[str, tuple[str, int, int]], bytes]:
-    """Join arrays for JavaScript; return type, offset and size of each, and the bytes."""
+    """Join arrays for JavaScript; return the type, offset and size of each, and the bytes."""
     places = {}
     data = bytearray()
     for name, values in arrays.items():
@@ -214,7 +214,7 @@ def _caption(view: SceneView) -> str:
 
 @cache
 def three_js() -> str:
-    """Return three.js from trimesh's viewer, as one script that defines ``THREE``."""
+    """Return three.js from trimesh's viewer as a script that defines ``THREE``."""
     import trimesh.resources
 
     archive = zipfile.ZipFile(io.BytesIO(trimesh.resources.get_bytes("templates/viewer.zip")))
@@ -342,7 +342,7 @@ def _views(view: SceneView) -> dict[str, Any]:
 def framed(
     points: Float64[np.ndarray, "points 3"], seen: Float64[np.ndarray, "3"]
 ) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
-    """Return centre, radius [m] and direction of the view that shows points from a direction."""
+    """Return centre, radius [m] and direction of a view of points from a direction."""
     across = unit(np.cross([0.0, 0.0, 1.0], seen))
     axes = np.stack([across, np.cross(seen, across), seen])
     projected = points @ axes.T

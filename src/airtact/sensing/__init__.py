@@ -1,4 +1,4 @@
-"""The pose of a hand from echoes of the array's own coded transmissions, and calibration."""
+"""Location of a hand from echoes of the array's own coded transmissions, and calibration."""
 
 from airtact.lazy import attached
 

@@ -60,7 +60,7 @@ class EchoModel:
         valid: Bool[np.ndarray, "receivers transmissions"] | None = None,
         spare: int = 0,
     ) -> "EchoModel":
-        """Expand an array in the bodies' frame, with ``spare`` more orders than the bodies need.
+        """Expand an array in the bodies' frame, with ``spare`` additional orders.
 
         A translation by 1/k mixes about one additional order.
 

@@ -44,8 +44,8 @@ Receivers = Int64[np.ndarray, "receivers"]
 class Echoes:
     """Coded transmissions of an array and the received pressures, at one frequency.
 
-    For ``locate`` the pressures are the echoes alone: received pressures minus those of the empty
-    array.
+    For ``locate`` the pressures are only the echoes: the received pressures minus those of the
+    empty array.
 
     Attributes
     ----------

@@ -300,7 +300,7 @@ class _Fit:
 
     @property
     def units(self) -> Unknowns:
-        """Steps of the unknowns [m], [rad] and of the opening that change echoes about equally."""
+        """Steps of motion [m], [rad] and opening that change the echoes by similar amounts."""
         of_opening = [] if self.family is None else [1.0 / self.family.effect]
         return np.array([1.0] * 3 + [1.0 / self.model.scattering.radius] * 3 + of_opening)
 
@@ -346,7 +346,7 @@ class _Fit:
         return self.misfit(pose, self.missing(pose)) <= MAX_MISFIT
 
     def missing(self, pose: OptimizeResult) -> Receivers:
-        """Rows of the receivers that disagree with every pose, at most one in five."""
+        """Rows of the receivers that disagree with every pose, at most a fifth of them."""
         left = self.left(pose)
         residual, measured, expected = (
             np.sqrt(np.mean(np.abs(pressures) ** 2, axis=1))
@@ -469,8 +469,8 @@ def unexplained(
 
     Returns
     -------
-    (R,) root mean square over the transmissions; NaN for receivers without valid pressures. It is
-    about 1.4 for an unrelated pose, and the relative noise for a correct pose.
+    (R,) root mean square over the transmissions; NaN for receivers without valid pressures. The
+    misfit is about 1.4 for an unrelated pose, and equals the relative noise for a correct pose.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """The scattering matrix (T-matrix) of the bodies of a scene, in spherical waves.
 
-The bodies are solved for all regular waves at once. A layer of monopoles of density Z_nm on a
+A single solve of the bodies covers all regular waves. A layer of monopoles of density Z_nm on a
 sphere around them generates the regular wave j_n(kr) Z_nm inside. Its quadrature also generates
 waves of aliased orders, which decay inwards. The solver's monopoles that radiate the scattered
 pressure are projected onto outgoing waves. If a solver has no such monopoles, the scattered
@@ -161,7 +161,7 @@ def _symmetric(
     scattered: Complex128[np.ndarray, "waves patterns"],
     patterns: Float64[np.ndarray, "waves patterns"] | None,
 ) -> Complex128[np.ndarray, "waves waves"]:
-    """Return the symmetric matrix, given its product with patterns.
+    """Return the symmetric matrix from its product with patterns.
 
     Reciprocity also determines its product with all other waves, projected onto the patterns. The
     remaining block is neglected; it is of second order in the small waves at the bodies.
@@ -220,7 +220,7 @@ def reaching_patterns(
 ) -> Float64[np.ndarray, "waves patterns"] | None:
     """Orthonormal patterns of regular waves that reach the bodies; None if nearly all of them do.
 
-    Bodies fill only a part of the ball of the waves, so most patterns hardly reach them. The
+    Bodies only fill a part of the ball of the waves, so most patterns hardly reach the bodies. The
     patterns are eigenvectors of the mean square pressure of the waves on and below the surfaces.
     The points below the surfaces retain waves that vanish on the surfaces, as at an interior
     resonance. Patterns with an rms pressure below ``smallest`` times the largest are omitted.
@@ -256,7 +256,7 @@ def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
 
 @dataclass(frozen=True, eq=False)
 class ScatteringFamily:
-    """Scattering matrices of bodies with one shape parameter; ``scattering_family`` returns it.
+    """Scattering matrices of bodies with one shape parameter; the result of ``scattering_family``.
 
     Each entry of the matrix is interpolated by the polynomial through Chebyshev points, which is
     nearly optimal for smooth functions (L. N. Trefethen, Approximation Theory and Approximation

@@ -110,7 +110,7 @@ class Calibrated:
         return here - self.believed.positions.reshape(boards, -1, 3).mean(axis=1)
 
     def as_emitted(self, echoes: Echoes) -> Echoes:
-        """Scale echoes as if elements received with their gains of emission, as ``locate`` assumes.
+        """Scale echoes as if each element received with its emission gain, like ``locate``.
 
         Raises
         ------
@@ -171,7 +171,7 @@ class ArrayState:
 
 @dataclass(frozen=True, eq=False)
 class ArrayFit:
-    """Pressures (E, E) at each receiver from each emitter, and which pairs are used."""
+    """Pressures (E, E) at each receiver from each emitter, and a mask of used pairs."""
 
     measured: Pairs
     counted: CountedPairs
@@ -190,9 +190,9 @@ class ArrayFit:
     def best(
         self, boards: tuple[PhasedArray, ...], wavenumber: complex, enough: float
     ) -> ArrayState:
-        """Fit several starts with a few elements of each board, then the best with all elements.
+        """Fit several starts with a few elements per board, then the best one with all elements.
 
-        Phases are ambiguous by 2π, so a start that is wrong by half a wavelength may lead to a
+        Phases are ambiguous by 2π, so a start with an error of half a wavelength may lead to a
         wrong minimum.
         """
         random = np.random.default_rng(0)
@@ -346,9 +346,9 @@ class ArrayFit:
 def calibrate(
     echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | None = None
 ) -> Calibrated:
-    """Find the poses of boards, the gains of elements and the sound speed from direct sound.
+    """Estimate the poses of boards, the gains of elements and the sound speed from direct sound.
 
-    The space between the boards must be empty, and nothing may be subtracted from the echoes. Only
+    The space between the boards must be empty, and the echoes must include the direct sound. Only
     elements on different boards that face each other within 60 degrees are used. The poses of the
     boards may be wrong by 2 mm and 1 degree, and the sound speed by 4 m/s (7 °C).
 

@@ -81,7 +81,7 @@ def facing(
     cosine: float = 0.5,
     nearest: float = 0.02,
 ) -> Bool[np.ndarray, "receivers emitters"]:
-    """Whether elements of two boards face each other and are not adjacent at a common edge.
+    """Whether elements of two boards face each other and are not neighbours at a common edge.
 
     The default limits are 20 mm and 60 degrees; at larger angles real transducers deviate from
     pistons.
@@ -94,7 +94,7 @@ def facing(
 
 
 def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]:
-    """Split an array into ``count`` equal boards, or by default into boards of a known kind.
+    """Split an array into ``count`` equal boards, by default into boards of a known kind.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The bodies of a scene file: built from their tables, named, and merged if requested."""
+"""The bodies of a scene file, which are built from their tables, named, and optionally merged."""
 
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -93,7 +93,7 @@ def bodies_of(
 
 
 def unsided(name: str) -> str:
-    """Return the name of a place without its hand, such as "palm" for "left.palm"."""
+    """Return the name of a place without the side, such as "palm" for "left.palm"."""
     return name.removeprefix("left.").removeprefix("right.")
 
 

@@ -65,15 +65,15 @@ def read_scene(
         ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``; None removes a key. ``hand`` names the only
         obstacle of that kind.
 
-    moving : whether the bodies will move, so that none needs to touch an object yet. Without foci
-        and contacts the target is then the skin that is nearest to an object.
+    moving : whether the bodies will move, so that contacts may be missing at first. Without foci
+    and contacts, the target is then the skin nearest to an object.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, has a wrong key or value, or describes an impossible scene; the
-        message begins with the file's name and the table at fault. Also if a path in ``changes``
-        names no key.
+        If the file cannot be read, has a wrong key or value, or describes an impossible scene, or
+        if a path in ``changes`` names no key. The message begins with the names of the file and the
+        table at fault.
     """
     path = file_or_example(path)
     if path.suffix.lower() == ".json":

@@ -54,8 +54,8 @@ class Contender:
     pressures : (F,) peak pressure at the foci [Pa].
     suppression_points : (Q,) peak pressure at the suppression points [Pa].
     seconds : computing time of the method [s].
-    kept : pressure that the weakest focus exceeds in 9 of 10 samples of the uncertainty [Pa]; None
-        without uncertainty.
+    kept : pressure [Pa] that the weakest focus exceeds in 9 of 10 samples of the uncertainty, or
+    None without uncertainty.
     """
 
     name: str
@@ -88,7 +88,7 @@ class MethodComparison:
     ----------
     setup : the scene, array and target.
     default : name of the default method.
-    contenders : the methods that returned a drive; the control is the last.
+    contenders : the methods that returned a drive, ending with the control.
     warnings : warnings of the setup, of methods that returned no drive or stopped early, and of the
         verification.
     transfer : transfer matrix of the drives.
@@ -119,12 +119,12 @@ class MethodComparison:
 
     @property
     def tolerance(self) -> float:
-        """Relative difference below which two methods count as equal: the error, at least 1 %."""
+        """Relative difference below which methods count as equal: the error, or 1 % if larger."""
         return max(self.report.estimated_error, 0.01)
 
     @property
     def equally_good(self) -> list[Contender]:
-        """The methods whose weakest focus at full scale is within ``tolerance`` of the best."""
+        """The methods with a weakest focus at full scale within ``tolerance`` of the best."""
         largest = max(map(self.of_the_bound, self.contenders))
         return [
             contender
@@ -134,12 +134,12 @@ class MethodComparison:
 
     @property
     def best(self) -> Contender:
-        """The method whose weakest focus is strongest at full scale; the default among equals."""
+        """The method with the strongest weakest focus at full scale; among equals, the default."""
         return self.ranked[0]
 
     @property
     def ranked(self) -> list[Contender]:
-        """The contenders, best first; among equally good ones the default method is first."""
+        """The contenders from best to worst; the default method is the first of its equals."""
         equal = self.equally_good
 
         def rank(contender: Contender) -> tuple[bool, bool, float]:
@@ -228,8 +228,9 @@ def compare(
     of the setup is ignored.
 
     If drives of another program are given with a setup, they are compared with "best" instead of
-    all methods, and each with ``nearest_drive``: the drive whose phases are moved least so that
-    the weakest focus has 95 % of the bound. A drive that has as much is not mended.
+    all methods, and each with ``nearest_drive``: the drive with the smallest changes of phase that
+    brings the weakest focus to 95 % of the bound. Drives that already reach this value stay
+    unchanged.
 
     Parameters
     ----------
@@ -362,7 +363,7 @@ def _compare_methods(
 
 
 def _conjugated(name: str, drive: Drive, transfer: TransferMatrix, target: Target) -> list[str]:
-    """Warn if a drive was probably made for the other sign of phases."""
+    """Warn if a drive was probably computed for the opposite sign of phases."""
     asked = target.weights > 0.0
     pressures = [
         float((np.abs(transfer.pressure(one)[: len(asked)][asked]) / target.weights[asked]).min())

@@ -68,8 +68,8 @@ def write_triangles(
 ) -> int:
     """Write quadratic triangles [m] in the format that the file name's ending selects.
 
-    A .vtkhdf file also contains ``cells``. Return the number of open edges of the flat triangles,
-    which occur between panels of two sizes; it is 0 for curved panels, which need not meet.
+    A .vtkhdf file also contains ``cells``. Return the number of open edges of the flat triangles.
+    They occur between panels of different sizes; the number is 0 for curved panels.
     """
     check_output(path)
     if path.suffix.lower() == CURVED:
@@ -112,7 +112,7 @@ def _write_vtkhdf(
 ) -> None:
     """Write curved panels as an unstructured grid of quadratic triangles.
 
-    Each panel has six points that it does not share. The cell data are ``smallest_angle``
+    The panels share no points. The cell data are ``smallest_angle``
     [degrees], ``area`` [m²] and ``cells``.
     """
     count = len(quadratic_triangles)

@@ -1,4 +1,4 @@
-"""Parse a scene file into its tables, optionally with other values of some keys."""
+"""Parse a scene file into its tables, optionally with changed values of some keys."""
 
 import difflib
 import math
@@ -34,8 +34,8 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
     Raises
     ------
     InvalidInput
-        If the text is not TOML, too large or too deeply nested; a key is unknown, missing, needs or
-        excludes another, or is not the only one of a group; or a value has the wrong kind, is not
+        If the text is not TOML, too large or too deeply nested; a key is unknown, missing, in
+        conflict with another, or not the only one of a group; or a value has the wrong kind, is not
         finite or out of range, or is not a known name.
 
     Examples
@@ -109,7 +109,7 @@ def _check_numbers(data: object, path: str) -> None:
 
 
 def nearest(word: str, names: Iterable[str], prefix: str = "") -> str:
-    """Suggest the nearest of several names, or list them all.
+    """Suggest the most similar of several names, or list all names.
 
     >>> nearest("finite_elemant", ["boundary_element", "finite_element"])
     'did you mean finite_element?'

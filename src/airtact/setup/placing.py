@@ -1,4 +1,4 @@
-"""Search for the places of boards with the strongest weakest focus over all poses of the hand.
+"""Search for board positions that make the weakest focus strongest over all poses of the hand.
 
 A beacon at each focus is solved for once per pose of the hand, and its field is expanded in
 outgoing waves. Each candidate layout then costs only an evaluation at its transducers and the
@@ -205,7 +205,7 @@ class _HandPose:
 
     @cached_property
     def shares(self) -> Float64[np.ndarray, "asked"]:
-        """Requests of the foci that have one, scaled so that the largest is 1."""
+        """Requests of the foci with a request, scaled so that the largest is 1."""
         weights = self.target.weights
         return weights[weights > 0.0] / weights.max()
 
@@ -234,7 +234,7 @@ Place = tuple[Float64[np.ndarray, "3 3"], float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Layouts that are allowed, and the weakest focus of each."""
+    """Allowed layouts, and the pressure at the weakest focus of each."""
 
     hands: list[_HandPose]
     single: PhasedArray
@@ -306,7 +306,7 @@ class _Search:
         return pose if spare(away) >= 0.0 and self.allowed(pose.apply(self.face)).all() else None
 
     def clash(self, first: Pose, second: Pose) -> bool:
-        """Whether two boards come within 10 mm, or one is between the other and a focus."""
+        """Whether two boards are within 10 mm, or one is between the other and a focus."""
         for pose, blocking in ((first, second), (second, first)):
             inverse = blocking.inverse()
             middle = _middle(self.single)
@@ -397,7 +397,7 @@ class _Search:
     def refined_place(
         self, weakest: float, place: Place, others: list[Pose]
     ) -> tuple[float, Place]:
-        """Improve the place of one board beside others."""
+        """Improve the position of one board while the others stay."""
         turn, depth, *tilt = place
         rows = [self.rows(pose) for pose in others]
 
@@ -467,8 +467,8 @@ def place(
 ) -> Placement:
     """Search for the board layouts with the strongest weakest focus.
 
-    Boards may be tilted. They neither overlap nor stand between another board and a focus, and the
-    whole hand is in front of each. The sound that boards reflect is not included.
+    Boards may be tilted. The boards neither overlap nor stand between another board and a focus,
+    and the whole hand is in front of each board. The sound that boards reflect is not included.
 
     Parameters
     ----------
@@ -609,7 +609,7 @@ def _hand_poses(
 
 
 def _beacons(solver: Solver, scene: Scene, target: Target) -> RadiatedField:
-    """Solve for a beacon at each focus, as accurately as a search needs."""
+    """Solve for a beacon at each focus with the accuracy that the search needs."""
     if isinstance(solver, BoundaryElement):
         # Errors of 4 % only reorder layouts of almost equal pressure; the winner is verified.
         solver = replace(solver, accuracy=max(solver.accuracy, 0.04), estimate=False)
@@ -618,7 +618,7 @@ def _beacons(solver: Solver, scene: Scene, target: Target) -> RadiatedField:
 
 
 def _allowed(region: Region | None, scene: Scene) -> Callable[[Points], Bool[np.ndarray, "points"]]:
-    """Return the function that is True where boards may be."""
+    """Return a function that is True at positions allowed for boards."""
     low = np.full(3, -np.inf)
     high = -low
     if region is not None and not callable(region):
@@ -635,7 +635,7 @@ def _allowed(region: Region | None, scene: Scene) -> Callable[[Points], Bool[np.
 
 
 def _apart(first: Layout, second: Layout) -> float:
-    """Largest distance of a board's middle from the nearest middle in another layout [m]."""
+    """Largest distance of a board's middle from the nearest one in another layout [m]."""
     return float(cdist(first.middles, second.middles).min(axis=1).max())
 
 
@@ -644,7 +644,7 @@ def _middle(single: PhasedArray) -> Float64[np.ndarray, "3"]:
 
 
 def _present(search: _Search, array: PhasedArray) -> float:
-    """Weakest focus of the setup's own array over all poses [Pa]; NaN if the array does not fit."""
+    """Pressure at the weakest focus for the setup's array [Pa]; NaN if it does not fit."""
     try:
         for hand in search.hands:
             check_placement(hand.scene, array.seen_from(hand.motion), hand.target.points)
@@ -654,7 +654,7 @@ def _present(search: _Search, array: PhasedArray) -> float:
 
 
 def _verified(setup: Setup, search: _Search, array: PhasedArray) -> float:
-    """Weakest focus under the drives of the search, by forward solves of a finer solver [Pa]."""
+    """Pressure at the weakest focus for the drives of the search, by a finer solver [Pa]."""
     solver = setup.solver
     if isinstance(solver, BoundaryElement):
         solver = replace(solver, accuracy=min(solver.accuracy, 0.02))
@@ -671,7 +671,7 @@ def _verified(setup: Setup, search: _Search, array: PhasedArray) -> float:
 
 
 def hands_of(setup: Setup, recording: Path, count: int) -> "list[at.Hand]":
-    """Return hands of a recording, evenly spaced in time, with the skin of the setup's hand.
+    """Return hands from a recording, evenly spaced in time, with the skin of the setup's hand.
 
     Raises
     ------

@@ -120,7 +120,7 @@ class Rendering:
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """The pressures of the drive as it is emitted, without its field."""
+        """The pressures of the emitted drive, without its field."""
         target = self.setup.target
         pressures = self.drive.peak * self.verification.field.at(target.points)[:, 0]
         report = self.verification.report
@@ -177,7 +177,7 @@ def focus(
     pressures: PerFocus | None = None,
     medium: Medium | None = None,
 ) -> Rendering:
-    """Focus an array on points, in open air or near a hand or another rigid body.
+    """Focus an array on points in open air, or near a hand or another rigid body.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Emit a drive at a safe level: the plan of an emission, with a cap that limits the level."""
+"""Plans for emitting a drive at a safe level, with a cap that limits the level."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -67,7 +67,7 @@ class Plan:
 
     @cached_property
     def head(self) -> HeadLevel:
-        """Level at a head, whose position is unknown: anywhere 0.5 m from the array."""
+        """Largest level at a head anywhere 0.5 m from the array."""
         stored = self.stored
         assert stored.positions is not None
         factors = (1.0,)
@@ -99,7 +99,7 @@ class Plan:
         return float(pressures.max(axis=1).min())
 
     def facts(self, link: str) -> list[tuple[str, str]]:
-        """Describe the emission through a link, as pairs of a name and a fact."""
+        """Describe the emission through a link as pairs of name and fact."""
         drives = self.stored.drives
         board = self.board
         words = f"{len(self.poses)} {board.title}, {drives.shape[1]} transducers, through {link}"
@@ -217,7 +217,7 @@ def sound_speed_of(stored: DriveFile) -> float:
 
 
 def write(made: Plan, file: Path, seconds: float | None) -> tuple[int, float | None]:
-    """Write the frames of a plan to a file, for some seconds; return what ``write_frames`` does."""
+    """Write the frames of a plan for some seconds to a file; see ``write_frames``."""
     drives = made.stored.drives
     sound = Drive(drives[0]) if made.rate is None else Sequence(drives, made.rate)
     return write_frames(

@@ -272,7 +272,7 @@ def calibrate_array(
     Raises
     ------
     InvalidInput
-        If a file is at fault, or both or neither of file and noise are given; or for the reasons
+        If a file is invalid, or not exactly one of file and noise is set; or for the reasons
         listed in ``calibrate``.
     NotConverged
         If no positions of the boards explain the transmissions.

@@ -1,4 +1,4 @@
-"""Sentences on a setup and its drive: cautions before the solve, remarks after it."""
+"""Sentences about a setup and its drive: warnings before the solve, and remarks after it."""
 
 from collections.abc import Iterator
 
@@ -28,7 +28,7 @@ MAX_SKIN_DISTANCE = 10e-3
 
 
 def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
-    """Return for each focus whether skin may be there: near a body, or anywhere in open air."""
+    """Return whether skin may be at each focus: near a body, or anywhere in open air."""
     points = setup.target.points
     skin = np.arange(len(points)) >= setup.lobes
     if setup.scene.obstacles:
@@ -59,7 +59,7 @@ def touches(setup: Setup) -> tuple[str, ...]:
 
 
 def reach_cautions(setup: Setup) -> tuple[str, ...]:
-    """Warn of foci that are hard to reach, to separate or to feel, before anything is solved."""
+    """Warn about foci that are hard to reach, to separate or to feel, before the solve."""
     scene = setup.scene
     points = setup.target.points
     cautions = [
@@ -147,7 +147,7 @@ def sensations(
 ) -> tuple[str, ...]:
     """Compare the foci, or the weakest focus of a sequence, with the tactile threshold.
 
-    Foci away from every body are ignored. If all foci are, the sentence states this.
+    Foci away from every body are ignored. If this is true of all foci, the sentence says so.
     """
     if setup.traps:
         foci = len(setup.target.points) > setup.lobes
@@ -200,7 +200,7 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
 
 
 def shadows(setup: Setup, transfer: TransferMatrix) -> Iterator[str]:
-    """Warn of foci in the shadow of the bodies."""
+    """Warn about foci in the shadow of the bodies."""
     if not setup.scene.obstacles or setup.scene.boards:
         return
     points = setup.target.points
@@ -218,7 +218,7 @@ def shadows(setup: Setup, transfer: TransferMatrix) -> Iterator[str]:
 def disagreement(
     setup: Setup, transfer: TransferMatrix, drive: Drive, pressures: Float64[np.ndarray, "foci"]
 ) -> Iterator[str]:
-    """Warn if both solutions differ by over 1.5 times the requested accuracy."""
+    """Warn if the two solutions differ by more than 1.5 times the requested accuracy."""
     # The drive comes from the transposed solution, and a forward solution with finer panels
     # verifies it. A difference within the accuracy excludes faults of panels and solver.
     predicted = np.abs(transfer.pressure(drive))[: len(pressures)]

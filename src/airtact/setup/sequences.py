@@ -51,7 +51,7 @@ class MovingDrive:
 def moving_drive(
     setup: Setup, motion: Motion, transfer: TransferMatrix, clock: Clock, store: Path | None
 ) -> MovingDrive:
-    """Compute the sequence of a setup with moving foci; ``transfer`` is for the foci at rest."""
+    """Compute the sequence of a setup with moving foci; ``transfer`` is for foci at rest."""
     # All positions are foci of the same transfer matrix, so the path needs only one solve.
     target = setup.target
     paths = paths_of(setup)
@@ -95,7 +95,7 @@ def moving_drive(
 
 
 def paths_of(setup: Setup) -> Float64[np.ndarray, "paths frames 3"]:
-    """Return the paths of the foci [m]; none for foci at rest."""
+    """Return the paths of moving foci [m]; the list is empty for foci at rest."""
     motion = setup.motion
     foci = setup.target.points
     if motion is None:

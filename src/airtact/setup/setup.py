@@ -28,7 +28,7 @@ from airtact.transducers.placement import check_placement, planes_behind
 class Setup:
     """A scene, an array and a target, with the settings of solver and drive.
 
-    ``read_scene`` builds a setup from a scene file, which has the same defaults.
+    ``read_scene`` builds a setup from a scene file, with the same defaults.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Setup:
     Raises
     ------
     InvalidInput
-        If a focus is inside a body, the array reaches into a body, the method is unknown, or two
+        If a focus is inside a body, an element reaches into a body, the method is unknown, or two
         settings conflict.
 
     Examples
@@ -189,7 +189,7 @@ class Setup:
 
     @property
     def motion(self) -> "at.drives.Motion | None":
-        """Motion of the foci; None for foci at rest."""
+        """Motion of the foci, or None for foci at rest."""
         if self.modulation is None or isinstance(self.modulation, AmplitudeModulation):
             return None
         return self.modulation

@@ -31,7 +31,7 @@ MOST_UNKNOWNS = 19_000
 
 
 def stored(solver: Solver, store: Path | None) -> Solver:
-    """Return a solver that stores its solutions in ``store``; the same solver if that is None."""
+    """Return a solver that stores its solutions in ``store``, unless ``store`` is None."""
     return solver if store is None else at.Stored(solver, store)
 
 
@@ -54,7 +54,7 @@ def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> Radi
 def transfer_to_array(
     setup: Setup, beacons: RadiatedField, clock: Clock
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Evaluate the beacons at the transducers, and with uncertainty also at samples of them.
+    """Evaluate the beacons at the transducers, and if uncertain also at samples of them.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def solve_foci(
 
 
 def solver_of_samples(setup: Setup) -> Solver | None:
-    """Return the solver for each sample; None if samples need no separate solves."""
+    """Return the solver for each sample, or None if samples need no separate solves."""
     if not (setup.scene.planes and isinstance(setup.solver, BoundaryElement)):
         return None
     return replace(setup.solver, estimate=False)
@@ -148,7 +148,7 @@ def method_words(setup: Setup) -> str:
 
 
 def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of a drive and its control; in open air only that of the drive."""
+    """Return the names of a drive and its control, or only that of the drive in open air."""
     if not bodies:
         return ("drive",)
     word = body_word(bodies)
@@ -201,10 +201,10 @@ def verification_solver(setup: Setup) -> Solver:
 
 
 def _verification_accuracy(setup: Setup) -> float:
-    """Return an accuracy with at least 1.8 times the setup's unknowns, up to ``MOST_UNKNOWNS``.
+    """Return an accuracy with at least 1.8 times the unknowns, up to ``MOST_UNKNOWNS``.
 
-    Smaller panels near foci do not count, because the sources of the verification solve are the
-    transducers, which are far from the bodies.
+    Smaller panels near foci are ignored, because the sources of the verification are the
+    transducers, far from the bodies.
     """
     finest = 1e-4  # limit of boundary elements
     emitting = Monopoles(setup.array.positions, np.ones(len(setup.array)))
@@ -234,7 +234,7 @@ def _verification_accuracy(setup: Setup) -> float:
 def unknowns_of(
     solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]
 ) -> int:
-    """Return the unknowns of a solve for sources at points [m], as an estimate above 50,000."""
+    """Return the number of unknowns for sources at points [m]; it is an estimate above 50,000."""
     area = sum(obstacle.surface.area for obstacle in scene.obstacles)
     estimate = round(solver.nodes_per_square_wavelength * area / scene.wavelength**2)
     if estimate > 50_000:  # meshing the panels would take too long

@@ -248,9 +248,9 @@ def _computed(
 def process_count(points: int, limit: int | None = None, memory: float = 0.0) -> int:
     """Return the number of processes to use if each needs ``memory`` [bytes].
 
-    It is ``limit``, by default the number of processors, but at most the number of points and the
-    number of processes that fit into 80 % of the available memory. Raise ``InvalidInput`` if not
-    even one process fits.
+    The number is ``limit``, or by default the number of processors. It does not exceed the number
+    of points, nor the number of processes that fit into 80 % of the available memory. Raise
+    ``InvalidInput`` if not even one process fits.
     """
     free = available_memory()
     if memory > free:
@@ -265,7 +265,7 @@ def process_count(points: int, limit: int | None = None, memory: float = 0.0) ->
 
 @contextmanager
 def processes(count: int) -> Iterator[Executor]:
-    """Start a pool of processes with one thread each, which end with this program."""
+    """Start a pool of single-threaded processes, which end with this program."""
     # Until a process has the module search path of this one, it would import from the current
     # folder, where a random.py may shadow Python's module.
     variable = "PYTHONSAFEPATH"
@@ -300,8 +300,8 @@ def _begin_process(environment: dict[str, str]) -> None:
 def names_of(function: Function, points: Iterable[Row]) -> list[str]:
     """Name points by hashes of their values and the function, 40 hexadecimal digits each.
 
-    A function is identified by its name and the content of its module, a ``functools.partial`` also
-    by its arguments, and a dataclass object by the fields that take part in comparisons.
+    The name and the content of its module identify a function. A ``functools.partial`` is also
+    identified by its arguments, and a dataclass object by its compared fields.
     """
     parts: list[Any] = []
     core: Any = function
@@ -329,7 +329,7 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
 
 @dataclass(frozen=True)
 class ScenePoints:
-    """Function of a sweep over a scene file: from values of its keys to pressures at the foci.
+    """Function of a sweep over a scene file; it maps values of keys to pressures at the foci.
 
     Attributes
     ----------
@@ -381,7 +381,7 @@ class ScenePoints:
     def memory(self, points: Sequence[Mapping[str, Value]]) -> float:
         """Estimate the memory that a solve needs, from the first, middle and last point [bytes].
 
-        It raises the error of a wrong path, or that of the first point if no point can be built.
+        A wrong path raises its error; if no point can be built, the first point's error is raised.
         """
         needed = 1.2e8  # for a process that has imported airtact
         faults = []

@@ -1,7 +1,7 @@
-"""The tables of a scene file, one class each, with the range of every key.
+"""The tables of a scene file, one class per table, with the range of every key.
 
 Lengths are in metres and positions in the obstacles' frame unless stated otherwise. A key without a
-default is None if left out.
+default is None if it is missing.
 """
 
 from typing import Annotated, ClassVar, Literal
@@ -70,7 +70,7 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class MediumTable(Table, frozen=True):
-    """The fluid around the bodies: air by its temperature, or any fluid by its ``sound_speed``.
+    """The fluid around the bodies: air of a temperature, or any fluid of a ``sound_speed``.
 
     Attributes
     ----------
@@ -298,7 +298,7 @@ class GratingTable(Table, frozen=True):
 
 
 class ObjectTable(Table, frozen=True):
-    """A virtual object, which sound passes through and skin feels.
+    """A virtual object, which can be felt but does not affect the sound.
 
     Attributes
     ----------

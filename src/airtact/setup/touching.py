@@ -28,12 +28,12 @@ def touched(
     ----------
     bodies, obstacles : bodies and their names.
     hands : hands by the names of their bodies.
-    moving : whether the bodies will move, so that none needs to touch an object yet.
+    moving : whether the bodies will move, so that contacts may be missing at first.
 
     Raises
     ------
     InvalidInput
-        If there are no foci and nothing touches, unless the bodies will move; or for the reasons
+        If there are neither foci nor contacts, unless the bodies will move; or for the reasons
         listed in ``at.contact``.
     """
     # An application may ask for foci on hands later.

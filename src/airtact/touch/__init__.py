@@ -1,4 +1,4 @@
-"""Virtual objects in the air, and the contacts of a hand's skin with them."""
+"""Virtual objects in the air, and their contacts with the skin of a hand."""
 
 from airtact.lazy import attached
 

@@ -73,15 +73,15 @@ class Contacts:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """Finger or other part of the skin of each contact."""
+        """Name of the finger or other part of the skin for each contact."""
         return tuple(self.skin.places[index] for index in self.found.places)
 
     @cached_property
     def outlines(self) -> tuple[tuple[Float64[np.ndarray, "_ 3"], ...], ...]:
         """For each contact the curves (P, 3) on the skin where it meets the object's surface [m].
 
-        A closed curve ends at its first point. A contact that continues on another part of the skin
-        has open curves.
+        A closed curve ends at its first point. The curves are open if the contact continues on
+        another part of the skin.
         """
         return tuple(
             outline_of(self.skin, self.virtual_objects[index], members)
@@ -147,7 +147,7 @@ class Contacts:
 def contact(
     hand: Bodies, objects: VirtualObject | Sequence[VirtualObject], offset: float = 0.5e-3
 ) -> Contacts:
-    """Find where a hand, or other skin, touches virtual objects.
+    """Find the contacts of a hand, or other skin, with virtual objects.
 
     Parameters
     ----------

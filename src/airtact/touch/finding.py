@@ -1,4 +1,4 @@
-"""Find where points of skin are inside virtual objects, in a millisecond for a whole hand."""
+"""Find the skin points inside virtual objects, in a millisecond for a whole hand."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -184,7 +184,7 @@ def peaks(
     """Return the deepest points near the given skin points, with the normals and depths there.
 
     Quadratics of the tangent coordinates are fitted to the depth and to the height of the skin in
-    a ring around each point. A point stays where the depth has no maximum within the ring.
+    a ring around each point. If the depth has no maximum within the ring, the point stays in place.
     """
     axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = np.cross(normals, axis)

@@ -1,4 +1,4 @@
-"""Foci from contacts: one for each touching pad, several on a long patch, at most eight."""
+"""Foci from contacts: one for each touching pad and several on a long patch, at most eight."""
 
 from dataclasses import dataclass
 
@@ -57,7 +57,7 @@ class TouchFoci:
     def target(self) -> Target:
         """Return the target of these foci, with their strengths as shares.
 
-        The shares of a target are relative. Scale the drive by ``strengths.max()`` to set the
+        The shares of a target are relative. Multiply the drive by ``strengths.max()`` to set the
         overall strength of the touch.
 
         Raises
@@ -87,8 +87,8 @@ def chosen_foci(
     Each contact gets a focus at its deepest point, unless a deeper focus of the same patch is
     within 0.8 wavelengths. If there are too many foci, the weakest are merged with a focus of the
     same object within a wavelength, or dropped. If there are fewer than allowed, long contacts get
-    more foci, at least 0.8 wavelengths from each other. A contact is long if its inner part, at
-    least half as deep as its deepest point, is longer than a wavelength.
+    more foci, at least 0.8 wavelengths from each other. A contact is long if the part with at least
+    half of the largest depth is longer than a wavelength.
     """
     apart = 0.8 * wavelength
     strengths = _strengths(objects, found.objects, found.points, found.depths)

@@ -1,4 +1,4 @@
-"""Virtual objects: shapes in the air that only the skin feels."""
+"""Virtual objects: shapes in the air that can only be felt."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
@@ -24,7 +24,7 @@ FIRST_STRENGTH = 0.2
 
 @dataclass(frozen=True, eq=False)
 class VirtualObject:
-    """A solid that sound passes through and skin feels.
+    """A solid that can be felt but does not affect the sound.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class VirtualObject:
         """Depth in the object [m] of points (P, 3) [m], negative outside.
 
         Depths in a mesh are interpolated on a grid of 1/40 of its longest side; ``exact_depth``
-        gives the exact ones.
+        computes exact depths.
         """
         return self.solid.depth(self._local(points))
 
@@ -124,7 +124,7 @@ class VirtualObject:
     def strengths(
         self, points: Real[np.ndarray, "points 3"], depths: PointLengths
     ) -> Float64[np.ndarray, "points"]:
-        """Strength (P,), 0 to 1, of touches at points (P, 3) [m] with depths (P,) [m]."""
+        """Strength (P,) from 0 to 1 of touches at points (P, 3) [m] with depths (P,) [m]."""
         stiffness = self.stiffness
         if stiffness is None:
             full_at = self.shape.travel if isinstance(self.shape, Button) else 2e-3

@@ -1,4 +1,4 @@
-"""Points of skin that can touch: positions, normals, areas, neighbours, and parts of a hand."""
+"""Points of the skin: positions, normals, areas, neighbours, and parts of a hand."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ Bodies = Hand | Surface | Sequence[Hand | Surface] | Mapping[str, Hand | Surface
 class Skin:
     """Points of skin, and the properties that do not change when the skin moves.
 
-    ``skin_of`` builds it from a hand. For a moving hand build it once and call ``moved``.
+    ``skin_of`` builds it from a hand. For a moving hand, build the skin once and call ``moved``.
 
     Attributes
     ----------
@@ -95,7 +95,8 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     Returns
     -------
     Points of the skin with their neighbours. The parts of a hand are its fingers, "palm" and
-    "back"; two hands have "left.index" and so on. A surface is one part, named as in the mapping.
+    "back"; with two hands, the side precedes the name, as in "left.index". A surface is a single
+    part with the name in the mapping.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Solids with a signed distance: closed forms, and a grid of distances for a mesh."""
+"""Solids with a signed distance: closed forms, and meshes with a grid of distances."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -259,7 +259,7 @@ class Button(Solid):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSolid(Solid):
-    """The inside of a closed surface: exact for spheres and capsules, on a grid for meshes.
+    """The inside of a closed surface, exact for spheres and capsules, and on a grid for meshes.
 
     The depth in a mesh takes 10 µs per point. Interpolated between the nodes of a grid, 1/40 of the
     longest side apart, it takes 0.3 µs.
@@ -334,7 +334,7 @@ class SurfaceSolid(Solid):
 
 @lru_cache(maxsize=64)  # an object that moves keeps its surface and so its grid
 def solid_of(surface: Surface) -> SurfaceSolid:
-    """Return the inside of a surface; the grid of a mesh is made at its first use."""
+    """Return the inside of a surface; the grid of a mesh is computed at its first use."""
     return SurfaceSolid(surface)
 
 

@@ -1,4 +1,4 @@
-"""Touch from frame to frame: foci that appear, stay and fade without flicker."""
+"""Touch over time: foci that appear, stay and fade without flicker."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from airtact.touch.skin import Skin
 
 @dataclass(eq=False)
 class _Focus:
-    """A focus that is emitted; its contact is -1 while it fades."""
+    """An emitted focus; its contact is -1 while the focus fades."""
 
     number: int
     thing: str
@@ -28,7 +28,7 @@ class _Focus:
 
 
 class TouchState:
-    """Foci of a moving skin at virtual objects.
+    """Foci where a moving skin touches virtual objects.
 
     A contact begins when skin enters an object and ends when the skin is 1 mm outside, so that
     noise does not make it flicker. The level of a focus rises or falls by at most 1 in 20 ms.
@@ -94,7 +94,7 @@ class TouchState:
 
     @property
     def numbers(self) -> Int64[np.ndarray, "foci"]:
-        """(F,) number of each focus of the last update; it stays the same until the focus ends."""
+        """(F,) number of each focus of the last update, constant until the focus ends."""
         return np.array([focus.number for focus in self._playing], dtype=np.int64)
 
     def update(self, skin: Skin, time: float) -> TouchFoci:
@@ -152,7 +152,7 @@ class TouchState:
         things: list[str],
         places: Int64[np.ndarray, "contacts"],
     ) -> None:
-        """Match the current foci with new ones, given the object and place of each contact."""
+        """Match the current foci with new foci, from the object and place of each contact."""
         unmatched = list(self._playing)
         for focus in unmatched:
             focus.contact = -1

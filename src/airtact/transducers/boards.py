@@ -119,7 +119,7 @@ def _whole_boards(board: Board, elements: int) -> int:
 def kind_of_array(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> tuple[Board, list[Pose]] | None:
-    """Return the kind and the poses of an array's boards; None if it is not made of boards."""
+    """Return the kind and poses of an array's boards, or None for an array without boards."""
     # Kinds with the same pitch differ in the order of their elements, so at most one fits.
     for board in BOARDS.values():
         if board.placed:
@@ -241,7 +241,7 @@ def _sonicsurface() -> Board:
 
 
 def _nano16() -> Board:
-    """Take the pins that the firmware drives: A0 to A5 are bits 0 to 5, D2 to D7 bits 10 to 15."""
+    """Lay out the driven pins: A0 to A5 are bits 0 to 5, and D2 to D7 are bits 10 to 15."""
     cells = [(column - 1.5, row - 1.0, 0.0) for row in range(3) for column in range(4)]
     return Board(
         name="nano16",

@@ -1,4 +1,4 @@
-"""Tables of the gain of each transducer and of its deviation from its position."""
+"""Tables of the gain and position error of each transducer."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -75,7 +75,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
 
 
 def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
-    """Give an array the gains of a calibration, and its deviations if the file has them.
+    """Apply the gains of a calibration to an array, and its deviations if the file contains them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One transducer: points and weights on its face, and its sensitivity."""
+"""A transducer: points and weights on its face, and its sensitivity."""
 
 from dataclasses import dataclass
 
@@ -84,7 +84,7 @@ class Element:
 
     @property
     def kind(self) -> str:
-        """Kind of element in words, such as "monopoles" or "pistons of 4.5 mm"."""
+        """Description of the element, such as "monopoles" or "pistons of 4.5 mm"."""
         if self.radius:
             return f"pistons of {1e3 * self.radius:g} mm"
         count = len(self.points)
@@ -111,7 +111,7 @@ class Element:
         return f"pistons of {self.radius * 1e3:.3g} mm radius ({width}), nothing behind them"
 
     def same_as(self, element: "Element") -> bool:
-        """Whether all numbers of both elements are equal."""
+        """Whether both elements have equal values."""
         return (
             np.array_equal(self.points, element.points)
             and np.array_equal(self.weights, element.weights)

@@ -1,4 +1,4 @@
-"""Well-known arrays by name, from simulations of Ultraino (MIT; see ``layouts/LICENSE``)."""
+"""Well-known arrays by name, taken from simulations of Ultraino (MIT; see ``layouts/LICENSE``)."""
 
 from pathlib import Path
 

@@ -380,7 +380,7 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     """Build a grid of AUTD3 boards in the plane z = 0, centred on the origin, radiating to +z.
 
     Boards touch edge to edge: they are 192.0 mm apart along x and 151.4 mm along y, the size of a
-    board. Boards are numbered along x first; their elements keep the board's order.
+    board. Boards are numbered along x first; the elements of each board keep their order.
 
     Parameters
     ----------
@@ -423,7 +423,7 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
 
 
 def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
-    """Join arrays with the same element into one, in the order given.
+    """Join arrays of the same element into one, in order.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Levels of amplitude and of phase that a board can emit, in the phasor Re[d e^{−iωt}]."""
+"""Levels of amplitude and phase that a board can emit, for the phasor Re[d e^{−iωt}]."""
 
 from dataclasses import dataclass
 
@@ -82,7 +82,7 @@ class Levels:
         return len(self.amplitudes) == 2
 
     def same_as(self, levels: "Levels") -> bool:
-        """Whether both have the same amplitudes and phases."""
+        """Whether both objects have the same amplitudes and phases."""
         return self.phases == levels.phases and np.array_equal(self.amplitudes, levels.amplitudes)
 
     def nearest(self, shares: Real[np.ndarray, "*elements"]) -> Int64[np.ndarray, "*elements"]:

@@ -13,7 +13,7 @@ DEFAULT_FREQUENCY = 200.0
 
 @dataclass(frozen=True)
 class AmplitudeModulation:
-    """A common factor on all elements that makes the force at each focus follow a cosine.
+    """A common factor of all elements that makes the force at each focus vary as a cosine.
 
     Skin hardly feels a constant force. It is most sensitive to vibration at 200 to 300 Hz (S. J.
     Bolanowski et al., J. Acoust. Soc. Am. 84, 1680, 1988).

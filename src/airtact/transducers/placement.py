@@ -23,7 +23,7 @@ Depths = Float64[np.ndarray, "elements"]
 def check_placement(
     scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None = None
 ) -> None:
-    """Check that the elements are clear of each other and of the bodies, and face what they should.
+    """Check that elements overlap neither each other nor bodies, and that they face the foci.
 
     Foci (F, 3) and bodies must be in front of directional elements. In scenes with reflecting
     boards, bodies may be behind the elements, because the boards shade them.
@@ -63,7 +63,7 @@ def check_placement(
 
 
 def check_apart(array: PhasedArray) -> None:
-    """Raise if two elements overlap, because a board placed twice would double the pressure."""
+    """Raise an error if two elements overlap, because a board placed twice doubles the pressure."""
     # Points have no radius, but real transducers are more than a tenth of a millimetre apart.
     smallest = max(array.element.radius, 1e-4)
     if array.spacing >= smallest:
@@ -85,9 +85,9 @@ def check_apart(array: PhasedArray) -> None:
 def overlapping_boards(
     array: PhasedArray,
 ) -> tuple[int, int, Float64[np.ndarray, "3"]] | None:
-    """Return two boards of an array that overlap, and a point in both [m]; None if no boards do.
+    """Return two overlapping boards of an array and a common point [m], or None.
 
-    Overlaps of up to 6 mm at the edges do not count, because those of the paper's box are 5.7 mm.
+    Overlaps of up to 6 mm at the edges are allowed, because those of the paper's box are 5.7 mm.
     """
     kind = kind_of_array(array.positions, array.normals)
     if kind is None or kind[0].outline is None:
@@ -130,7 +130,7 @@ def _check_body(
 def _check_images(
     plane: Plane, scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None
 ) -> None:
-    """Raise if the image of a body or focus in a plane is behind a face."""
+    """Raise an error if the image of a body or focus in a plane is behind a face."""
     # Otherwise the image of the element would have to radiate backwards.
     radiating = ~flush(plane, array)
     if foci is not None:
@@ -190,7 +190,7 @@ def _check_metres(distances: Depths, place: str) -> None:
 
 
 def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
-    """Raise if a focus (F, 3) is more than 10 m away or behind a directional element."""
+    """Raise an error if a focus (F, 3) is over 10 m away or behind a directional element."""
     for index, focus in enumerate(foci):
         offsets = array.positions - focus
         _check_metres(np.sqrt(np.einsum("ed,ed->e", offsets, offsets)), f"focus {index}")
@@ -217,7 +217,7 @@ def _check_behind(array: PhasedArray, behind: Depths, subject: str) -> None:
 def _height(
     array: PhasedArray, points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points elements"]:
-    """Distance of each point in front of each face [m], negative behind."""
+    """Distance of each point in front of each face [m], negative behind the face."""
     return points @ array.normals.T - np.sum(array.positions * array.normals, axis=1)
 
 
@@ -227,7 +227,7 @@ def open_air_bound(
     """Return the peak pressure at points with all elements at full scale and in phase.
 
     It is the sum of |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e that face the point.
-    Without bodies, no drive gives more pressure.
+    Without bodies, no drive produces more pressure.
 
     Parameters
     ----------

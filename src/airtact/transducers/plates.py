@@ -1,4 +1,4 @@
-"""The boards of an array as rigid, reflecting bodies with the elements in their faces."""
+"""The boards of an array as rigid, reflecting bodies with elements in their faces."""
 
 from itertools import combinations
 
@@ -23,7 +23,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     """Model the boards of an array as rigid bodies that reflect sound.
 
     Each board is a closed box with the maker's outline, and its transducers are pistons in its
-    front face. Boards that touch or overlap are one body. Add the bodies to the obstacles of the
+    front face. Boards that touch or overlap form one body. Add the bodies to the obstacles of the
     scene, and do not move the array afterwards.
 
     Parameters

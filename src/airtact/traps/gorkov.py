@@ -46,7 +46,7 @@ class Bead:
         return 4.0 / 3.0 * np.pi * self.radius**3 * self.material.density
 
     def room(self, scene: Scene) -> float:
-        """Distance from bodies, planes and elements that the centre of the bead needs [m]."""
+        """Return the required distance [m] of a bead's centre from bodies and elements."""
         # Derivatives amplify the field's error on small spheres. At a sixteenth of a wavelength
         # from a ball the stiffness from boundary elements is off by 2.5 %, at half of it by 25 %.
         return max(self.radius, scene.wavelength / 16.0)

@@ -23,7 +23,7 @@ from airtact.traps.gorkov import (
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """Whether a point is a trap of a bead, and why.
+    """Verdict on whether a point traps a bead, with reasons.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Verdict:
 
     @property
     def is_trap(self) -> bool:
-        """Whether the point is balanced, stable, and holds more than the weight."""
+        """Whether the point is balanced and stable, and can hold more than the weight."""
         return self.balanced and self.stable and self.holds > 1.0
 
     def __str__(self) -> str:
@@ -148,7 +148,7 @@ def settled(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: Bead) -
 
 
 def _largest_hold(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: Bead) -> float:
-    """Largest restoring force [N] along the weakest of six directions, 0 if it drives away."""
+    """Largest restoring force [N] along the weakest of six directions, 0 if there is none."""
     distances = field.scene.wavelength / 4.0 * np.linspace(0.1, 1.0, 10)
     ways = np.concatenate([np.eye(3), -np.eye(3)])
     points = point + distances[:, None, None] * ways
@@ -171,10 +171,10 @@ def find(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3"]:
-    """Return the minimum of the potential next to each point (P, 3) [m].
+    """Return the minimum of the potential near each point (P, 3) [m].
 
-    A row is NaN if there is none within half a wavelength. The weight of the bead is not included:
-    it lowers the bead by weight over stiffness.
+    A row is NaN if there is no minimum within half a wavelength. The weight of the bead is not
+    included: it lowers the bead by weight over stiffness.
     """
     bead = bead_of(scene, radius, density, sound_speed)
     starts = points_of(points, "bead points")
@@ -185,7 +185,7 @@ def find(
 def descend(
     field: RadiatedField, start: Float64[np.ndarray, "3"], bead: Bead
 ) -> Float64[np.ndarray, "3"]:
-    """Return the minimum of the potential next to a point, or NaN."""
+    """Return the minimum of the potential near a point, or NaN."""
     scene = field.scene
     point = np.array(start)
     for _ in range(100):

@@ -1,4 +1,4 @@
-"""Signatures, which turn the drive of a focus into that of a trap around it.
+"""Signatures, which convert the drive of a focus into the drive of a trap around it.
 
 Source: A. Marzo, S. A. Seah, B. W. Drinkwater, D. R. Sahoo, B. Long, S. Subramanian, "Holographic
 acoustic elements for manipulation of levitated objects", Nat. Commun. 6, 8661 (2015).
@@ -21,8 +21,8 @@ def signature(
 ) -> Drive:
     """Return the drive of a focus with the signature of a trap, which cancels the pressure there.
 
-    A signature only shifts phases. It divides the elements by their positions relative to the mean
-    position of the array.
+    A signature only shifts phases. The signature divides the elements by their positions relative
+    to the mean position of the array.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The scenes, the hands and the scan that are shipped with airtact."""
+"""The scenes, hands and scan that come with airtact."""
 
 import difflib
 from pathlib import Path
@@ -9,7 +9,7 @@ ENDINGS = (".csv", ".glb", ".json", ".jsonl", ".ply", ".toml")
 
 
 def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
-    """Return the path of a file that is shipped with airtact.
+    """Return the path of a file that comes with airtact.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
 
 
 def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Path:
-    """Return a path, or the example of that name if no such file exists.
+    """Return a path, or the path of the example with that name if there is no such file.
 
     A path with a folder is never an example. See ``example`` for the errors.
     """
