@@ -11,7 +11,7 @@ Sources
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Real
+from jaxtyping import Complex128, Float64, Int64, Real
 from scipy.integrate import lebedev_rule
 from scipy.spatial import KDTree
 from scipy.special import spherical_jn
@@ -204,9 +204,14 @@ def trap_field(
 
 
 def derivatives(
-    field: RadiatedField, points: Real[np.ndarray, "points 3"], bead: Bead
+    field: RadiatedField,
+    points: Real[np.ndarray, "points 3"],
+    bead: Bead,
+    excitations: Int64[np.ndarray, "points"] | None = None,
 ) -> Derivatives:
     """Return the pressure and its derivatives at the centres of a bead, without truncation error.
+
+    Each point has its own excitation of the field, by default the first.
 
     In a ball without sources and bodies the pressure is a sum of regular spherical waves
     j_l(kr) Y_lm. Its moments over a sphere around the point give the waves of order l ≤ 3, and
@@ -235,7 +240,10 @@ def derivatives(
     directions = columns.T
     weights = weights / (4.0 * np.pi)
     around = points[:, None] + radius[:, None, None] * directions
-    pressure = field.at(around.reshape(-1, 3))[:, 0].reshape(len(points), -1) * weights
+    if excitations is None:
+        excitations = np.zeros(len(points), dtype=np.int64)
+    pressures = field.at(around.reshape(-1, 3)).reshape(len(points), len(weights), -1)
+    pressure = pressures[np.arange(len(points)), :, excitations] * weights
 
     waves = [spherical_jn(order, wavenumber * radius) for order in range(4)]
     identity = np.eye(3)
