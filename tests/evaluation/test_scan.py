@@ -59,7 +59,7 @@ def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
     model = np.array([1.0 + 0j, 2j, np.nan, 1 - 1j])
     computed = overlay_scan(Scan(POINTS, np.array([1.0 + 0j, 2j, 99.0, 1 - 1j]), True), model)
     assert computed.error == pytest.approx(0.0, abs=1e-12)
-    assert computed.warnings[0].startswith("1 of 4 positions are left out")
+    assert computed.warnings[0].startswith("1 of 4 positions are skipped")
 
 
 @pytest.mark.parametrize(

@@ -64,12 +64,12 @@ class Plane:
 
 
 def plane(point: Vector, normal: Vector) -> Plane:
-    """Make a rigid plane, such as a table or a wall.
+    """Build a rigid plane, such as a table or a wall.
 
     ∂p/∂n = 0 on the plane, and all sound is in front of it. The images of sources and bodies in the
-    plane give the exact field. A point source on the plane radiates twice its open-air pressure. A
-    transducer mounted flush in the plane keeps its sensitivity, which is stated for a transducer in
-    a board.
+    plane produce the exact field. A point source on the plane radiates twice its open-air pressure.
+    A transducer mounted flush in the plane keeps its sensitivity, which is stated for a transducer
+    in a board.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ class InputFile(click.ParamType):
     name = "file"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the file, or the example of that name with a note."""
+        """Return the file, or the example with this name together with a note."""
         from airtact.setup.examples import file_or_example
 
         file = file_or_example(value)

@@ -108,7 +108,7 @@ def register(
         at.live.write_tracker(scene, fit.tracker, written)
     warnings = []
     if fit.repeat is not None:
-        warnings.append(f"touch {fit.repeat + 1} contradicts the others and is left out.")
+        warnings.append(f"touch {fit.repeat + 1} contradicts the others and is ignored.")
     show(
         table,
         warnings=warnings,

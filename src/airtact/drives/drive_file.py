@@ -65,7 +65,7 @@ PLAIN = (
     *("rate", "frequency", "positions", "normals", "sensitivity", "element_radius", "board"),
     *("foci", "wanted_pressures", "transfer_matrix"),
 )
-"""Datasets that are attributes of ``DriveFile``; a file leaves out those that are None."""
+"""Datasets that are attributes of ``DriveFile``; a file omits those that are None."""
 
 UNITS = {
     "positions": "m",
@@ -235,7 +235,7 @@ def _write_table(path: Path, contents: DriveFile) -> None:
 
 
 def _datasets(contents: DriveFile) -> dict[str, Any]:
-    """Return the datasets of a file by name, leaving out missing ones."""
+    """Return the available datasets of a file by name."""
     drives = contents.drives
     # A drive is one frame without a rate; in the file its arrays have no axis of frames.
     if contents.rate is None and len(drives) == 1:
@@ -307,9 +307,8 @@ def read_drive_file(path: Path) -> DriveFile:
     Raises
     ------
     InvalidInput
-        "file_missing", "file_unreadable", "unsupported_version", "data_missing", "wrong_shape",
-        "not_a_number", "not_finite", "out_of_range", or the error of an invalid part, such as the
-        levels.
+        If the file is missing or unreadable, has a later version, lacks a dataset, or contains
+        invalid values.
     """
     if checked_ending(path, (".h5", ".csv"), "drive") == ".csv":
         raw = _read_table(path)

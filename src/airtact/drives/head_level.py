@@ -165,7 +165,7 @@ class HeadLevel:
         Raises
         ------
         InvalidInput
-            "out_of_range": the boards cannot be turned down far enough.
+            If the level of the boards cannot be reduced that far.
         """
         if self.full <= MAX_HEAD_LEVEL:
             return 1.0

@@ -46,7 +46,7 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     Raises
     ------
     InvalidInput
-        As for the chosen method, or if an argument has the wrong type.
+        For the reasons listed in the chosen method, or if an argument has the wrong type.
 
     Warns
     -----
@@ -139,7 +139,7 @@ class Method:
 
 
 FOR_SAMPLES = ("robust", "robust_phase_only")
-"""Methods that make a drive for all samples of an ensemble."""
+"""Methods that compute a drive for all samples of an ensemble."""
 
 METHODS: dict[str, Method] = {
     method.name: method

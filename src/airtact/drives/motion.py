@@ -259,7 +259,7 @@ def _sequence_through(
     rate: float,
     method: MakeDrive,
 ) -> Sequence:
-    """Make the sequence that focuses on some points of a target in each frame.
+    """Compute the sequence that focuses on some points of a target in each frame.
 
     ``foci`` (N, F) are the indices of the points of each frame. The global phase of each frame is
     chosen closest to the previous frame, so that the steps between frames are small.
@@ -288,7 +288,7 @@ def _sequence_through(
 def _frame_amplitudes(
     transfer: TransferMatrix, target: Target, foci: Int64[np.ndarray, "foci"], method: MakeDrive
 ) -> Amplitudes:
-    """Make the drive of one frame; a frame without requests is silent."""
+    """Compute the drive of one frame; a frame without requests is silent."""
     weights = target.weights[foci]
     if not weights.any():
         return np.zeros(transfer.matrix.shape[1], dtype=np.complex128)

@@ -152,7 +152,7 @@ def achieved_fraction(
 
     Parameters
     ----------
-    transfer : the (F, E) transfer matrix that the drive was made from; to verify the drive with
+    transfer : the (F, E) transfer matrix that the drive was computed from; to verify the drive with
         another solver, use ``airtact.evaluate``.
     target : the foci and their requested pressures.
     drive : the drive of the E elements.

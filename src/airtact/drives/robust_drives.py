@@ -100,8 +100,7 @@ def robust(
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``weighted_gerchberg_saxton``; "unknown_name": there is no such
-        goal or limit.
+        For the reasons listed in ``weighted_gerchberg_saxton``, or if the goal or limit is unknown.
 
     Examples
     --------
@@ -143,7 +142,7 @@ def robust(
 def robust_phase_only(
     ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth"
 ) -> Drive:
-    """Make the drive of ``robust`` with every element at full scale."""
+    """Compute the drive of ``robust`` with every element at full scale."""
     return robust(ensemble, target, goal, limit="phases")
 
 
@@ -196,7 +195,7 @@ def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
 
 
 def balanced(matrix: FociRows, phases: bool, steps: int = 2000) -> Amplitudes:
-    """Make the weakest focus of one matrix as strong as possible.
+    """Maximise the pressure at the weakest focus for a single matrix.
 
     With ``phases`` every element is at full scale (``strongest_sources``). Otherwise the energy is
     limited, and alternating projections take ``steps`` iterations. The rows of ``matrix`` are

@@ -87,7 +87,7 @@ class TransferMatrix:
         Raises
         ------
         InvalidInput
-            If the drive is for another number of elements.
+            If the drive has a different number of elements.
         """
         self.check_fits(drive)
         return self.matrix @ drive.amplitudes
@@ -109,7 +109,7 @@ class TransferMatrix:
 
 
 MakeDrive = Callable[[TransferMatrix, Target], Drive]
-"""A function that makes a drive, such as ``phase_conjugate``."""
+"""A function that computes a drive, such as ``phase_conjugate``."""
 
 
 def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:

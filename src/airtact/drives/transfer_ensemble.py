@@ -121,7 +121,7 @@ class TransferEnsemble(TransferMatrix):
         Raises
         ------
         InvalidInput
-            If the drive is for another number of elements.
+            If the drive has a different number of elements.
         """
         self.check_fits(drive)
         if self.gains is None:
@@ -160,15 +160,15 @@ def ensemble(
     Returns
     -------
     The nominal matrix and those of the samples. A sample is impossible if an element or a focus is
-    inside a body, or a body or a focus is behind a face; such samples are left out and counted.
+    inside a body, or a body or a focus is behind a face; such samples are skipped and counted.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``transfer_matrix``; "out_of_range": ``samples`` or ``seed``;
-        "empty": all samples are impossible, or the scene has no body for ``along_skin``;
-        "not_converged": the scene has a plane and some samples need ``solver``; "does_not_match":
-        the temperature or humidity is uncertain, but the medium is not air.
+        For the reasons listed in ``transfer_matrix``, or if ``samples`` or ``seed`` is out of
+        range, all samples are impossible, the scene has no body for ``along_skin``, samples in
+        front of a plane need ``solver``, or the temperature or humidity is uncertain but the medium
+        is not air.
 
     Examples
     --------

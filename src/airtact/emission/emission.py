@@ -35,7 +35,7 @@ class Played:
     ----------
     rate : measured rate [frames/s].
     frames : number of frames that were sent, or that the boards played themselves.
-    dropped : number of frames left out because they would have been late.
+    dropped : number of frames dropped because they would have been late.
     """
 
     rate: float
@@ -225,7 +225,7 @@ class Emission:
         Raises
         ------
         InvalidInput
-            If the drive is for another number of elements.
+            If the drive has a different number of elements.
         LinkFailed
             If the link fails or the emission has ended.
         """
@@ -290,7 +290,7 @@ class Emission:
         Raises
         ------
         InvalidInput
-            If the drive is for another number of elements, or the modulation is too fast.
+            If the drive has a different number of elements, or the modulation is too fast.
         LinkFailed
             For the reasons listed in ``play``.
         """
@@ -515,7 +515,7 @@ def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
     Raises
     ------
     InvalidInput
-        "out_of_range"; the message states the nearest frequency that the boards can play.
+        If the boards cannot play the frequency; the message states the nearest possible one.
 
     Examples
     --------

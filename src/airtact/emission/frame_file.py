@@ -80,7 +80,7 @@ def drive_in(path: Path, board: str | None = None, elements: int | None = None) 
 
 
 def drive_for(array: PhasedArray, path: Path, board: str | None = None) -> Drive:
-    """Read the first drive of a file of any program, made for this array.
+    """Read the first drive of a file of any program, for this array.
 
     If the file has positions, its elements are matched with those of the array. The array may have
     been moved since, if the order of the elements is the same.
@@ -88,8 +88,7 @@ def drive_for(array: PhasedArray, path: Path, board: str | None = None) -> Drive
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``load_drive``; "sizes_differ" or "does_not_match" if the file is
-        for another array.
+        For the reasons listed in ``load_drive``, or if the file is for another array.
     """
     contents = drive_in(path, board, len(array))
     drive = Drive(contents.drives[0])

@@ -142,8 +142,8 @@ class Link(ABC):
         Raises
         ------
         InvalidInput
-            If the frame has another number of elements or other levels, the link is not open, or
-            the time is further ahead than ``lead``.
+            If the frame has a different number of elements or different levels, the link is not
+            open, or the time is further ahead than ``lead``.
         LinkFailed
             If the link fails.
         """
@@ -199,7 +199,7 @@ class Link(ABC):
             )
 
     def check_elements(self, count: int) -> None:
-        """Raise an error if a drive or frame is for another number of elements."""
+        """Raise an error if a drive or frame has a different number of elements."""
         if count != self.elements:
             raise InvalidInput(
                 f"a drive for {counted(count, 'element', 'elements')} does not fit "
@@ -407,7 +407,7 @@ def lock_boards(resource: str) -> int | None:
     Raises
     ------
     InvalidInput
-        "link_in_use": another process uses the boards.
+        If another process uses the boards.
     """
     try:
         import fcntl

@@ -223,7 +223,7 @@ class LinkProcess:
         Raises
         ------
         LinkFailed
-            "link_process_lost" or "silence_failed", if the process was lost.
+            If the process was lost.
         """
         try:
             return self.ask("close")

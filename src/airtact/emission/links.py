@@ -33,7 +33,7 @@ def link_to(
     Raises
     ------
     InvalidInput
-        "unknown_name", "key_missing", or "options_clash".
+        If the board has no such link, or a setting is missing or does not apply.
     """
     if board not in LINKS.get(name, ()):
         raise InvalidInput(

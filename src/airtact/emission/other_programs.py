@@ -42,8 +42,8 @@ def read_other(path: Path, board: str | None = None, elements: int | None = None
     Raises
     ------
     InvalidInput
-        "unknown_format", "file_missing", "file_unreadable", "file_too_large", "wrong_shape",
-        "key_missing" or "out_of_range".
+        If the file is missing, unreadable, too large or of an unknown format, or its values are
+        invalid.
     """
     name = path.name.lower()
     ending = next((ending for ending in ENDINGS[::-1] if name.endswith(ending)), None)
@@ -224,7 +224,7 @@ def _openmpd_order(count: int) -> Int64[np.ndarray, "elements"]:
 
 
 def _ultraino(path: Path, data: bytes) -> DriveFile:
-    """Read the transducers of a simulation: Java beans, which leave out default values.
+    """Read the transducers of a simulation: Java beans, which omit default values.
 
     Phases are in half turns. An element radiates along the y axis of its transform. The result is
     in the order of the channels.

@@ -220,7 +220,7 @@ def compare(
     drives : drives by name; the first is the reference for the ratios. The scale of a drive does
         not matter.
     target : the F foci; their requested pressures do not matter.
-    solver : a different or more accurate solver than the one that made the drives.
+    solver : a different or more accurate solver than the one that computed the drives.
     progress : called with a description of each step as it begins, such as ``print``.
 
     Returns
@@ -232,8 +232,8 @@ def compare(
     Raises
     ------
     InvalidInput
-        If there is no drive, a drive is silent or has another number of elements than the array, or
-        the array, the scene and the foci do not fit together (see ``evaluate``).
+        If there is no drive, a drive is silent or has a different number of elements than the
+        array, or the array, the scene and the foci do not fit together (see ``evaluate``).
     """
     of_kind(drives, Mapping, "the drives", 'a dict of drives by name, {"hand considered": drive}')
     of_kind(target, Target, "the target", "Target(points, pressures)")

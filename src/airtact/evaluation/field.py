@@ -36,8 +36,8 @@ def drive_sources(
     Raises
     ------
     InvalidInput
-        If there is no drive, or a drive is silent, has another number of elements than the array or
-        is not a ``Drive``.
+        If there is no drive, or a drive is silent, has a different number of elements than the
+        array or is not a ``Drive``.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(drives) == 0:
@@ -118,7 +118,7 @@ def field_map(
     drive : the drive of the array.
     points : (P, 3) points [m]. Behind the faces of directional elements the result is meaningless,
         because real elements are shielded there.
-    solver : a different or more accurate solver than the one that made the drive.
+    solver : a different or more accurate solver than the one that computed the drive.
     progress : called with a description of each step as it begins, such as ``print``.
 
     Returns
@@ -128,7 +128,7 @@ def field_map(
     Raises
     ------
     InvalidInput
-        If the drive is silent or has another number of elements than the array, an element is
+        If the drive is silent or has a different number of elements than the array, an element is
         inside a body, a body is behind the face of a directional element, a point is NaN, infinite
         or on a source, or an argument is of the wrong kind.
     """

@@ -23,7 +23,7 @@ class HeldOut:
     pressures : (D, S) peak pressure at the weakest focus in each sample, with every drive at the
         energy of the first [Pa].
     expected : (D,) the same pressure without deviations [Pa].
-    left_out : number of samples left out because they are impossible.
+    left_out : number of samples skipped because they are impossible.
     """
 
     names: tuple[str, ...]
@@ -63,7 +63,7 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
     Raises
     ------
     InvalidInput
-        If a drive has another number of elements than the samples.
+        If a drive has a different number of elements than the samples.
     """
     # The rows of the foci come first; suppression points after them do not count.
     asked = np.flatnonzero(target.weights > 0.0)

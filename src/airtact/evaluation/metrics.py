@@ -206,7 +206,7 @@ def evaluate(
     array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
     drive : the drive of the array.
     target : the F foci and their requested pressures.
-    solver : a different or more accurate solver than the one that made the drive.
+    solver : a different or more accurate solver than the one that computed the drive.
     progress : called with a description of each step as it begins, such as ``print``.
 
     Returns
@@ -217,7 +217,7 @@ def evaluate(
     Raises
     ------
     InvalidInput
-        If the drive is silent or has another number of elements than the array, an element or a
+        If the drive is silent or has a different number of elements than the array, an element or a
         focus is inside a body, a focus or a body is behind the face of a directional element, a
         focus is on an element, or an argument is of the wrong kind.
     """

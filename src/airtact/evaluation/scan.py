@@ -153,7 +153,7 @@ class Overlay:
         left_out = int(np.sum(~self.used))
         if left_out:
             sentences.append(
-                f"{left_out} of {len(self.used)} positions are left out, because a body overlaps "
+                f"{left_out} of {len(self.used)} positions are skipped, because a body overlaps "
                 "the microphone."
             )
         return tuple(sentences)

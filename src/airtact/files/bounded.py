@@ -107,9 +107,9 @@ def datasets_of(
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``check_file``; "unsupported_version"; "data_missing";
-        "not_a_number" or "wrong_shape": values of another kind or shape; "file_too_large";
-        "file_unreadable": a damaged file, or links and data of other files.
+        For the reasons listed in ``check_file``, or if the version is unsupported, data are missing
+        or of the wrong kind or shape, the arrays are too large, or the file is damaged or refers to
+        other files.
     """
     import h5py
 

@@ -191,7 +191,7 @@ class Capsule(Shape):
 
 
 def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
-    """Make a sphere. Solvers use the exact shape and their own panels, not its mesh.
+    """Build a sphere. Solvers use the exact shape and their own panels, not its mesh.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
 
 
 def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
-    """Make a capsule: the surface at distance ``radius`` from the segment ``start`` to ``end``.
+    """Build a capsule: the surface at distance ``radius`` from the segment ``start`` to ``end``.
 
     Parameters
     ----------

@@ -112,7 +112,7 @@ class Shape(ABC):
 
     @abstractmethod
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
-        """Make initial triangles for remeshing each piece, with edges up to about ``edge`` [m]."""
+        """Build initial triangles for remeshing each piece, with edges up to about ``edge`` [m]."""
 
     @abstractmethod
     def moved(self, pose: Pose) -> "Shape":

@@ -167,7 +167,7 @@ def _fault(hulls: Hulls, mesh: HandMesh) -> float:
 
 
 def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
-    """Make a closed mesh from a grid of the distance, without cavities and specks."""
+    """Extract a closed mesh from a grid of the distance, without cavities and specks."""
     with extra("mesh", "the skin of a hand needs scikit-image"):
         from skimage.measure import marching_cubes
 

@@ -107,7 +107,7 @@ class ApplicationServer(WebSocketReceiver):
 
 
 def take_text(text: bytes | str, source: str, stream: HandStream, world: World) -> None:
-    """Process a message with a type; its hands go to a stream, the rest to the world.
+    """Process a message that has a type; hands go to a stream, and the rest to the world.
 
     Raises
     ------

@@ -92,7 +92,7 @@ class Controls:
     Attributes
     ----------
     ignore_hand : whether phases are set from path lengths alone, as if there were no hand.
-    method : name of the method that makes the drives; None for the scene's.
+    method : name of the method that computes the drives; None for the scene's.
     cap : largest amplitude of an element, as a share of full scale.
     offset : distance of all foci from the skin [m]; None for the scene's.
     modulated : whether the amplitude is modulated or the foci move.

@@ -129,7 +129,7 @@ class LiveScene:
     radii : (25,) radius of the skin around each joint [m]; None for those of a generic hand.
     places : places of the hand, such as ``"thumb.pad"``, that carry the F foci.
     offsets : (F,) distances of the foci from the skin [m].
-    method : name of the method that makes the drives.
+    method : name of the method that computes the drives.
     modulation : amplitude modulation that makes the drive perceptible, or None.
     moving : paths of the foci, or None.
     planes : a rigid plane, such as a table; none for open air.

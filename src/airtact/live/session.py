@@ -118,13 +118,13 @@ class SessionWriter:
 
     Attributes
     ----------
-    dropped : number of rows left out because the disk was too slow.
+    dropped : number of rows dropped because the disk was too slow.
     fault : why nothing more is recorded, and since when; None without a fault.
 
     Raises
     ------
     InvalidInput
-        "not_writable", if the folder cannot be made or another run records into it.
+        If the folder cannot be made, or another run records into it.
     """
 
     def __init__(self, path: Path, scene: LiveScene, text: str = "") -> None:
@@ -275,7 +275,7 @@ def lock_folder(folder: Path) -> int | None:
     Raises
     ------
     InvalidInput
-        "not_writable": another run records into the folder.
+        If another run records into the folder.
     """
     try:
         import fcntl

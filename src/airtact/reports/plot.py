@@ -140,7 +140,7 @@ def phases(
     Raises
     ------
     InvalidInput
-        If the drive has another number of elements than the array, or ``show`` is unknown.
+        If the drive has a different number of elements than the array, or ``show`` is unknown.
     """
     _check_fits(array, drive)
     if show not in ("phase", "amplitude"):

@@ -36,7 +36,7 @@ def write_sense_page(path: Path, sensed: Sensed) -> None:
     warnings = []
     if len(left_out):
         names = ", ".join(str(receiver) for receiver in left_out)
-        warnings.append(f"Receivers without a usable signal were left out: {names}.")
+        warnings.append(f"Receivers without a usable signal were ignored: {names}.")
     write_page(
         path,
         "sense.html.j2",
@@ -145,7 +145,7 @@ def _residuals(sensed: Sensed, values: Real[np.ndarray, "2 elements"]) -> Markup
         "transmissions. Both maps have the same scale."
     )
     if not np.isfinite(start).all():
-        caption += " Grey elements did not receive or were left out."
+        caption += " Grey elements did not receive or were ignored."
     before, after = np.sqrt(np.nanmean(values**2, axis=1))
     alternative = (
         f"Maps of the residual at each element: {before:.2f} for the scene's pose and {after:.2f} "

@@ -143,8 +143,8 @@ class VirtualObject:
 def objects_of(objects: "VirtualObject | Sequence[VirtualObject]") -> tuple[VirtualObject, ...]:
     """Check virtual objects, and name those without a name "object 1" and so on.
 
-    The function raises ``InvalidInput`` if there are more than 64 objects ("too_many"), two have
-    the same name ("given_twice"), or one has the wrong type ("wrong_kind").
+    The function raises ``InvalidInput`` if there are more than 64 objects, two have the same name,
+    or one has the wrong type.
     """
     if isinstance(objects, VirtualObject):
         objects = (objects,)

@@ -66,7 +66,7 @@ def _chains(pieces: Int64[np.ndarray, "pieces 2"]) -> list[list[int]]:
 def spaced_along(curve: Curve, spacing: float) -> Curve:
     """Return points (P, 3) [m] on a curve at equal distances of at most ``spacing`` [m].
 
-    The last point of a closed curve equals its first one and is left out.
+    The last point of a closed curve equals its first one and is omitted.
     """
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
     closed = bool(np.all(curve[0] == curve[-1]))

@@ -90,8 +90,7 @@ def boards_needed(board: Board, elements: int) -> int:
     Raises
     ------
     InvalidInput
-        "sizes_differ": the elements do not fill whole boards; "too_many": there are more boards
-        than one link can drive.
+        If the elements do not fill whole boards, or there are more boards than one link can drive.
     """
     count = _whole_boards(board, elements)
     if count > board.max_boards:

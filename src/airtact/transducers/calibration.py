@@ -87,8 +87,8 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``load_calibration``; "out_of_range": a deviation is 0.1 m or
-        more, or half a turn or more.
+        For the reasons listed in ``load_calibration``, or if a deviation reaches 0.1 m or half a
+        turn.
     """
     gains = load_calibration(path, len(array))
     table = read_text_table(Path(path))
@@ -131,7 +131,7 @@ def save_calibration(
     Raises
     ------
     InvalidInput
-        "unknown_format": the file is not .csv; "not_writable".
+        If the file is not .csv or cannot be written.
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     if path.suffix.lower() != ".csv":

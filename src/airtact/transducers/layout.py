@@ -284,7 +284,7 @@ def board_array(
     Raises
     ------
     InvalidInput
-        "unknown_name": there is no such board; "empty": the list of poses is empty.
+        If there is no such board, or the list of poses is empty.
 
     Examples
     --------
@@ -349,7 +349,7 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     Raises
     ------
     InvalidInput
-        "unknown_name": there is no such board, or its outline is unknown (nano16, openmpd).
+        If there is no such board, or its outline is unknown (nano16, openmpd).
 
     Examples
     --------

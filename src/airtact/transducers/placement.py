@@ -31,11 +31,10 @@ def check_placement(
     Raises
     ------
     InvalidInput
-        "bodies_overlap": two elements are closer than the radius of their faces; "bodies_overlap"
-        or "inside_body": an element reaches into a body; "behind_plane": an element is behind a
-        plane; "behind_faces": a focus or a body, or its image in a plane, is behind the face of a
-        directional element; "not_supported": an element is not in the face of a reflecting board;
-        "not_in_metres", "out_of_range", "wrong_kind".
+        If two elements are closer than the radius of their faces, an element reaches into a body or
+        is behind a plane, a focus or body (or its image in a plane) is behind the face of a
+        directional element, an element is not in the face of a reflecting board, or an argument is
+        invalid.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")

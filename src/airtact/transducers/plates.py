@@ -34,8 +34,8 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     Raises
     ------
     InvalidInput
-        "wrong_kind": the array does not consist of boards of one kind; "unknown_name": the maker
-        does not state their outline; "out_of_range": the thickness.
+        If the array does not consist of boards of one kind, the maker does not state their outline,
+        or the thickness is out of range.
 
     Examples
     --------
@@ -101,7 +101,7 @@ def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elemen
     Raises
     ------
     InvalidInput
-        "not_supported": the scene has boards, and an element is not in the face of one.
+        If the scene has boards, but an element is not in the face of one.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     if not scene.boards:
@@ -127,7 +127,7 @@ def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elemen
 
 
 def _plate(board: Board, pose: Pose, thickness: float, margin: float = 0.0):
-    """Make the box of one board, larger than its outline by a margin [m] on all sides."""
+    """Build the box of one board, larger than its outline by a margin [m] on all sides."""
     from manifold3d import Manifold
 
     middle = 0.5 * (board.positions.min(axis=0) + board.positions.max(axis=0))

@@ -104,7 +104,7 @@ def merged(traps: Sequence[Trap], target: Target) -> Target:
 def holding(
     method: Callable[[TransferMatrix, Target], Drive], traps: Sequence[Trap]
 ) -> Callable[[TransferMatrix, Target], Drive]:
-    """Let a method for foci make traps from the transfer matrix of ``target_of``.
+    """Compute traps from the transfer matrix of ``target_of`` by a method for foci.
 
     To the method each trap is one focus, whose pressure is the sum of the pressures at the lobes in
     the trap's phases. For a single trap the phases of this drive are those of its signature.

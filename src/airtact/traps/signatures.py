@@ -41,7 +41,7 @@ def signature(
     Raises
     ------
     InvalidInput
-        If the drive is for another number of elements, the kind is unknown, the axis is zero, or
+        If the drive has a different number of elements, the kind is unknown, the axis is zero, or
         all elements lie on one side.
 
     Examples

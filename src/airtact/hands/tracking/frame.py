@@ -68,7 +68,7 @@ class HandFrame:
     Raises
     ------
     InvalidInput
-        A ``FaultyFrame``, if time, side or sequence number are invalid, or the landmarks are not
+        As a ``FaultyFrame``, if time, side or sequence number are invalid, or the landmarks are not
         plausible: NaN, millimetres, a wrong count or implausible bones. ``HandStream`` recognises
         landmarks of the other hand, over many frames.
     """

@@ -46,7 +46,7 @@ def from_json(text: bytes | str) -> HandFrame:
     Raises
     ------
     InvalidInput
-        A ``FaultyFrame``, if the text is not such JSON or the frame is faulty.
+        As a ``FaultyFrame``, if the text is not such JSON or the frame is faulty.
     """
     raw = text.encode() if isinstance(text, str) else text
     try:

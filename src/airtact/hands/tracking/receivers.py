@@ -27,7 +27,7 @@ MAX_MESSAGE = 2**22
 
 
 def bound_socket(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
-    """Make a socket bound to a port; 0 selects a free one."""
+    """Open a socket that is bound to a port; 0 selects a free port."""
     if not 0 <= port <= 65535:
         raise InvalidInput(
             f"port {port} does not exist; use 1 to 65535, or 0 for any free port.",

@@ -33,7 +33,7 @@ class Registration:
     position_error : standard deviation of the position in the middle of the touched points, in the
         least certain direction [m].
     angle_error : standard deviation of the rotation about the least certain axis [rad].
-    repeat : touch that contradicts all others and is left out of the fit; None if they agree.
+    repeat : touch that contradicts all others and is excluded from the fit; None if they agree.
     """
 
     tracker: Pose

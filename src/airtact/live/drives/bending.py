@@ -266,7 +266,7 @@ class BendingPanels:
     Raises
     ------
     InvalidInput
-        A focus lies inside the body.
+        If a focus lies inside the body.
     """
 
     def __init__(

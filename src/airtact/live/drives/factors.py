@@ -133,9 +133,9 @@ def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFac
     Raises
     ------
     InvalidInput
-        The joints are not those of a hand, or a focus lies inside the body.
+        If the joints are not those of a hand, or a focus lies inside the body.
     NotConverged
-        The iteration did not converge.
+        If the iteration does not converge.
     """
     posed = pose_hand(scene, joints)
     solver = BoundaryElement(accuracy=ACCURACY, estimate=False)
@@ -189,7 +189,7 @@ class RigidParts:
     Raises
     ------
     InvalidInput
-        The joints are not those of a hand, or a focus lies inside the body.
+        If the joints are not those of a hand, or a focus lies inside the body.
     """
 
     def __init__(self, scene: LiveScene, joints: Joints) -> None:

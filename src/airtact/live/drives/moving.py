@@ -41,14 +41,14 @@ class Rounds:
     def frames(
         self, posed: PosedHand, factors: Complex64[np.ndarray, "points sources"] | None, method: str
     ) -> Frames:
-        """Make the frames for a hand in a pose.
+        """Compute the frames for a hand in a pose.
 
         Parameters
         ----------
         posed : the hand in its present pose.
         factors : (N K, R) factors of the hand on the pressure at each focus of each frame; None for
             open air.
-        method : name of the method that makes each drive. "best" means weighted
+        method : name of the method that computes each drive. "best" means weighted
             Gerchberg-Saxton here.
 
         Returns

@@ -149,9 +149,9 @@ class SkinSolver:
         Raises
         ------
         InvalidInput
-            The joints are not those of a hand.
+            If the joints are not those of a hand.
         NotConverged
-            The iteration did not converge.
+            If the iteration does not converge.
         """
         request, later = asked
         scene = self._scene

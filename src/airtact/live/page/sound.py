@@ -156,9 +156,9 @@ class SoundSolver:
         Raises
         ------
         InvalidInput
-            The joints are not those of a hand, or a focus lies inside it.
+            If the joints are not those of a hand, or a focus lies inside it.
         NotConverged
-            The iteration did not converge.
+            If the iteration does not converge.
         """
         sources = element_sources(self._scene, request.amplitudes, request.foci.mean(axis=0))
         solution = self._hand.received(request.joints, sources, 0.05)

@@ -34,7 +34,7 @@ class BlockPairs(_kernels.Pairs):
 
     @classmethod
     def of(cls, chosen: Bool[np.ndarray, "blocks blocks"]) -> "BlockPairs":
-        """Take the pairs that are chosen."""
+        """Select some of the pairs."""
         first = np.concatenate([[0], np.cumsum(chosen.sum(axis=1))])
         return cls(first.astype(np.int64), np.nonzero(chosen)[1].astype(np.int64))
 
@@ -158,7 +158,7 @@ def check_memory(count: int, store: Store, blocks: int, factors: int = 0) -> Non
     if size > ALWAYS_FREE and size > 0.9 * (available := available_memory()):
         raise InvalidInput(
             f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but "
-            f"{available / 2**30:.1f} GiB of memory are free; use a coarser accuracy or leave out "
+            f"{available / 2**30:.1f} GiB of memory are free; use a coarser accuracy or remove "
             "distant bodies.",
             code="too_little_memory",
         )

@@ -299,7 +299,7 @@ class BoundaryField(RadiatedField):
     def report_at(self, points: Points) -> SolveReport:
         """Return the report with the worst error estimated at points [m], if that is larger.
 
-        Points inside bodies are left out. The error is relative to the pressure at the point, or to
+        Points inside bodies are ignored. The error is relative to the pressure at the point, or to
         a tenth of the strongest pressure if that is larger. If an error exceeds ``max_error``, a
         warning names the worst point. Without a direct solution or points the report is unchanged.
         """

@@ -89,7 +89,7 @@ def near_rows(
 ) -> NearRows:
     """Compute the corrections that near panels add to the plain sums.
 
-    The plain sums leave out nodes closer than ``min_distance`` [m]. In float32 no point may touch
+    The plain sums omit nodes closer than ``min_distance`` [m]. In float32 no point may touch
     a panel at its edge. ``lists`` are the near panels, if they have been listed before.
     """
     if lists is None:

@@ -32,7 +32,7 @@ from airtact.geometry.mesh.arrays import QuadraticTriangles
 
 @dataclass(frozen=True, eq=False)
 class MovingPanels:
-    """Panels of a body, some of which may have been left out.
+    """Panels of a body, some of which may have been removed.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class MovingPanels:
         InvalidInput
             If the matrix does not fit into memory.
         NotConverged
-            The iteration did not reach the tolerance.
+            If the iteration does not reach the tolerance.
         """
         surface = self._surface(corners, inside)
         right, factors = transposed_right_side(surface, sources.positions, sources.strengths)

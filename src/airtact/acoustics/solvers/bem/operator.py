@@ -108,12 +108,12 @@ def assemble(
         on the diagonal; None stores every block entry by entry.
     image : fill only the contribution of the bodies' image in this plane. The image has the same
         pressure, and its double layer at x is that of the bodies at the image of x, so only the
-        collocation points change; the 1/2 is left out.
+        collocation points change; the term 1/2 is omitted.
 
     Raises
     ------
     InvalidInput
-        The matrix does not fit into memory.
+        If the matrix does not fit into memory.
     """
     nodes = surface.nodes
     points = nodes.points

@@ -174,10 +174,10 @@ class BoundaryElement(Solver):
         Raises
         ------
         InvalidInput
-            No bodies, a filled body, a source inside a body or behind a plane, or too little
-            memory.
+            If there are no bodies, a body is filled, a source is inside a body or behind a plane,
+            or the memory is insufficient.
         NotConverged
-            GMRES did not reach its tolerance.
+            If GMRES does not reach its tolerance.
         """
         check_sources(scene, sources, planes=True)
         _check_bodies(scene)
@@ -334,7 +334,7 @@ class BoundaryElement(Solver):
         Raises
         ------
         InvalidInput
-            No bodies, a filled body, or too little memory.
+            If there are no bodies, a body is filled, or the memory is insufficient.
         """
         from airtact.acoustics.solvers.bem.factorised.reduced_body import reduced_body
 

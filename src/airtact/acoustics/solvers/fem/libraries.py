@@ -46,7 +46,7 @@ def thread_count() -> int:
 
 @contextmanager
 def many_threads() -> Iterator[None]:
-    """Let NGSolve use all threads."""
+    """Allow NGSolve to use all threads."""
     ngsolve = ngsolve_library()
     ngsolve.SetNumThreads(thread_count())
     with ngsolve.TaskManager():

@@ -287,9 +287,9 @@ class FactorisedBodies(Solver):
         Raises
         ------
         InvalidInput
-            Other bodies, another medium or frequency, or a source inside a body.
+            If the bodies, medium or frequency differ, or a source is inside a body.
         NotConverged
-            The iteration over the bodies did not reach the tolerance.
+            If the iteration over the bodies does not reach the tolerance.
         """
         check_sources(scene, sources)
         clock = Clock()
