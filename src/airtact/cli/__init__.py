@@ -41,7 +41,7 @@ class Commands(click.Group):
     """A group that imports its commands when they are run or listed."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command; None for an unknown name."""
+        """Import a command; return None for an unknown name."""
         if cmd_name not in NAMES:
             return None
         name = cmd_name.replace("-", "_")

@@ -165,7 +165,7 @@ def board_address(command: Command) -> Command:
 
 
 def level_of(cap: float | None, full_scale: bool) -> float | None:
-    """Return the cap of ``--cap`` or ``--full-scale``; None for the command's default."""
+    """Return the cap of ``--cap`` or ``--full-scale``, or None for the command's default."""
     if full_scale and cap is not None:
         raise at.InvalidInput(
             f"--full-scale and --cap {cap:g} exclude each other: omit one.",

@@ -38,7 +38,7 @@ Paths = Float64[np.ndarray, "foci frames 3"]
 
 @dataclass(frozen=True)
 class Motion:
-    """How the foci of a target move.
+    """Motion of the foci of a target.
 
     Attributes
     ----------

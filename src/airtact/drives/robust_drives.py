@@ -42,7 +42,7 @@ Goal = Literal["lowest tenth", "mean", "worst"]
 """The statistic of the weakest focus over the samples."""
 
 Limit = Literal["energy", "phases"]
-"""What limits a drive: its energy Σ|d|², or |d| = 1 ("phases")."""
+"""Limit of a drive: its energy Σ|d|², or |d| = 1 ("phases")."""
 
 SampledRows = Complex128[np.ndarray, "samples foci elements"]
 """Rows at the foci in each sample, divided by the request of each focus."""

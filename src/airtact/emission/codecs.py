@@ -130,7 +130,7 @@ def _openmpd(codec: Codec, frame: Frame) -> bytes:
 
 
 def _whole(message: Bytes, length: int) -> Bytes | None:
-    """Divide a message into parts of a length; None if a part is missing."""
+    """Divide a message into parts of a length; return None if a part is missing."""
     return None if len(message) % length or not len(message) else message.reshape(-1, length)
 
 

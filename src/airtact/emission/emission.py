@@ -279,9 +279,9 @@ class Emission:
     ) -> Played:
         """Play a drive with amplitude modulation for some time [s].
 
-        Skin only feels a modulated drive. By default the force varies as a cosine of 200 Hz. Boards
-        without amplitude levels vary the number of elements that are on. The drive rises over the
-        ramp.
+        Skin only feels a modulated drive. By default the force varies as a cosine of 200 Hz. On
+        boards without amplitude levels, the number of active elements varies. The drive rises over
+        the ramp.
 
         Returns
         -------

@@ -109,8 +109,8 @@ def drive_for(array: PhasedArray, path: Path, board: str | None = None) -> Drive
         wrong = np.abs(theirs - cdist(array.positions[few], array.positions)).max()
         if wrong > 1e-3:
             raise InvalidInput(
-                f"the elements in {path.name} are up to {1e3 * wrong:.0f} mm elsewhere, or in "
-                "another order; use the array that the drive was made for.",
+                f"the elements in {path.name} are up to {1e3 * wrong:.0f} mm away from those of "
+                "the array, or in another order; use the array that the drive was made for.",
                 code="does_not_match",
             )
     return drive

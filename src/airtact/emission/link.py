@@ -208,7 +208,7 @@ class Link(ABC):
             )
 
     def stop(self) -> None:
-        """Silence the boards and have them confirm it, if they can.
+        """Silence the boards, and wait for their confirmation if they can send one.
 
         Raises
         ------

@@ -44,7 +44,8 @@ class Microphone:
             )
         if not 0.0 <= number(self.housing, "the housing of a microphone", "m") <= 1.0:
             raise InvalidInput(
-                f"the housing of a microphone is {self.housing:g} m long. Use 0 to 1 m.",
+                f"the housing of a microphone is {self.housing:g} m long; use a length from 0 to "
+                "1 m.",
                 code="out_of_range",
             )
         axis = real_numbers(np.asarray(self.axis), "the axis of a microphone")

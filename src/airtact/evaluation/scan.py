@@ -46,8 +46,8 @@ class Scan:
         pressures = complex_numbers(self.pressures, "pressures of a scan")
         if pressures.shape != (len(points),):
             raise InvalidInput(
-                f"a scan of {len(points)} positions needs as many pressures, not an array of "
-                f"shape {pressures.shape}.",
+                f"a scan of {len(points)} positions needs one pressure per position, not an array "
+                f"of shape {pressures.shape}.",
                 code="wrong_shape",
             )
         check_finite(pressures, "pressures of a scan")

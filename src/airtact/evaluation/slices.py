@@ -215,7 +215,7 @@ class SurfacePressure:
 
 
 def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePressure | None:
-    """Interpolate the solved pressure on all surfaces, for pictures; None in open air.
+    """Interpolate the solved pressure on all surfaces, for pictures, unless in open air.
 
     Parameters
     ----------

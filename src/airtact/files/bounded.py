@@ -203,7 +203,8 @@ def _item(file: Any, entry: str) -> Any:
         stored_here = isinstance(item, h5py.Dataset) and not (item.is_virtual or item.external)
         if not isinstance(item, h5py.Group) and not stored_here:
             raise InvalidInput(
-                f"{entry} is a link, or its data lie in another file; store it in the file itself.",
+                f"{entry} is a link or stores its data in another file; store the data in the "
+                "file itself.",
                 code="file_unreadable",
             )
     # An empty dataset has no shape.

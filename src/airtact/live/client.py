@@ -106,7 +106,7 @@ class Client:
         return self._state
 
     def next_state(self, timeout: float = 1.0) -> StateMessage | None:
-        """Wait for a state that this method did not return yet; None after the timeout [s]."""
+        """Wait for a state that this method has not returned yet, or until the timeout [s]."""
         if not self._new.wait(timeout):
             return None
         self._new.clear()

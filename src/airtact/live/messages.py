@@ -282,7 +282,7 @@ class ContactState(msgspec.Struct, frozen=True):
 
 
 class FocusState(msgspec.Struct, frozen=True):
-    """What a focus gets.
+    """State of a focus.
 
     Attributes
     ----------

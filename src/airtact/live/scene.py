@@ -81,7 +81,7 @@ class WithImages:
 
     @classmethod
     def of(cls, array: PhasedArray, planes: Sequence[Plane]) -> "WithImages":
-        """Add the images in a plane, if there is one."""
+        """Add the images in the plane, if the scene has one."""
         imaged = np.zeros(0, dtype=np.int64)
         strengths = np.ones(len(array))
         for plane in planes:
@@ -184,7 +184,7 @@ def live_scene(setup: Setup) -> LiveScene:
     if not touched and (len(on_hand) < len(setup.foci) or not setup.hands):
         raise InvalidInput(
             f"{name}: {len(on_hand) if setup.hands else 0} of {len(setup.foci)} foci are on a hand "
-            f'with joints, but live needs all: use at = "thumb.pad" in [[foci]], or '
+            f'with joints, but all must be: use at = "thumb.pad" in [[foci]], or '
             f"[[objects]]; the places are {', '.join(PLACES)}.",
             code="misplaced",
         )

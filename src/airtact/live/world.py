@@ -207,7 +207,7 @@ class World:
 
     @property
     def rejection(self) -> str:
-        """Why the newest message was rejected in the last 3 s; empty if none was."""
+        """Reason for the newest rejection of a message in the last 3 s; empty if there is none."""
         when, sentence = self._rejected
         return sentence if self._clock() - when < 3.0 else ""
 
@@ -255,7 +255,7 @@ class World:
             self._added = {name: added for name, added in self._added.items() if name in things}
 
     def _made(self, message: ObjectMessage) -> VirtualObject:
-        """Build an object, or move the present one if it has the same shape."""
+        """Build an object, or move the existing object if it has the same shape."""
         with self._lock:
             before, _ = self._added.get(message.name, (None, ""))
             present = next((thing for thing in self._objects if thing.name == message.name), None)

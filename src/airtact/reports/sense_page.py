@@ -159,7 +159,7 @@ def draw_moved(
     scenes: tuple[Scene, Scene],
     foci: Real[np.ndarray, "2 foci 3"],
 ) -> Figure:
-    """Draw cuts of the bodies of two scenes, before and after a correction, in two planes.
+    """Draw cross-sections of the bodies of two scenes, before and after a correction.
 
     The second plane is perpendicular to the window, through its middle. Foci [m] are projected onto
     the planes.

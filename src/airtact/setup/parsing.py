@@ -84,7 +84,9 @@ def _check_text(text: str) -> None:
     for word in text.split("."):
         parts = 0 if re.search(r"[\n=,\[\]{}]", word) else parts + 1
         if parts >= 32:
-            raise InvalidInput("a key has more than 32 parts between dots.", code="file_too_large")
+            raise InvalidInput(
+                "a key has more than 32 parts separated by dots.", code="file_too_large"
+            )
 
 
 def _check_numbers(data: object, path: str) -> None:

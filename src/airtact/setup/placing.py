@@ -375,9 +375,9 @@ class _Search:
                     break
         if not found:
             raise InvalidInput(
-                f"{counted(boards, 'board fits', 'boards fit')} nowhere {1e3 * self.distance[0]:g} "
-                f"to {1e3 * self.distance[1]:g} mm from the hand and inside the region: use a "
-                "larger distance or region.",
+                f"there is no space for {counted(boards, 'board', 'boards')} "
+                f"{1e3 * self.distance[0]:g} to {1e3 * self.distance[1]:g} mm from the hand and "
+                "inside the region: use a larger distance or region.",
                 code="out_of_range",
             )
         return found

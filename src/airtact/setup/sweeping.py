@@ -248,8 +248,8 @@ def _computed(
 def process_count(points: int, limit: int | None = None, memory: float = 0.0) -> int:
     """Return the number of processes to use if each needs ``memory`` [bytes].
 
-    The number is ``limit``, or by default the number of processors. It does not exceed the number
-    of points, nor the number of processes that fit into 80 % of the available memory. Raise
+    The number is ``limit``, or by default the number of processors. It exceeds neither the number
+    of points nor the number of processes that fit into 80 % of the available memory. Raise
     ``InvalidInput`` if not even one process fits.
     """
     free = available_memory()

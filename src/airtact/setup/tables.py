@@ -545,7 +545,7 @@ class TrapTable(Table, frozen=True):
 
 
 class SolverTable(Table, frozen=True):
-    """How the sound field is computed.
+    """Computation of the sound field.
 
     Attributes
     ----------

@@ -235,14 +235,14 @@ class RadiatedField(ABC):
 
     @abstractmethod
     def _at(self, points: Vectors) -> Pressures:
-        """Total pressure at checked points, like ``at``."""
+        """Total pressure at points that have been checked, like ``at``."""
 
     def _scattered_at(self, points: Vectors) -> Pressures:
         return self.at(points) - self._incident(points)
 
     @abstractmethod
     def _valid(self, points: Vectors) -> Mask:
-        """Whether the field exists at checked points, like ``valid``."""
+        """Whether the field exists at points that have been checked, like ``valid``."""
 
     def _receivers(self, points: Points) -> Vectors:
         points = points_of(points, "points", least=0)

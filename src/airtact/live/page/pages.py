@@ -34,7 +34,7 @@ Angle = Annotated[float, msgspec.Meta(ge=-40.0, le=60.0)]
 
 
 class Dragged(msgspec.Struct):
-    """Where a hand was dragged to.
+    """Position to which a hand was dragged.
 
     Attributes
     ----------
@@ -210,7 +210,7 @@ class Pages:
             self._send(("object", bytes(said.object)))
 
     def _joints(self) -> Joints | None:
-        """Return the joints (25, 3) [m] of the hand to drag; None while a headset tracks hands."""
+        """Return the joints (25, 3) [m] of the dragged hand, or None if a headset tracks hands."""
         joints = self._first
         if joints is None or time.monotonic() - self._tracked < 1.0:
             return None

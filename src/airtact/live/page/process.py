@@ -39,7 +39,7 @@ class Placed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What the loop tells the page.
+    """Data that the loop sends to the page.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ Vertices = Float64[np.ndarray, "vertices 3"]
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What the page shows at one time.
+    """Content of the page at one time.
 
     Attributes
     ----------

@@ -151,7 +151,7 @@ class BoundaryField(RadiatedField):
 
     @property
     def without_images(self) -> "BoundaryField":
-        """The field that sources and bodies radiate without their images in a plane."""
+        """The field of sources and bodies without their images in a plane."""
         return replace(self, scene=replace(self.scene, planes=())) if self.scene.planes else self
 
     @property

@@ -44,7 +44,7 @@ Contacts = tuple[
 
 @dataclass(frozen=True)
 class NearRule:
-    """How panels near a point are integrated.
+    """Settings for the integration of panels near a point.
 
     Attributes
     ----------

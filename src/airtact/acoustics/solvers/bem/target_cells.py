@@ -86,7 +86,7 @@ class Cells:
 
 
 def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
-    """Sort points [m] into cells for sums to a relative error; None if cells are slower."""
+    """Sort points [m] into cells for sums to a relative error, unless cells are slower."""
     grids = [(order, beyond) for left, order, beyond in GRIDS if left <= error]
     if not grids or len(points) < grids[0][0] ** 2 / MAX_GRID_SHARE:
         return None

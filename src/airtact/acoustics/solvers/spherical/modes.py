@@ -236,7 +236,7 @@ def _summed(
     first_check: int,
     tolerance: Pairs,
 ) -> ComplexPairs | None:
-    """Add terms until two estimates of the complete sum agree; None if they never do.
+    """Add terms until two estimates of the complete sum agree, or return None.
 
     The second estimate uses a quarter more terms.
     """

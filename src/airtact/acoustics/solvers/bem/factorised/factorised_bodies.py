@@ -76,7 +76,7 @@ class PlacedBody:
         return bool(squares.min(initial=np.inf) > (radius + reach) ** 2)
 
     def reaches(self, points: Points) -> Mask:
-        """Which points are too close to the body for the skeletons."""
+        """Mark the points that are too close to the body for the skeletons."""
         reach = self.reduced.reach
         near = self.in_box(points, reach)
         if near.any():
@@ -85,7 +85,7 @@ class PlacedBody:
         return near
 
     def in_box(self, points: Points, beyond: float = 0.0) -> Mask:
-        """Which points lie in the box around the body, or within ``beyond`` [m] of it."""
+        """Mark the points in the box around the body, or within ``beyond`` [m] of it."""
         tree = self.reduced.tree
         local = self.local.apply(points)
         return ((local > tree.mins - beyond) & (local < tree.maxes + beyond)).all(axis=1)
@@ -357,7 +357,7 @@ class FactorisedBodies(Solver):
         return Coupling.of([PlacedBody(body, Pose.identity()) for body in self.bodies])
 
     def _coupling(self, scene: Scene) -> Coupling | None:
-        """Place the bodies as in the scene; None if two are too close together."""
+        """Place the bodies as in the scene; return None if two are too close together."""
         if scene.medium != self.scene.medium or scene.frequency != self.scene.frequency:
             raise InvalidInput(
                 f"the bodies were factorised for {self.scene.frequency:g} Hz in "
