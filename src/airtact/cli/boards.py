@@ -33,7 +33,7 @@ def boards() -> None:
         ports = list(serial_ports())
     except ImportError:
         ports = None
-    words = "unknown without pyserial: pip install 'airtact[serial]'"
+    words = "unknown without pyserial: run pip install 'airtact[serial]'"
     if ports is not None:
         words = ", ".join(ports) or "none"
     show(

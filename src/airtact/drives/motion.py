@@ -215,7 +215,7 @@ def moving_foci(
     target : those points.
     foci : number of foci in one frame.
     turns : rounds per second [Hz].
-    method : makes the drive of each frame from its rows of the matrix.
+    method : computes the drive of each frame from its rows of the matrix.
     clock : frequency of the sound [Hz]. Each frame lasts a whole number of periods, as boards need.
 
     Returns

@@ -57,7 +57,7 @@ Made = TypeVar("Made")
 class TransferEnsemble(TransferMatrix):
     """The nominal transfer matrix and those of S sampled hands; ``ensemble`` makes it.
 
-    Functions that expect a ``TransferMatrix`` use the nominal one. ``robust`` makes drives
+    Functions that expect a ``TransferMatrix`` use the nominal one. ``robust`` computes drives
     for all samples.
 
     Attributes

@@ -287,7 +287,7 @@ def _library() -> Any:
     # The tests run with this version only.
     if version != "36.0.2":
         raise InvalidInput(
-            f"pyautd3 {version} is not the tested version 36.0.2: pip install "
+            f"pyautd3 {version} is not the tested version 36.0.2: run pip install "
             "'airtact[autd3-legacy]'.",
             code="unsupported_version",
         )

@@ -291,7 +291,7 @@ def _sdk() -> Any:
     # Before version 1, a change of the second number changes the messages.
     if not version.startswith("0.12."):
         raise InvalidInput(
-            f"autd3 {version} is not the tested version 0.12: pip install 'airtact[autd3]'.",
+            f"autd3 {version} is not the tested version 0.12: run pip install 'airtact[autd3]'.",
             code="unsupported_version",
         )
     return autd3

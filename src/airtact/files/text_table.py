@@ -96,8 +96,8 @@ class TextTable:
 def read_text_table(path: Path) -> TextTable:
     """Read a file of cells separated by commas, or by spaces as in .txt files of COMSOL.
 
-    The first line that is not a comment names the columns. If it contains numbers, the last comment
-    before it names them, as in files of COMSOL.
+    The first line that is not a comment names the columns. If that line contains numbers, the last
+    comment before it names the columns, as in files of COMSOL.
     """
     file = path.name
     comments: list[str] = []

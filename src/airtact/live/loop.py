@@ -166,7 +166,7 @@ def follow(
     ----------
     scene : the fixed part of the scene.
     hands : source of the frames; started and closed here.
-    maker : makes the drives; closed here.
+    maker : computes the drives; closed here.
     output : receives the drives; by default they are not emitted.
     seconds : duration [s]; by default until the frames end.
     session : records the run; closed here.

@@ -217,8 +217,8 @@ def live_scene(setup: Setup) -> LiveScene:
     both = touched or bool(setup.objects) or len(setup.hands) > 1
     if both and (setup.motion is not None or any(one.style == "outline" for one in setup.objects)):
         raise InvalidInput(
-            f'{name}: with objects or two hands, live moves no foci along paths: leave kind = "stm"'
-            ' and style = "outline" out.',
+            f"{name}: with objects or two hands, live cannot move foci along paths: "
+            'remove kind = "stm" and style = "outline".',
             code="not_supported",
         )
     scene = LiveScene(

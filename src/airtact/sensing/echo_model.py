@@ -1,4 +1,4 @@
-"""Echoes of bodies at poses near an initial pose, and their derivatives by pose, in closed form.
+"""Echoes of bodies near an initial pose, and derivatives with respect to the pose, in closed form.
 
 The regular waves w_e that element e of unit strength emits toward the bodies also describe its
 reception, by reciprocity: E[r, e] = w_rᵀ T w_e/(4πik). A motion of the bodies multiplies all w_e by
@@ -7,8 +7,9 @@ the same matrix D. The array is therefore expanded only once, about the initial 
 A pose is a twist (6,) of the bodies' frame from the initial pose: translation [m] and rotation
 [rad] about the centre of the scattering matrix. With V_i the generators of the six motions of
 regular waves and D = exp(Σ twist_i V_i), the echoes are w_rᵀ Dᵀ T D w_e/(4πik). Their derivatives
-by a further motion i are w_rᵀ Dᵀ (T V_i − V_i T) D w_e/(4πik), because V_i is antisymmetric. The
-computation is in single precision: rounding changes echoes by 1e-6, far less than noise.
+with respect to a further motion i are w_rᵀ Dᵀ (T V_i − V_i T) D w_e/(4πik), because V_i is
+antisymmetric. The computation is in single precision: rounding changes echoes by 1e-6, far less
+than noise.
 """
 
 from dataclasses import dataclass, replace
@@ -88,7 +89,7 @@ class EchoModel:
         return self._received(twist, self._scattered(self._incident(twist)))[0]
 
     def derivatives(self, twist: Twist) -> Complex[np.ndarray, "6 receivers transmissions"]:
-        """Return derivatives by a further translation [Pa/m] and rotation [Pa/rad]."""
+        """Return derivatives with respect to a further translation [Pa/m] and rotation [Pa/rad]."""
         incident = self._incident(twist)
         # One large matrix product is faster than seven.
         along = np.concatenate([incident, *along_motions(incident, self._wavenumber)], axis=1)

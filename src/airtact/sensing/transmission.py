@@ -1,4 +1,4 @@
-"""Direct sound between elements of an array, and its derivatives by board motions.
+"""Direct sound between elements of an array, and its derivatives for motions of the boards.
 
 An element of unit gain emits s Σ_q w_q e^{ikR}/R over the points of its face, where s is the
 sensitivity, and receives the mean over its face with the same weights. A small rigid motion of a

@@ -111,7 +111,7 @@ def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
     objects, contacts = touched(file, path.parent, bodies, obstacles, hands, moving)
     if file.traps and contacts is not None:
         raise InvalidInput(
-            "traps cannot be combined with contacts with objects: give [[foci]] beside [[traps]].",
+            "traps cannot be combined with contacts with objects: add [[foci]] beside [[traps]].",
             code="options_clash",
         )
     traps = tuple(built(Trap, table) for table in file.traps)
@@ -200,7 +200,7 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     if (name == "free_field") == bool(scene.obstacles):
         state = "obstacles" if scene.obstacles else "no obstacles"
         raise InvalidInput(
-            f"{name} does not solve a scene with {state}: remove the name.",
+            f"{name} cannot solve a scene with {state}: remove the name.",
             code="not_supported",
         )
     if name == "finite_element":
@@ -209,7 +209,7 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary == "filled":
             raise InvalidInput(
-                f"{name} does not solve body {index}, which is filled: set "
+                f"{name} cannot solve for body {index}, which is filled: set "
                 'name = "finite_element".',
                 code="not_supported",
             )
@@ -350,7 +350,7 @@ def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "fo
         # Lobes have the share 1.
         if any(table.pressure or table.phase_degrees for table in file.foci):
             raise InvalidInput(
-                "beside traps, give the foci a share instead of pressure or phase_degrees.",
+                "beside traps, set a share for the foci instead of pressure or phase_degrees.",
                 code="options_clash",
             )
         shares = [1.0 if table.share is None else table.share for table in file.foci]

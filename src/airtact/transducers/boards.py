@@ -96,7 +96,7 @@ def boards_needed(board: Board, elements: int) -> int:
     if count > board.max_boards:
         raise InvalidInput(
             f"{elements} elements need {count} {board.name} boards, but one link drives at most "
-            f"{board.max_boards}: make a drive for {board.max_boards * len(board)} elements or "
+            f"{board.max_boards}: compute a drive for {board.max_boards * len(board)} elements or "
             "fewer.",
             code="too_many",
         )

@@ -48,7 +48,7 @@ class Trap:
         axis = point_of(self.axis, "the axis of a trap")
         if not np.linalg.norm(axis) > 0.0:
             raise InvalidInput(
-                "the axis of a trap has length 0. Give a direction.", code="all_zero"
+                "the axis of a trap has length 0; use a nonzero vector.", code="all_zero"
             )
         axis = axis / np.linalg.norm(axis)
         ways = np.stack([axis, -axis])

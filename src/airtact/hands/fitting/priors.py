@@ -303,9 +303,9 @@ def _by_joints(
     length: Float64[np.ndarray, "19"],
     *parts: tuple[Int64[np.ndarray, "rules"], Float64[np.ndarray, "rules 3"]],
 ) -> Float64[np.ndarray, "rules 137"]:
-    """Convert derivatives by unit directions of bones to derivatives by joints.
+    """Convert derivatives with respect to unit directions of bones to those of joints.
 
-    Each of the ``parts`` holds a bone for each rule, and the derivative by its direction.
+    Each of the ``parts`` holds a bone for each rule, and the derivative for its direction.
     """
     rows = np.arange(len(parts[0][0]))
     gradients = np.zeros((len(rows), 137))

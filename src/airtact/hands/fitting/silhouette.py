@@ -56,7 +56,7 @@ class Silhouette:
         """Compute how far the rims of a hand's balls (26, 4) [m] protrude from the silhouette.
 
         Return the weighted distances (R,) of protruding rims divided by their standard deviation,
-        the derivatives (R, 104) by the balls at constant weights, and twice the cost.
+        the derivatives (R, 104) with respect to the balls at constant weights, and twice the cost.
         """
         tolerated = 0.2e-3
         deviation = 1.0e-3  # standard deviation of the protrusion [m]

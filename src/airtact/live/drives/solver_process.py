@@ -54,7 +54,7 @@ class Request:
 
 
 class SolverProcess:
-    """Process of low priority that solves a part of the newest hand.
+    """Process of low priority that solves for a part of the newest hand.
 
     All methods return at once.
 

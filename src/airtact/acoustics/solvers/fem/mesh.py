@@ -89,7 +89,7 @@ class Tetrahedra:
         return straight + 4 * np.einsum("pe,ped->pd", products, self.bends[number])
 
     def jacobians(self, number: Indices, weights: Barycentric) -> Float64[np.ndarray, "points 3 3"]:
-        """Differentiate the position by the first three barycentric coordinates, as columns."""
+        """Differentiate the position with respect to three barycentric coordinates, as columns."""
         along = np.array(self.corners[number])
         for edge, (start, end) in enumerate(EDGES):
             bend = 4 * self.bends[number, edge]
