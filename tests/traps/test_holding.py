@@ -46,6 +46,30 @@ def test_four_traps_hold_as_well_as_a_signature_on_four_foci() -> None:
     assert 0.15 * alone < held < 0.3 * alone
 
 
+def test_the_stiffest_traps_are_stiffer_and_at_their_points() -> None:
+    drive = at.traps.stiffest(SCENE, PAIR, FOUR, axis=UP)
+    np.testing.assert_allclose(at.traps.find(SCENE, PAIR, drive, FOUR), FOUR, atol=0.02e-3)
+    stiff = weakest(drive, FOUR)
+    assert stiff > 1.08 * weakest(at.traps.hold(SCENE, PAIR, FOUR, axis=UP), FOUR)
+    # Four traps of equal amplitude have a quarter of the stiffness of one.
+    alone = at.traps.stiffest(SCENE, PAIR, FOUR[1:2], axis=UP)
+    assert 0.7 < 4 * stiff / weakest(alone, FOUR[1:2]) < 1.1
+
+
+def test_the_stiffest_trap_beside_a_ball_is_balanced_with_its_echo() -> None:
+    ball = at.Scene(SCENE.medium, [at.sound_hard(at.sphere(8e-3, 2e-3, centre=(0.015, 0, 0.1)))])
+    point = np.array([[0.0, 0.0, 0.1]])
+    solver = at.SphereSeries()
+    held = at.traps.hold(ball, PAIR, point, axis=UP, solver=solver)
+    stiff = at.traps.stiffest(ball, PAIR, point, axis=UP, solver=solver)
+    pulls = [
+        np.linalg.norm(at.traps.force(ball, PAIR, drive, point, solver=solver))
+        for drive in (held, stiff)
+    ]
+    assert pulls[1] < 0.05 * pulls[0]
+    assert np.linalg.eigvalsh(at.traps.stiffness(ball, PAIR, stiff, point, solver=solver)).min() > 0
+
+
 def test_a_focus_beside_traps_gets_its_share() -> None:
     points = np.array([[0.0, 0.0, 0.1]])
     focus = np.array([[0.03, 0.03, 0.1]])

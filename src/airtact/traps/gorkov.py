@@ -26,6 +26,12 @@ from airtact.errors import InvalidInput, in_mm, of_kind, points_of, within
 from airtact.evaluation.field import radiate_drives
 from airtact.transducers.layout import PhasedArray
 
+# Points on the unit sphere, exact to order 11. At kr = 1 waves of order 9 and more change the third
+# derivative by 1e-7.
+_columns, _weights = lebedev_rule(11)
+DIRECTIONS = _columns.T
+WEIGHTS = _weights / (4.0 * np.pi)
+
 
 @dataclass(frozen=True)
 class Bead:
@@ -232,19 +238,24 @@ def derivatives(
             points[nearest],
             code="bodies_overlap",
         )
-    # The larger the sphere, the smaller the effect of errors of the field, j_3 ~ (kr)³. At kr = 1
-    # the 50 directions are exact to order 11: waves of order 9 and more change the third
-    # derivative by 1e-7.
+    # The larger the sphere, the smaller the effect of errors of the field, j_3 ~ (kr)³.
     radius = np.minimum(1.0 / wavenumber.real, 0.9 * clearance)
-    columns, weights = lebedev_rule(11)
-    directions = columns.T
-    weights = weights / (4.0 * np.pi)
-    around = points[:, None] + radius[:, None, None] * directions
+    around = points[:, None] + radius[:, None, None] * DIRECTIONS
     if excitations is None:
         excitations = np.zeros(len(points), dtype=np.int64)
-    pressures = field.at(around.reshape(-1, 3)).reshape(len(points), len(weights), -1)
-    pressure = pressures[np.arange(len(points)), :, excitations] * weights
+    pressures = field.at(around.reshape(-1, 3)).reshape(len(points), len(DIRECTIONS), -1)
+    pressure = pressures[np.arange(len(points)), :, excitations]
+    return derivatives_inside(pressure, radius, wavenumber)
 
+
+def derivatives_inside(
+    pressure: Complex128[np.ndarray, "points directions"],
+    radius: Float64[np.ndarray, "points"],
+    wavenumber: complex,
+) -> Derivatives:
+    """Return the derivatives at the centres of spheres from the pressure along ``DIRECTIONS``."""
+    pressure = pressure * WEIGHTS
+    directions = DIRECTIONS
     waves = [spherical_jn(order, wavenumber * radius) for order in range(4)]
     identity = np.eye(3)
     second = np.einsum("qi,qj->qij", directions, directions)
