@@ -151,7 +151,7 @@ class Drive:
         target : the foci.
         levels : amplitudes and phases; the file also contains the drive rounded to them.
         modulation : amplitude modulation to emit the drive with; not stored in a .csv.
-        texts : further texts by name, such as the text of the scene file.
+        texts : additional texts by name, such as the text of the scene file.
 
         Raises
         ------

@@ -100,7 +100,7 @@ class DriveFile:
     rate : frames per second of a sequence; None for a drive.
     levels : amplitudes and phases; the file also contains the drives rounded to them.
     sensitivity : peak pressure of a transducer at full scale, 1 m away on its axis [Pa·m].
-    modulation : how the amplitude of a drive varies when it is emitted.
+    modulation : variation of a drive's amplitude during its emission.
     """
 
     drives: Complex128[np.ndarray, "frames elements"]

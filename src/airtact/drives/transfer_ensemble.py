@@ -268,8 +268,8 @@ class _Sampler:
     bodies : (F,) the body nearest to each focus; 0 in open air.
     middle : (3,) middle of the foci [m]; the hand turns about it.
     ball : centre and radius of a ball around the bodies [m], or None.
-    remainder : (F, E) part of the nominal matrix that centres and directivity do not give, divided
-        by the carrier wave [Pa].
+    remainder : (F, E) difference of the nominal matrix from centres and directivity, divided by the
+    carrier wave [Pa].
     """
 
     field: RadiatedField

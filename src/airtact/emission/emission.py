@@ -68,8 +68,8 @@ class Emission:
     patience : time without a call after which the boards are silenced [s].
     log : file to which the link process writes one line per event: the time on the system's
         monotonic clock (``time.monotonic``) [s], and the event.
-    resumes : whether the next drive is played, over the ramp, after the boards were silenced
-        because no call came.
+    resumes : whether the next drive is played, over the ramp, after the boards were silenced for
+    lack of calls.
 
     Attributes
     ----------
@@ -215,7 +215,8 @@ class Emission:
         ----------
         drive : amplitude of every element.
         wait : whether to wait for the end of the ramp; otherwise ``share`` holds its progress.
-        at : when the drive is to act, by ``time.monotonic`` [s], at most the link's ``lead`` from
+        at : time at which the drive takes effect, by ``time.monotonic`` [s], at most the link's
+        ``lead`` from
             now. On a ramp, and on links without a lead, it acts at once.
 
         Returns

@@ -136,7 +136,8 @@ class Link(ABC):
         Parameters
         ----------
         frame : amplitudes and phases.
-        at : when the frame is to act, by ``time.monotonic`` [s], if the link has a ``lead``. By
+        at : time at which the frame takes effect, by ``time.monotonic`` [s], if the link has a
+        ``lead``. By
             default, and if that time has passed, the frame acts when it arrives.
 
         Raises

@@ -121,7 +121,8 @@ class Player:
         drives, factors : each frame plays one drive times one factor.
         rate : frames per second; 0 for a single drive.
         cap : largest amplitude of an element, as a share of full scale.
-        at : when a single drive is to act, see ``Link.send``; on a ramp it acts at once.
+        at : time at which a single drive takes effect, see ``Link.send``; on a ramp it acts at
+        once.
 
         Returns
         -------

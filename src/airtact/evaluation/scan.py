@@ -31,7 +31,7 @@ class Scan:
     points : (N, 3) positions [m].
     pressures : (N,) readings, in any unit; real if no phase was measured.
     phased : whether the phase was measured.
-    repeated : number of positions that were given more than once; their readings are averaged.
+    repeated : number of positions that occur more than once; their readings are averaged.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -167,7 +167,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     Parameters
     ----------
     scan : the measurement.
-    predicted : (N,) complex pressures at its points [Pa], NaN where there is none.
+    predicted : (N,) complex pressures at the points of the scan [Pa], NaN where unknown.
 
     Returns
     -------

@@ -47,7 +47,7 @@ class SelfCheck:
 
     Attributes
     ----------
-    instructions : instruction set that the compiled loops use.
+    instructions : instruction set of the compiled loops.
     threads : number of threads of the compiled loops.
     asked : requested accuracy of the solver.
     fields : known fields, in the order in which they were solved.

@@ -38,7 +38,7 @@ class ApplicationServer(WebSocketReceiver):
     Parameters
     ----------
     stream, port, host : see ``WebSocketReceiver``.
-    world : what the applications change.
+    world : objects and foci that applications change.
     """
 
     def __init__(

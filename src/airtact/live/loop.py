@@ -41,14 +41,13 @@ class Status:
 
     Attributes
     ----------
-    state : state of the loop, with the reason for silence and why frames are rejected.
+    state : state of the loop, with the reasons for silence and for rejected frames.
     processes : processes that ended; empty if all are alive.
     rate : drives per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without drives.
     kept : median expected share of the attainable pressure; NaN if unknown.
-    unrecorded : what is missing in the session, and why; None if it is complete.
-    rejected : why the newest message of an application was rejected, in the last seconds; else
-        empty.
+    unrecorded : data missing in the session, with the reason; None if it is complete.
+    rejected : reason for the newest rejected message of the last seconds; empty if there is none.
     """
 
     state: str
@@ -88,13 +87,13 @@ class Followed:
     delay : time from a frame's arrival to the first drive made with it at the link, 95th percentile
         [s]; NaN without drives.
     kept : median expected share of the attainable pressure; NaN if unknown.
-    faded : how often the sound faded to silence, by reason.
+    faded : number of fades to silence, by reason.
     dropped : number of rows missing from the session because the disk was too slow.
     health : health of the stream of frames.
     stopped : whether the emergency stop was pressed.
     state : state at the end, with the reason for silence.
     processes : processes that ended during the run; empty if none.
-    unrecorded : what is missing in the session, and why; None if it is complete.
+    unrecorded : data missing in the session, with the reason; None if it is complete.
     """
 
     seconds: float

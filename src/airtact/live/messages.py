@@ -197,8 +197,8 @@ class FocusMessage(msgspec.Struct, frozen=True, omit_defaults=True):
     on : name of an object that the point moves with.
     offset : distance from the skin, for a place [m].
     strength : strength of the touch, from 0 to 1.
-    modulation : how often per second the strength falls to 0 and rises again [Hz], at most 20; 0
-        for a constant strength.
+    modulation : frequency at which the strength falls to 0 and rises again [Hz], at most 20; 0 for
+    a constant strength.
     """
 
     id: Name
@@ -290,7 +290,7 @@ class FocusState(msgspec.Struct, frozen=True):
     point : predicted position [m], or null if unknown.
     strength : its strength now, from 0 to 1.
     pressure : predicted pressure [Pa], or null if unknown.
-    reason : why the focus gets no sound, such as that it is inside the hand, or null.
+    reason : reason why the focus gets no sound, such as a position inside the hand, or null.
     """
 
     id: str
@@ -307,7 +307,7 @@ class StateMessage(msgspec.Struct, frozen=True, tag="state"):
     ----------
     version : version of the messages, 1.
     state : "playing", "fading" or "silent".
-    reason : why there is no sound, or null.
+    reason : reason for silence, or null.
     contacts : contacts of the hand with objects.
     foci : all foci.
     """
@@ -326,7 +326,7 @@ class RejectedMessage(msgspec.Struct, frozen=True, tag="rejected"):
     ----------
     version : version of the messages, 1.
     code : kind of error, see errors.md.
-    reason : what is wrong and what to do.
+    reason : the error and its remedy.
     """
 
     version: int

@@ -53,7 +53,7 @@ class Moment:
     depths : (C,) their depths in the objects [m], or None.
     touching : part of the hand and object of each contact.
     objects : the virtual objects.
-    rejected : why wanted foci get no sound, by their names.
+    rejected : reasons why requested foci get no sound, by their names.
     """
 
     time: float

@@ -48,7 +48,7 @@ class OscServer:
     Parameters
     ----------
     stream : stream that gets the frames of hands.
-    world : what the applications change.
+    world : objects and foci that applications change.
     port : port to listen on; 0 selects a free one, stored in the attribute ``port``.
     host : address to listen on.
 

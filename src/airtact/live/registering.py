@@ -41,7 +41,7 @@ class TouchStep:
     element, point : transducer to touch, and its position in the scene (3,) [m].
     words : name of the transducer.
     share : share of the second that the fingertip has rested; 1 when the touch is taken.
-    trouble : why no fingertip is seen; "" if it is.
+    trouble : reason why no fingertip is seen; "" if one is seen.
     """
 
     number: int

@@ -156,9 +156,9 @@ class ReceivedHands(HandSource):
 
     Parameters
     ----------
-    port : port to listen at; 0 takes a free one.
+    port : port to listen at; 0 selects a free port.
     tracker : pose of the tracker in the scene.
-    world : what the applications change.
+    world : objects and foci that applications change.
     kind : "websocket", or "osc" over UDP.
 
     Attributes

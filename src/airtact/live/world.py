@@ -58,8 +58,8 @@ class WantedFocus:
     place : place of a hand such as ``"right.index.pad"``; without a side, of the scene's hand.
     on : name of the object that the point moves with, or None.
     offset : distance from the skin, for a place [m].
-    modulation : how often per second the strength falls to 0 and rises again [Hz], at most 20; 0
-        for a constant strength.
+    modulation : frequency at which the strength falls to 0 and rises again [Hz], at most 20; 0 for
+    a constant strength.
 
     Raises
     ------
@@ -217,7 +217,7 @@ class World:
         Parameters
         ----------
         moment : the newest drive, or None before the first.
-        reason : why there is no sound, or None.
+        reason : reason for silence, or None.
         scale : factor by which the drive was scaled, and with it the pressures.
         """
         with self._lock:

@@ -95,7 +95,7 @@ def scene_view(
     Parameters
     ----------
     field : solved field, whose first excitations are the drives.
-    drives : drives by name, as they were solved.
+    drives : drives by name, as solved.
     scales : (D,) factor by which each drive is multiplied for the picture.
     window : the plane of the foci.
     held_equal : the quantity that the scales make the same for all drives, in words.

@@ -111,7 +111,7 @@ class RadiatedField(ABC):
     ----------
     scene : the scene that was solved.
     sources : the monopoles that emit the sound.
-    report : how the field was solved.
+    report : report of the solution.
     """
 
     scene: Scene

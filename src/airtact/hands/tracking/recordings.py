@@ -34,7 +34,7 @@ class Recording:
     ----------
     frames : frames in the order of the file.
     health : counts of frames and of faults in the file.
-    note : what the format of the file lacks, or what is odd about its frames; "" if nothing.
+    note : missing data of the file's format, or oddities of its frames; "" if there are none.
     """
 
     frames: tuple[HandFrame, ...]

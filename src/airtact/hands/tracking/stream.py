@@ -111,7 +111,7 @@ class _TrackedHand:
     ----------
     clock : clock of the times of used frames.
     source : connection that sends the frames.
-    newest : newest frame, when it arrived, and whether a reader has taken it.
+    newest : newest frame, the time of its arrival, and whether a reader has taken it.
     seen : newest frame with landmarks.
     silent : whether frames have stopped arriving.
     unit, shift : the time of a used frame is the tracker's time multiplied by the unit [s], plus

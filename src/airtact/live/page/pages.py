@@ -62,7 +62,7 @@ class Said(msgspec.Struct, forbid_unknown_fields=True):
     controls : changed settings by name.
     levels : changed strengths of foci by name.
     across, offset : axis normal to the slice of the field, and its offset from the foci [m].
-    hand : changed parts of where the hand was dragged to.
+    hand : changed parts of the dragged hand's position.
     frame : a hand that a headset tracks, as trackers send it.
     object : a message of an application that moves an object.
     """

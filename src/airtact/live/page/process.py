@@ -67,7 +67,7 @@ class PageProcess:
     Parameters
     ----------
     scene : the fixed part of the scene.
-    port : port to listen at; 0 takes a free one, which is part of ``address``.
+    port : port to listen at; 0 selects a free port, which is part of ``address``.
     host : address to listen at; unless it is ``127.0.0.1``, ``address`` contains a token that every
         request must have.
     hand : (25, 3) initial joints of a hand to drag on the page [m]; none by default.

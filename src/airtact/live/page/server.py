@@ -55,7 +55,7 @@ def start_server(
 
     Parameters
     ----------
-    port, host : where to listen; port 0 takes a free one.
+    port, host : port and address of the server; port 0 selects a free port.
     page : the page in HTML.
     serve_page : called with each websocket, in a thread of its own.
     certificate : PEM file with a certificate and its key, for HTTPS.

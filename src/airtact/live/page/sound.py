@@ -143,7 +143,7 @@ class SoundSolver:
 
     Parameters
     ----------
-    scene : of the live loop.
+    scene : scene of the live loop.
     """
 
     def __init__(self, scene: LiveScene) -> None:
@@ -193,7 +193,7 @@ class SoundProcess:
 
     Parameters
     ----------
-    scene : of the live loop.
+    scene : scene of the live loop.
 
     Attributes
     ----------

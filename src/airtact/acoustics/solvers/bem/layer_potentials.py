@@ -127,7 +127,7 @@ def double_layer_pressure(
     cells : the points sorted into cells; then none of them may be on a panel.
     nodal : whether all points are on panels and away from their edges, as nodes are; then the near
         integrals need only the working precision.
-    contact : which points were projected onto a panel.
+    contact : mask of the points that were projected onto a panel.
     coarse : whether to use single precision for an error of about 0.1 %.
     """
     layer = nodes.layer(wavenumber)
@@ -272,9 +272,9 @@ class Located:
     Attributes
     ----------
     points : positions [m]; those in contact with the surface are projected onto their panel.
-    near : which points need near integrals.
-    contact : which points are in contact with the surface.
-    outside : which points are outside the bodies or in contact.
+    near : mask of the points that need near integrals.
+    contact : mask of the points in contact with the surface.
+    outside : mask of the points outside the bodies or in contact.
     """
 
     points: Vectors

@@ -41,7 +41,7 @@ class MovingPanels:
     deviation : distance of the panels from the true surface [m].
     admittance : ρc/Z of the panels, 0 for sound-hard ones.
     wavenumber : wavenumber of the sound [rad/m].
-    near_rule : how near panels are integrated.
+    near_rule : integration rule for near panels.
     low_rank_error : error of the matrix's low-rank blocks, as in ``assemble``.
     """
 

@@ -62,7 +62,7 @@ class DualSurface:
     shifted : second collocation points x', inside the bodies [m]; three neighbouring nodes of a
         panel share one.
     wavenumber : k, with absorption as its imaginary part [rad/m].
-    near_rule : how near panels are integrated.
+    near_rule : integration rule for near panels.
     precision : working precision, "float32" or "float64".
     """
 

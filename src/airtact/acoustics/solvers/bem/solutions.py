@@ -58,7 +58,8 @@ class DirectSolution:
         Parameters
         ----------
         points : positions [m]; those on the surface are projected onto it by the caller.
-        contact : which points are on the surface. There the pressure is twice the incident pressure
+        contact : mask of the points on the surface. There the pressure is twice the incident
+        pressure
             plus the double layer.
         on_surface : nodes and pressure on the surface; by default those of the solution.
         cells : the points sorted into cells, if that is faster.

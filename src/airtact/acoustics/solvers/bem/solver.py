@@ -232,7 +232,8 @@ class BoundaryElement(Solver):
         ----------
         refined : points beside which the panels are smaller [m].
         tolerance : residual at which the iteration stops; by default it follows from the accuracy.
-        equations : which to solve. By default both if the error is estimated; else the direct one
+        equations : equations to solve; by default both if the error is estimated; else the direct
+        one
             if the scene has boards, or the transposed one.
         """
         if not equations:
@@ -396,7 +397,7 @@ class BoundaryElement(Solver):
 
         Parameters
         ----------
-        scene : with the body.
+        scene : scene with the body.
         refined : (P, 3) points [m], such as foci, beside which the panels are smaller.
         """
         _check_bodies(scene)

@@ -36,8 +36,8 @@ class Cells:
     Attributes
     ----------
     points, order : the sorted points [m], and the original index of each.
-    first : where the points of each cell begin.
-    centres : of the cells [m].
+    first : index of the first point of each cell.
+    centres : centres of the cells [m].
     reach : distance from a cell's centre within which sources are near [m].
     grids : Chebyshev points of all cells, cell by cell [m].
     weights : weights of a cell's grid for each point, along each of the cell's axes.

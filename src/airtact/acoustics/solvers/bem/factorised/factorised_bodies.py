@@ -262,7 +262,7 @@ class FactorisedBodies(Solver):
     fallback : solver of scenes in which two bodies are too close together.
     tolerance : relative residual of the iteration over the bodies.
     smallest : edge below which no panel was refined [m].
-    report : how the bodies were factorised.
+    report : report of the factorisation.
     """
 
     scene: Scene
