@@ -8,4 +8,4 @@ from .search import Verdict as Verdict
 from .search import find as find
 from .search import verdict as verdict
 from .signatures import signature as signature
-from .stiffest import stiffest as stiffest
+from .stiffening import stiffest as stiffest

@@ -55,7 +55,8 @@ def stiffest(
     --------
     >>> import airtact as at
     >>> caps = at.transducers.known_array("tinylev")
-    >>> air, traps = Scene(at.air()), np.array([[-6e-3, 0, 0], [6e-3, 0, 0]])
+    >>> air = Scene(at.air())
+    >>> traps = np.array([[-6e-3, 0, 0], [6e-3, 0, 0]])
     >>> drives = hold(air, caps, traps), stiffest(air, caps, traps)
     >>> shifts = [np.abs(at.traps.find(air, caps, drive, traps) - traps).max() for drive in drives]
     >>> np.round(1e3 * np.array(shifts), 2).tolist()
@@ -71,7 +72,8 @@ def stiffest(
     target = Target((points[:, None] + size * DIRECTIONS).reshape(-1, 3))
     check_outside(scene, target.points, "point around a trap")
     transfer = transfer_matrix(solver.radiate(scene, target.beacons()), array)
-    traps, elements = len(points), len(array)
+    traps = len(points)
+    elements = len(array)
     pressure = transfer.matrix.reshape(traps, -1, elements).transpose(0, 2, 1)
     pressure = pressure.reshape(traps * elements, -1)
     waves = derivatives_inside(pressure, np.full(len(pressure), size), wavenumber)
@@ -111,11 +113,13 @@ def stiffest(
         weight = -np.einsum("tik,tk,tjk->tij", ways, shares / total, ways) / scale
         pull = 2.0 * np.einsum("tij,tj->ti", shifts, push)
         # And by the conjugates of the values in ``sound``, from the formulas of both
-        p, g, h, third = sound.pressure, sound.first, sound.second, sound.third
+        p = sound.pressure
+        g = sound.first
+        h = sound.second
         along = np.einsum("ti,ti->t", pull, g)
         by_p = 2.0 * a * (np.einsum("tij,tij->t", weight, h) - along)
         by_g = 4.0 * a * np.einsum("tij,tj->ti", weight, g) - 2.0 * a * p[:, None] * pull
-        by_g -= 2.0 * b * np.einsum("tij,tijk->tk", weight, third)
+        by_g -= 2.0 * b * np.einsum("tij,tijk->tk", weight, sound.third)
         by_g += 2.0 * b * np.einsum("ti,tij->tj", pull, h)
         by_h = 2.0 * a * p[:, None, None] * weight - 4.0 * b * weight @ h
         by_h += 2.0 * b * np.einsum("ti,tj->tij", pull, g)
