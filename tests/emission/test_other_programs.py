@@ -57,6 +57,10 @@ def test_tables_of_acoustools_are_in_the_order_of_openmpd(tmp_path) -> None:
         ("\n".join(f"{np.degrees(p) % 360:.9f}" for p in PHASES), 1.0),
         (" ".join(f"{p:.12f}" for p in PHASES), 1.0),
         ("amplitude;phase\n" + "\n".join(f"0.5;{p:.12f}" for p in PHASES), 0.5),
+        (
+            "element,phase\n" + "\n".join(f"{512 - i},{PHASES[511 - i]:.12f}" for i in range(512)),
+            1.0,
+        ),
         ("# from a simulation\n" + ",".join(f"{p % (2 * np.pi):.12f}" for p in PHASES), 1.0),
     ],
 )
@@ -151,6 +155,8 @@ def test_simulations_of_ultraino(tmp_path) -> None:
         ("a.csv", b"0.1,0.2\n0.3,0.4\n0.5,0.6\n", "data_missing"),
         ("a.csv", b"angles\n1e6\n", "out_of_range"),
         ("a.csv", b"amplitude,phase\n1.5,0\n", "out_of_range"),
+        ("a.csv", b"element,phase\n1,0\n1,0\n", "out_of_range"),
+        ("a.csv", b"frame,element,phase\n0,0,1\n1,0,1\n", "not_supported"),
         ("a.csv", b"1,2,3\n4,5\n", "wrong_shape"),
         ("a.holo", b"no zlib", "file_unreadable"),
         ("a.holo", zlib.compress(b"\x00" * 7), "file_unreadable"),

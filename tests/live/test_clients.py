@@ -104,8 +104,15 @@ def test_the_python_client_sends_all_and_reads_the_answers(hands, board):
     assert fault.value.code == "link_failed"
 
 
+def slowly(frames):
+    """Yield frames slowly enough for an answer to arrive."""
+    for frame in frames:
+        time.sleep(0.01)
+        yield frame
+
+
 def test_the_example_follows_a_hand_with_a_ball(hands, monkeypatch, capsys):
-    monkeypatch.setattr(at.hands, "replay", lambda frames: iter(frames))
+    monkeypatch.setattr(at.hands, "replay", slowly)
     monkeypatch.setattr(sys, "argv", ["ball.py", hands.words])
     hands.world.show(None, "waiting for a hand")
     runpy.run_path(str(CLIENTS / "ball.py"))

@@ -133,6 +133,11 @@ def test_a_session_is_verified_with_its_table(exact) -> None:
         np.stack([JOINTS] * 2),
         np.array([0.0, 0.1]),
         np.stack([JOINTS] * 2),
+        (OVER.side,) * 2,
+        np.ones((2, len(OVER.places))),
+        np.zeros((2, 0, 3)),
+        np.zeros((2, 0)),
+        np.full((2, 25, 3), np.nan),
     )
     shares = at.live.verify_session(session, drives=2).kept
     assert shares[0] == pytest.approx(1.0, abs=0.03)

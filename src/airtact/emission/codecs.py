@@ -150,7 +150,9 @@ def _from_sonicsurface(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | Non
     if (heads[..., 0] != 0xC0 + np.arange(boards)).any() or (heads[..., 1] != 0xFE).any():
         return None
     numbers = heads[..., 2:].reshape(-1, 256)
-    return None if (numbers > 32).any() else (numbers % 32, (numbers < 32).astype(np.uint8))
+    if (numbers > 32).any():
+        return None
+    return (numbers % 32).astype(np.uint8), (numbers < 32).astype(np.uint8)
 
 
 def _from_nano16(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
@@ -172,7 +174,8 @@ def _from_openmpd(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
     if (phases[:, 0] < 0x80).any() or (phases[:, 1:] > 127).any() or (amplitudes > 64).any():
         return None
     shift = (64 - amplitudes.astype(np.int64)) // 2
-    return ((phases.astype(np.int64) & 127) - shift).astype(np.uint8) % 128, amplitudes
+    unshifted = (phases.astype(np.int64) - shift) % 128
+    return unshifted.astype(np.uint8), amplitudes
 
 
 def codec_of(board: Board | str) -> Codec:

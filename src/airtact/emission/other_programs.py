@@ -137,6 +137,20 @@ def _table(path: Path) -> Drives:
         raise InvalidInput(
             f"{path.name} has no column phase; it has {', '.join(names)}.", code="data_missing"
         )
+    if "frame" in names or "time" in names:
+        raise InvalidInput(
+            f"{path.name} holds several frames, one line per element and frame; save each frame, "
+            "or one line per frame.",
+            code="not_supported",
+        )
+    for numbered in {"index", "element"} & set(names):
+        places = numbers[:, names.index(numbered)]
+        numbers = numbers[np.argsort(places)]
+        if not np.array_equal(np.sort(places) - places.min(), np.arange(len(places))):
+            raise InvalidInput(
+                f"the column {numbered} of {path.name} must number all elements, each once.",
+                code="out_of_range",
+            )
     phases = _radians(path, numbers[None, :, names.index(column)], column)
     amplitudes = np.ones(phases.shape)
     if "amplitude" in names:
