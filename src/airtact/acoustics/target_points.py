@@ -287,7 +287,7 @@ def frame_of(
     length = float(np.linalg.norm(towards))
     if length == 0.0:
         raise InvalidInput(
-            "the normal of a plane is (0, 0, 0); use the direction at right angles to it.",
+            "the normal of a plane is (0, 0, 0); use a vector perpendicular to it.",
             code="all_zero",
         )
     towards = towards / length

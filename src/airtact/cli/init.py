@@ -73,7 +73,7 @@ def init(place: Path, board: str, hand: Path | None, right: bool) -> None:
     for file in (scene, *copied):
         if file.exists():
             raise at.InvalidInput(
-                f"{file} exists already and is not overwritten: name another folder or file.",
+                f"{file} already exists and is not overwritten: choose another folder or file.",
                 code="would_overwrite",
             )
     text = _scene_text(scene.name, at.transducers.board_named(board), over, name)

@@ -11,8 +11,8 @@ The pressure on an element is computed as the pressure at its centre times its d
 each focus, plus the remainder of the nominal matrix. Compared with the mean over the faces, for
 motions of 2 mm and 3 degrees, the error is 0.1 % in front of flat boards and 1 % in a box.
 
-If bodies move independently, each sample is solved separately, in air of its own temperature. In
-front of a rigid plane one solve covers all hands at the same place relative to the plane: those
+If bodies move independently, each sample is solved separately, in air of that sample's temperature.
+In front of a rigid plane one solve covers all hands at the same place relative to the plane: those
 that were shifted along it or turned about its normal.
 """
 

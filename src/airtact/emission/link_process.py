@@ -218,7 +218,7 @@ class LinkProcess:
         return self._lost
 
     def close(self) -> str | None:
-        """Close the link; return why the emission ended.
+        """Close the link; return the reason for the end of the emission.
 
         Raises
         ------

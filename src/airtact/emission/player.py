@@ -207,7 +207,7 @@ class Player:
         return getattr(self.link, name)(*arguments)
 
     def close(self) -> str | None:
-        """Close the link; return why the emission ended."""
+        """Close the link; return the reason for the end of the emission."""
         try:
             self.link.close()
         finally:

@@ -54,7 +54,7 @@ def writable_folder(path: Path) -> Path:
     except (FileExistsError, NotADirectoryError):
         file = next(part for part in (path, *path.parents) if part.exists())
         raise InvalidInput(
-            f"the output folder {path} cannot be made: {file} is a file. Name another folder.",
+            f"the output folder {path} cannot be created: {file} is a file. Choose another folder.",
             code="not_writable",
         ) from None
     except OSError as error:

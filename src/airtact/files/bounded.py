@@ -128,7 +128,7 @@ def datasets_of(
             is_version = name == "format_version"
             if item is None:
                 raise InvalidInput(
-                    f"it has no {name}; write the file as airtact does.",
+                    f"it has no {name}; write the file in airtact's format.",
                     code="unsupported_version" if is_version else "data_missing",
                 )
             text = h5py.check_string_dtype(item.dtype) is not None

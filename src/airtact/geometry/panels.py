@@ -84,7 +84,7 @@ def panels_of(
     image : function that mirrors points in a plane, for gaps to the mirror images of the bodies.
     walls : indices of bodies whose flat faces get smaller panels if they face each other.
     close : gap between bodies, or to the mirror images, below which they get panels with edges of
-        0.8 times the length, because sound is scattered to and fro between them [m].
+        0.8 times the length, because sound is scattered back and forth between them [m].
     """
     bodies = [shape.panels(edge, bend, away) for shape in shapes]
 

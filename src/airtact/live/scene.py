@@ -193,7 +193,7 @@ def live_scene(setup: Setup) -> LiveScene:
     hard = all(body.boundary == "sound_hard" for body in setup.scene.obstacles)
     if not hard or not (stands_in or len(setup.bodies) == len(setup.hands)):
         raise InvalidInput(
-            f"{name}: live follows one or two sound-hard hands, and the scene has "
+            f"{name}: live follows one or two sound-hard hands, but the scene has "
             f"{counted(len(setup.bodies), 'body', 'bodies')}: remove the others.",
             code="not_supported",
         )
@@ -205,8 +205,8 @@ def live_scene(setup: Setup) -> LiveScene:
         or target.suppression_points.size
     ):
         raise InvalidInput(
-            f"{name}: live maximises the pressure at the weakest focus: leave pressure, share, "
-            "phase_degrees and suppression out.",
+            f"{name}: live maximises the pressure at the weakest focus: remove pressure, share, "
+            "phase_degrees and suppression.",
             code="options_clash",
         )
     if setup.method in FOR_SAMPLES:

@@ -124,7 +124,7 @@ class SessionWriter:
     Raises
     ------
     InvalidInput
-        If the folder cannot be made, or another run records into it.
+        If the folder cannot be created, or another run records into it.
     """
 
     def __init__(self, path: Path, scene: LiveScene, text: str = "") -> None:
@@ -253,7 +253,7 @@ class SessionWriter:
 def _padded(
     values: Float64[np.ndarray, "*some"] | None, shape: tuple[int, ...]
 ) -> Float64[np.ndarray, "*most"]:
-    """Pad values with NaN to a shape whose first axis is longer."""
+    """Pad values with NaN to a shape with a longer first axis."""
     padded = np.full(shape, np.nan)
     if values is not None:
         padded[: len(values)] = values
@@ -287,7 +287,7 @@ def lock_folder(folder: Path) -> int | None:
     except BlockingIOError:
         os.close(file)
         raise InvalidInput(
-            f"another run records into {folder}: name another folder.", code="not_writable"
+            f"another run records into {folder}: choose another folder.", code="not_writable"
         ) from None
     return file
 

@@ -151,8 +151,8 @@ class Setup:
                 )
         if self.traps and (self.uncertainty is not None or self.modulation is not None):
             raise InvalidInput(
-                "a scene with traps has neither [uncertainty] nor [drive.modulation]: a drive that "
-                "varies drops the bead. Leave them out.",
+                "a scene with traps cannot have [uncertainty] or [drive.modulation], because a "
+                "varying drive drops the bead. Remove them.",
                 code="options_clash",
             )
         if self.uncertainty is not None:
@@ -212,7 +212,7 @@ class Setup:
         return self.maker(self.method)
 
     def maker(self, method: str) -> Callable[[TransferMatrix, Target], Drive]:
-        """Return the function of a method, which also makes the setup's traps."""
+        """Return the function of a method, which also computes the setup's traps."""
         if not self.traps:
             return METHODS[method]
         from airtact.traps.holding import holding

@@ -110,7 +110,7 @@ class SampledField(RadiatedField):
             # The smallest singular value measures the thickness of the cloud of nodes.
             spread = np.linalg.svd(nodes - nodes.mean(axis=0), compute_uv=False)[-1]
             raise InvalidInput(
-                f"the {len(nodes)} nodes lie in one plane, to "
+                f"the {len(nodes)} nodes lie in one plane, to within "
                 f"{1e3 * spread / np.sqrt(len(nodes)):.2g} mm; use nodes that fill a volume.",
                 code="misplaced",
             ) from None

@@ -99,7 +99,7 @@ class TouchAware(DriveMaker):
 
     Contacts are found on the predicted hands at each drive. Foci appear, move and fade as described
     in ``TouchState``; requested foci rise and fall as fast. The transfer matrix is that of open air
-    times the factors of the newest solution of the skin near contacts, which a process of its own
+    times the factors of the newest solution of the skin near contacts, which a separate process
     computes; beacons are solved before the skin touches. The amplitude follows the strongest focus,
     so that a focus of strength s gets s times the pressure.
 

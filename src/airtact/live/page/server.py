@@ -57,7 +57,7 @@ def start_server(
     ----------
     port, host : port and address of the server; port 0 selects a free port.
     page : the page in HTML.
-    serve_page : called with each websocket, in a thread of its own.
+    serve_page : called with each websocket, in a separate thread.
     certificate : PEM file with a certificate and its key, for HTTPS.
 
     Raises
