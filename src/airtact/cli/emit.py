@@ -34,12 +34,14 @@ from airtact.cli.options import FILE, Names, agreed, board_address, level_of, qu
     help="Connection to the boards; file only writes the frames.",
 )
 @click.option(
-    "--seconds", type=float, help="Duration; 2 by default, to a file one period or round."
+    "--seconds", type=float, help="Duration; 2 by default, or one period or round for a file."
 )
 @click.option("--yes", is_flag=True, help="Emit without asking.")
 @board_address
 @click.option("--out", type=FILE, help="File, for --link file: .h5 or .bin.")
-@click.option("--log", type=FILE, help="File for a line per event: its time and what was sent.")
+@click.option(
+    "--log", type=FILE, help="Log file with one line per event: its time and what was sent."
+)
 @quiet
 def emit(
     drive: Path,

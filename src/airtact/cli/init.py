@@ -22,7 +22,7 @@ PLACES = ("index.pad", "middle.pad", "palm")
 
 
 @click.command(
-    short_help="Write a first scene: a board and a hand over it.",
+    short_help="Write a first scene: a board and a hand above it.",
     epilog="Example: airtact init first",
 )
 @click.argument("place", metavar="[FOLDER or FILE.toml]", type=FILE, default=".")
@@ -35,7 +35,7 @@ PLACES = ("index.pad", "middle.pad", "palm")
 @click.option(
     "--hand", type=INPUT, help="Pose of a hand, .json; the relaxed left hand of airtact by default."
 )
-@click.option("--right", is_flag=True, help="Take the hand of airtact as a right one.")
+@click.option("--right", is_flag=True, help="Use airtact's hand as a right hand.")
 @quiet
 def init(place: Path, board: str, hand: Path | None, right: bool) -> None:
     """Write a commented scene.toml with one board and a hand above it.
@@ -64,7 +64,9 @@ def init(place: Path, board: str, hand: Path | None, right: bool) -> None:
         name = "hand.json"
     else:
         if right:
-            raise click.UsageError("--right is for the hand of airtact, not for --hand.")
+            raise click.UsageError(
+                "--right applies to airtact's own hand and cannot be used with --hand."
+            )
         over = at.load_hand(hand)
         try:
             name = Path(os.path.relpath(hand, folder)).as_posix()

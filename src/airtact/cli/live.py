@@ -21,7 +21,7 @@ from airtact.cli.options import (
 
 
 @click.command(
-    short_help="Follow a moving hand with the sound.",
+    short_help="Make the sound follow a moving hand.",
     epilog="Example: airtact live live_pinch --seconds 5 --no-page --out out/live",
 )
 @click.argument("scene", type=INPUT, default="live_pinch")
@@ -47,7 +47,7 @@ from airtact.cli.options import (
     "--verify",
     "session",
     type=OUT_FILE,
-    help="Verify ten drives of an earlier session (session.h5 or its folder); takes seconds each.",
+    help="Verify ten drives of an earlier session (session.h5 or its folder); each takes seconds.",
 )
 @click.option(
     "--latency",

@@ -18,7 +18,7 @@ BOX = (float,) * 6
 
 
 @click.command(
-    short_help="Search for the best places of boards around a hand.",
+    short_help="Search for the best positions of boards around a hand.",
     epilog="Example: airtact place pinch --boards 2 --out out/places",
 )
 @scene
@@ -115,14 +115,14 @@ def place(
     best = result.layouts[0].weakest
     if abs(result.verified / best - 1.0) > 0.1:
         warnings.append(
-            f"a finer solve gives the best layout {result.verified:,.0f} Pa, not {best:,.0f} Pa: "
-            "set a smaller accuracy in [solver]."
+            f"by a finer solve, the best layout reaches {result.verified:,.0f} Pa, not "
+            f"{best:,.0f} Pa: set a smaller accuracy in [solver]."
         )
     show(
         _layouts_table(result, files),
         _moves_table(result),
         warnings=warnings,
-        lines=[f"A finer solve gives the best layout {result.verified:,.0f} Pa."],
+        lines=[f"By a finer solve, the best layout reaches {result.verified:,.0f} Pa."],
         record={**_record(result, len(files)), "files": {file.name: str(file) for file in files}},
     )
 

@@ -10,7 +10,7 @@ from airtact.cli.options import FILE, INPUT, as_json, quiet, scene_here
 
 
 @click.command(
-    short_help="Find where the tracker stands, by touching transducers.",
+    short_help="Find the pose of the tracker by touching transducers.",
     epilog="Example: airtact register scene.toml --from websocket --write",
 )
 @click.argument("scene", type=INPUT, default="scene.toml", callback=scene_here)
@@ -43,7 +43,7 @@ from airtact.cli.options import FILE, INPUT, as_json, quiet, scene_here
     "there by default.",
 )
 @click.option("--fit-offset", is_flag=True, help="Find that distance, too.")
-@click.option("--fit-scale", is_flag=True, help="Find a factor on the tracker's lengths, too.")
+@click.option("--fit-scale", is_flag=True, help="Also estimate a factor of the tracker's lengths.")
 @click.option("--write", is_flag=True, help="Write [tracker] into SCENE, keeping its comments.")
 @click.option("--out", "file", type=FILE, help="Write a copy of SCENE with [tracker].")
 @as_json

@@ -7,7 +7,7 @@ from airtact.cli.options import as_json, quiet
 
 
 @click.command(
-    short_help="Solve known fields on this machine and print the errors.",
+    short_help="Solve for known fields on this machine and print the errors.",
     epilog="Example: airtact selfcheck",
 )
 @as_json

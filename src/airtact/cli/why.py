@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Explain what takes pressure from each focus of a scene.",
+    short_help="Explain the causes of low pressure at each focus of a scene.",
     epilog="Example: airtact why pinch --out why.csv",
 )
 @scene

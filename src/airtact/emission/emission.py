@@ -530,7 +530,7 @@ def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
             nearest = np.floor(fastest / 2)
             raise InvalidInput(
                 f"an amplitude modulation of {frequency:g} Hz needs {2 * frequency:g} frames/s, "
-                f"and the boards take {fastest:.4g}: use {nearest:g} Hz or less, such as "
+                f"but the boards only accept {fastest:.4g}: use {nearest:g} Hz or less, such as "
                 f"--modulate am:{nearest:g}.",
                 code="out_of_range",
             )

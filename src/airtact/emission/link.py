@@ -203,8 +203,8 @@ class Link(ABC):
         """Raise an error if a drive or frame has a different number of elements."""
         if count != self.elements:
             raise InvalidInput(
-                f"a drive for {counted(count, 'element', 'elements')} does not fit "
-                f"{self.devices} of {len(self.codec.board)} elements: make it for {self.elements}.",
+                f"a drive for {counted(count, 'element', 'elements')} does not fit {self.devices} "
+                f"of {len(self.codec.board)} elements: compute it for {self.elements}.",
                 code="sizes_differ",
             )
 

@@ -122,7 +122,7 @@ class LinkProcess:
         if reason is not None:
             warnings.warn(
                 f"the {link.name} link is open in this process, because {reason}; if the process "
-                f"is killed, its {link.elements} elements go on emitting.",
+                f"is killed, its {link.elements} elements keep emitting.",
                 stacklevel=4,
             )
         # A socket instead of a pipe, because both sides notice its end.

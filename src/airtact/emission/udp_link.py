@@ -123,7 +123,7 @@ class UDPLink(AUTD3Boards):
                 series = ".".join(map(str, self._sdk.FirmwareVersion.SUPPORTED_SERIES))
                 self._done(self._client.close)
                 raise InvalidInput(
-                    f"board {index} has the firmware {cpu.major}.{cpu.minor}.{cpu.patch}, and "
+                    f"board {index} has the firmware {cpu.major}.{cpu.minor}.{cpu.patch}, but "
                     f"autd3 {importlib.metadata.version('autd3')} needs {series}: update the "
                     "board's firmware.",
                     code="unsupported_version",
@@ -186,7 +186,7 @@ class UDPLink(AUTD3Boards):
             if state.is_failsafe_active():
                 raise self._failed(
                     "looking for the boards",
-                    f"board {index} heard nothing for half a second and silenced itself",
+                    f"board {index} received nothing for half a second and silenced itself",
                 )
 
     def _check_lost(self) -> None:

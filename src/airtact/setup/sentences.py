@@ -70,8 +70,8 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     if setup.objects and setup.contacts is None:
         names = ", ".join(item.name for item in setup.objects)
         cautions.append(
-            f"the scene gives its foci, so the virtual objects ({names}) are only drawn, and sound "
-            "passes through them. A body that reflects sound is an [[obstacles]]."
+            f"the scene defines its foci, so the virtual objects ({names}) are only drawn; sound "
+            "passes through them. Bodies that reflect sound belong in [[obstacles]]."
         )
     overlap = overlapping_boards(setup.array)
     if overlap is not None:
