@@ -170,7 +170,7 @@ class Link(ABC):
         """
         if not self.plays_itself:
             raise InvalidInput(
-                f"{self.codec.board.name} boards store no sequences: send frame by frame.",
+                f"{self.codec.board.name} boards store no sequences: send the frames one by one.",
                 code="not_supported",
             )
         # Check all frames before sending any, so that boards never store half a sequence.

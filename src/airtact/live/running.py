@@ -127,7 +127,7 @@ def run(
 def record(
     file: Path, source: str, seconds: float | None = None, report_step: Progress = no_progress
 ) -> StreamHealth:
-    """Record the frames that trackers send, without making drives.
+    """Record the frames that trackers send, without computing drives.
 
     Parameters
     ----------

@@ -197,8 +197,8 @@ class PhasedArray:
         # The mean unit normal is 0 for a box and 0.5 for a hemispherical bowl.
         if np.linalg.norm(front) < 0.3:
             raise InvalidInput(
-                f"the normals of {counted(len(self), 'element', 'elements')} point to all sides, "
-                "so the array has no front; use moved(pose).",
+                f"the normals of {counted(len(self), 'element', 'elements')} point in all "
+                "directions, so the array has no front; use moved(pose).",
                 code="misplaced",
             )
         front = front / np.linalg.norm(front)

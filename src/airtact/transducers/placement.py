@@ -206,9 +206,9 @@ def _check_behind(array: PhasedArray, behind: Depths, subject: str) -> None:
     kind = kind_of_array(array.positions, array.normals)
     board = f"board {faces[0] // len(kind[0])}" if kind and len(kind[1]) > 1 else "the array"
     raise InvalidInput(
-        f"{subject} behind the faces of {counted(len(faces), 'element', 'elements')}, which "
-        f"radiate forwards only: {behind[faces[0]] * 1e3:.3g} mm behind element "
-        f"{faces[0]}. Turn or move {board}.",
+        f"{subject} behind the faces of {counted(len(faces), 'element', 'elements')}, which only "
+        f"radiate forwards: {behind[faces[0]] * 1e3:.3g} mm behind element {faces[0]}. Turn or "
+        f"move {board}.",
         code="behind_faces",
     )
 

@@ -146,7 +146,7 @@ def _check_followed(
         index = int(lost.argmax())
         raise InvalidInput(
             f"the bead is lost on its way to {in_mm(points[index])}. Move the path, choose another "
-            "axis, or give a smaller share.",
+            "axis, or set a smaller share.",
             points[index],
             code="misplaced",
         )

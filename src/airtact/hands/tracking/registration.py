@@ -154,8 +154,8 @@ def _fitted(
     spread = np.linalg.svd(goals[used] - goals[used].mean(axis=0), compute_uv=False)
     if used.sum() < 3 or spread[1] < 0.02:
         raise InvalidInput(
-            "the touched points are fewer than 3 or lie in one line; touch other points, at "
-            "least 20 mm off the line.",
+            "there are fewer than 3 touched points, or they lie on one line; touch other points, "
+            "at least 20 mm off the line.",
             code="too_few",
         )
     first, _ = nearest_motion(touched[used], goals[used])
