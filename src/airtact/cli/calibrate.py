@@ -1,4 +1,4 @@
-"""``airtact calibrate``: calibrate boards, gains and sound speed from transmissions."""
+"""``airtact calibrate``: calibrate boards, gains and sound speed, or the sensitivity from scans."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -7,17 +7,17 @@ import click
 
 import airtact as at
 from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import FILE, INPUT, as_json, quiet
+from airtact.cli.options import FILE, INPUT, as_json, given, microphone_face, quiet
 
 if TYPE_CHECKING:
     from airtact.sensing import Calibrated
 
 
 @click.command(
-    short_help="Calibrate an array from its own transmissions.",
+    short_help="Calibrate an array from its own transmissions or from scans.",
     epilog="Example: airtact calibrate --simulate --scene pinch --out out/calibration.csv",
 )
-@click.argument("echoes", type=FILE, required=False)
+@click.argument("echoes", type=FILE, required=False, metavar="[ECHOES | SCENE]")
 @click.option(
     "--scene",
     type=INPUT,
@@ -43,12 +43,43 @@ if TYPE_CHECKING:
     help="Seed of the simulated noise and array.",
 )
 @click.option(
+    "--scan",
+    "scans",
+    type=FILE,
+    multiple=True,
+    help="Scan of the empty array's field; repeat the option for more.",
+)
+@click.option(
+    "--element",
+    "elements",
+    type=int,
+    multiple=True,
+    help="The only element that emitted, from 0; one per scan.",
+)
+@click.option(
+    "--drive",
+    "drives",
+    type=FILE,
+    multiple=True,
+    help="Drive file of each scan, or of all; the scene's own drive by default.",
+)
+@microphone_face
+@click.option(
     "--out", type=FILE, default="calibration.csv", show_default=True, help="Table of the elements."
 )
 @as_json
 @quiet
 def calibrate(
-    echoes: Path | None, scene: Path, simulate: bool, noise: float, seed: int, out: Path
+    echoes: Path | None,
+    scene: Path,
+    simulate: bool,
+    noise: float,
+    seed: int,
+    scans: tuple[Path, ...],
+    elements: tuple[int, ...],
+    drives: tuple[Path, ...],
+    out: Path,
+    **microphone: Any,
 ) -> None:
     """Calibrate the poses of a scene's boards, the gains of the elements and the sound speed.
 
@@ -56,7 +87,22 @@ def calibrate(
     other. The boards must face each other, the codes must distinguish the elements, and the direct
     sound must be included. The command writes a table, which a scene reads with
     calibration = "calibration.csv" under [array].
+
+    With --scan, the command takes a SCENE instead, and finds the sensitivity, the misalignment of
+    the scans, and the gains that they determine. A scan is a .csv file with the columns x, y, z
+    (metres, in the obstacles' frame), pressure (peak pascals) and, if measured, phase (radians).
     """
+    if scans:
+        if simulate:
+            raise at.InvalidInput("give either --scan or --simulate.", code="options_clash")
+        scene = scene if echoes is None else INPUT.convert(str(echoes), None, None)
+        _from_scans(scene, scans, elements, drives, given(**microphone), out)
+        return
+    if elements or drives or given(**microphone):
+        raise at.InvalidInput(
+            "--element, --drive, --diameter and --axis describe a scan: give --scan.",
+            code="options_clash",
+        )
     with progress() as report_step:
         report_step(f"reading {scene.name}")
         from airtact.files.atomic import writable_folder
@@ -76,6 +122,79 @@ def calibrate(
             f'In the scene file: {speed}, calibration = "{out.name}" in [array].',
         ],
         record={**_record(calibrated, error), "files": {"calibration.csv": str(out)}},
+    )
+
+
+def _from_scans(
+    scene: Path,
+    scans: tuple[Path, ...],
+    elements: tuple[int, ...],
+    drives: tuple[Path, ...],
+    microphone: dict[str, Any],
+    out: Path,
+) -> None:
+    with progress() as report_step:
+        report_step(f"reading {scene.name}")
+        import numpy as np
+
+        from airtact.files.atomic import writable_folder
+        from airtact.setup.parsing import parse_scene
+        from airtact.setup.sensing import calibrate_from_files
+
+        setup = at.read_scene(scene)
+        writable_folder(out.parent)
+        calibrated = calibrate_from_files(
+            setup, scans, elements, drives, at.evaluation.Microphone(**microphone), report_step
+        )
+        determined = np.flatnonzero(calibrated.determined)
+        gains = f"{len(determined)} of {len(calibrated.array)}"
+        settings = f"sensitivity = {calibrated.sensitivity:.5g}"
+        files = {}
+        if kept := parse_scene(setup.text).array.calibration:
+            # Another table would lose the positions in this one.
+            gains += f", not written, because the scene has {kept} already"
+        elif len(determined):
+            calibrated.save(out)
+            levels = np.abs(calibrated.array.gains[determined])
+            gains += f", {levels.min():.2f} to {levels.max():.2f}"
+            settings += f', calibration = "{out.name}"'
+            files = {"calibration.csv": str(out)}
+    turn, shift = np.split(calibrated.misalignment, 2)
+    turn_doubt, shift_doubt = np.linalg.norm(
+        calibrated.misalignment_deviation.reshape(2, 3), axis=1
+    )
+    facts = [
+        (
+            "sensitivity",
+            f"{calibrated.sensitivity:.4g} Pa·m, standard deviation {calibrated.deviation:.2g} "
+            f"Pa·m ({calibrated.deviation / calibrated.sensitivity:.1%})",
+        ),
+        (
+            "scan turned by",
+            f"{np.degrees(np.linalg.norm(turn)):.2f}°, standard deviation "
+            f"{np.degrees(turn_doubt):.2g}°",
+        ),
+        (
+            "and shifted by",
+            f"({1e3 * shift[0]:.2f}, {1e3 * shift[1]:.2f}, {1e3 * shift[2]:.2f}) mm, standard "
+            f"deviation {1e3 * shift_doubt:.2g} mm",
+        ),
+        ("gains determined", gains),
+        ("not explained", ", ".join(f"{error:.1%}" for error in calibrated.errors)),
+    ]
+    show(
+        facts_table(facts),
+        lines=[f"In the scene file: {settings} in [array]."],
+        record={
+            "sensitivity": calibrated.sensitivity,
+            "deviation": calibrated.deviation,
+            "determined": determined.tolist(),
+            "rotation": calibrated.pose.rotation.tolist(),
+            "translation": calibrated.pose.translation.tolist(),
+            "misalignment_deviation": calibrated.misalignment_deviation.tolist(),
+            "errors": list(calibrated.errors),
+            "files": files,
+        },
     )
 
 

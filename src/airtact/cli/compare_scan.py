@@ -8,7 +8,7 @@ import click
 
 import airtact as at
 from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import INPUT, as_json, given, pictures, quiet, results
+from airtact.cli.options import INPUT, as_json, given, microphone_face, pictures, quiet, results
 
 
 @click.command(
@@ -19,18 +19,7 @@ from airtact.cli.options import INPUT, as_json, given, pictures, quiet, results
 @click.argument("scan", type=INPUT)
 @click.argument("scene", type=INPUT)
 @results
-@click.option(
-    "--diameter",
-    type=float,
-    help="Diameter of the microphone in metres; 6.35e-3, a quarter inch, by default.",
-)
-@click.option(
-    "--axis",
-    type=float,
-    nargs=3,
-    metavar="X Y Z",
-    help="Direction of its face; 0 0 -1, down, by default.",
-)
+@microphone_face
 @click.option(
     "--housing",
     type=float,
@@ -52,17 +41,14 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
 
         from airtact.errors import about
         from airtact.files.atomic import whole_file, writable_folder
-        from airtact.setup.solving import solve_foci, synthesise, verification_solver
+        from airtact.setup.solving import emitted_drive, verification_solver
         from airtact.timing import Clock
 
         face = at.evaluation.Microphone(**given(**microphone))
         measured = at.evaluation.load_scan(scan)
         setup = at.read_scene(scene)
         writable_folder(folder)
-        transfer, _ = solve_foci(setup, Clock(report_step))
-        drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
-        emitted = at.quantise(drive, setup.levels).drive()
-        # The boards emit the rounded drive.
+        emitted, stalled = emitted_drive(setup, Clock(report_step))
         report_step("predicting by a more accurate solve with all transducers as sources")
         field = verification_solver(setup).radiate(
             setup.scene, at.evaluation.drive_sources(setup.array, [emitted], setup.scene)

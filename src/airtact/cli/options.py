@@ -156,6 +156,22 @@ def given(**settings: Setting | None) -> dict[str, Setting]:
     return {name: value for name, value in settings.items() if value is not None}
 
 
+def microphone_face(command: Command) -> Command:
+    """Add the options for the face of a microphone to a command."""
+    command = click.option(
+        "--axis",
+        type=float,
+        nargs=3,
+        metavar="X Y Z",
+        help="Direction of its face; 0 0 -1, down, by default.",
+    )(command)
+    return click.option(
+        "--diameter",
+        type=float,
+        help="Diameter of the microphone in metres; 6.35e-3, a quarter inch, by default.",
+    )(command)
+
+
 def board_address(command: Command) -> Command:
     """Add the options for the address of boards to a command."""
     command = click.option("--port", help="Serial port, for SonicSurface and Nano16.")(command)

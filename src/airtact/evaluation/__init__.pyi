@@ -11,6 +11,8 @@ from .scan import Scan as Scan
 from .scan import best_shift as best_shift
 from .scan import load_scan as load_scan
 from .scan import overlay_scan as overlay_scan
+from .scan_calibration import ScanCalibration as ScanCalibration
+from .scan_calibration import calibrate_from_scans as calibrate_from_scans
 from .steepening import Steepening as Steepening
 from .verification import SideLobe as SideLobe
 from .verification import Verification as Verification

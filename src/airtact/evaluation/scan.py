@@ -208,9 +208,9 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
         measured = np.abs(measured).astype(np.complex128)
     if not model.any():
         raise InvalidInput("the prediction is 0 Pa at all positions of the scan.", code="all_zero")
-    scale, error = _fitted(measured, model)
+    scale, error = fitted(measured, model)
     # Instruments with the convention e^(+iωt) store conjugated phases.
-    mirrored = _fitted(measured, model.conj())[1] if scan.phased else error
+    mirrored = fitted(measured, model.conj())[1] if scan.phased else error
     # An error up to 20 % counts as agreement.
     if mirrored < 0.5 * error and error > 0.2:
         raise InvalidInput(
@@ -246,8 +246,8 @@ def best_shift(
             return 1.0
         measured = scan.pressures[used]
         if not scan.phased:
-            return _fitted(np.abs(measured) + 0j, np.abs(model[used]) + 0j)[1]
-        return _fitted(measured, model[used])[1]
+            return fitted(np.abs(measured) + 0j, np.abs(model[used]) + 0j)[1]
+        return fitted(measured, model[used])[1]
 
     best = np.zeros(3)
     lowest = error(best)
@@ -264,9 +264,10 @@ def best_shift(
     return best, lowest
 
 
-def _fitted(
+def fitted(
     measured: Complex128[np.ndarray, "points"], model: Complex128[np.ndarray, "points"]
 ) -> tuple[complex, float]:
+    """Return the scale of a model that fits a measurement best, and the relative error left."""
     # Least squares: s = ⟨model, measured⟩ / ‖model‖²; ``vdot`` conjugates its first argument
     scale = complex(np.vdot(model, measured) / np.vdot(model, model).real)
     return scale, float(np.linalg.norm(measured - scale * model) / np.linalg.norm(measured))

@@ -1,7 +1,7 @@
-"""Locate the hand of a scene file, or calibrate its array, from measured or simulated echoes."""
+"""Locate the hand of a scene file from echoes, or calibrate its array from echoes or scans."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,13 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.solvers.spherical.multipole_field import multipole_expansion
+from airtact.drives.drive import Drive, quantise
+from airtact.drives.drive_file import read_drive_file
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.errors import InvalidInput, NotConverged
+from airtact.evaluation.microphone import Microphone
+from airtact.evaluation.scan import load_scan
+from airtact.evaluation.scan_calibration import ScanCalibration, calibrate_from_scans
 from airtact.geometry.pose import Pose
 from airtact.sensing.echoes import Echoes, load_echoes
 from airtact.sensing.registration import Located, locate, unexplained
@@ -31,7 +36,7 @@ from airtact.sensing.transmission import boards_of, simulate_transmissions
 from airtact.setup.building import read_scene
 from airtact.setup.parsing import parse_scene
 from airtact.setup.setup import Setup
-from airtact.setup.solving import stored, synthesise
+from airtact.setup.solving import emitted_drive, stored, synthesise
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transducers.layout import PhasedArray, join
 
@@ -315,6 +320,59 @@ def calibrate_array(
     ]
     error = float(np.linalg.norm(middles[0] - middles[1], axis=1).max())
     return calibrated, (error, abs(calibrated.sound_speed - true_medium.sound_speed))
+
+
+def calibrate_from_files(
+    setup: Setup,
+    scan_files: Sequence[Path],
+    elements: Sequence[int],
+    drive_files: Sequence[Path],
+    microphone: Microphone,
+    progress: Progress = no_progress,
+) -> ScanCalibration:
+    """Calibrate the array of a scene from scans of its field without the bodies.
+
+    Parameters
+    ----------
+    scan_files : the scans.
+    elements : the element that emitted in each scan, at full scale; none if drives emitted.
+    drive_files : the drive of each scan, or one for all; none for elements or the scene's own.
+
+    Raises
+    ------
+    InvalidInput
+        If elements and drives are both given, their number differs from that of the scans, or an
+        element does not exist; or as for ``load_scan``, ``read_drive_file`` and
+        ``calibrate_from_scans``.
+    NotConverged
+        As for ``calibrate_from_scans``.
+    """
+    if elements and drive_files:
+        raise InvalidInput("give either --element or --drive.", code="options_clash")
+    clock = Clock(progress)
+    count = len(setup.array)
+    scans = [load_scan(file) for file in scan_files]
+    if elements:
+        for element in elements:
+            if not 0 <= element < count:
+                raise InvalidInput(
+                    f"there is no element {element}: the array has elements 0 to {count - 1}.",
+                    code="unknown_name",
+                )
+        drives = [Drive(row) for row in np.eye(count, dtype=np.complex128)[list(elements)]]
+    elif drive_files:
+        files = [read_drive_file(file) for file in drive_files]
+        # Boards emit the rounded drive.
+        drives = [
+            quantise(Drive(file.drives[0]), file.levels or setup.levels).drive() for file in files
+        ]
+    else:
+        drives = [emitted_drive(setup, clock)[0]]
+    if not elements and len(drives) == 1:
+        drives = drives * len(scans)
+    with clock.step("calibrate", "fitting sensitivity, gains and the position of the scans"):
+        open_air = replace(setup.scene, obstacles=[])
+        return calibrate_from_scans(scans, drives, setup.array, open_air, microphone)
 
 
 def _simulated_array(array: PhasedArray, medium: Medium, seed: int) -> tuple[PhasedArray, Medium]:

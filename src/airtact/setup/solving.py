@@ -17,7 +17,7 @@ from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Target
-from airtact.drives.drive import Drive
+from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import Stalled
 from airtact.drives.methods import FOR_SAMPLES, method_for
 from airtact.drives.transfer import TransferMatrix, open_air_matrix, transfer_to
@@ -132,6 +132,13 @@ def synthesise(
                 warning.message, warning.category, warning.filename, warning.lineno
             )
     return drive, tuple(stalled)
+
+
+def emitted_drive(setup: Setup, clock: Clock) -> tuple[Drive, tuple[str, ...]]:
+    """Return the drive of a setup rounded to its levels, as boards emit it, and its warnings."""
+    transfer, _ = solve_foci(setup, clock)
+    drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
+    return quantise(drive, setup.levels).drive(), stalled
 
 
 def method_words(setup: Setup) -> str:

@@ -1,0 +1,350 @@
+"""Sensitivity of an array, gains of its elements and misalignment of the stage, from scans.
+
+The scans are of the empty array. The pressure at a point x is s Σ_e d_e (1 + ε_e) h_e(x), where d
+is the drive, h_e the field of element e per unit of sensitivity, s the common scale and ε_e the
+deviation of an element's gain. The positions of all scans are displaced by one rigid motion. Scale
+and motion are found by nonlinear least squares on the residual of the best ε, which is a linear
+least-squares problem (variable projection: G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 413,
+1973). Deviations are held near 0 by their spread τ, so elements that the scans do not distinguish
+stay nominal. The noise and τ are estimated from the data by expectation maximisation (C. Bishop,
+Pattern Recognition and Machine Learning, 2006, section 9.3.4).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from airtact.acoustics.scene import Scene
+from airtact.drives.drive import Drive
+from airtact.errors import InvalidInput, NotConverged, counted, one_line
+from airtact.evaluation.field import drive_sources
+from airtact.evaluation.microphone import Microphone
+from airtact.evaluation.scan import Scan, fitted, overlay_scan
+from airtact.geometry.pose import Pose
+from airtact.transducers.calibration import save_calibration
+from airtact.transducers.element import Element, piston
+from airtact.transducers.layout import PhasedArray
+
+# Expected misalignment of a stage: three turns [rad] and three shifts [m]
+EXPECTED_MISALIGNMENT = np.repeat([0.2, 5e-3], 3)
+
+Unknowns = Float64[np.ndarray, "8"]
+
+
+@dataclass(frozen=True, eq=False)
+class ScanCalibration:
+    """What scans tell about an array; the result of ``calibrate_from_scans``.
+
+    Attributes
+    ----------
+    array : the array with this sensitivity, and with gains relative to it and to the mean phase.
+        Elements that are not determined keep their gains.
+    sensitivity : peak pressure of the mean element at full scale, 1 m away on its axis [Pa·m].
+    deviation : its standard deviation [Pa·m], without that of the microphone.
+    gain_deviations : (E,) relative standard deviation of the gains, and of their phases [rad].
+    determined : (E,) whether the scans determine an element's gain: they leave less than half of
+        the spread of the gains open. None is determined without phases.
+    pose : motion from the positions in the scans to those where the microphone was.
+    misalignment : (6,) its rotation vector [rad], and the shift of the middle of the scans [m].
+    misalignment_deviation : (6,) its standard deviation.
+    errors : relative error of each scan after the fit, including noise.
+    """
+
+    array: PhasedArray
+    sensitivity: float
+    deviation: float
+    gain_deviations: Float64[np.ndarray, "elements"]
+    determined: Bool[np.ndarray, "elements"]
+    pose: Pose
+    misalignment: Float64[np.ndarray, "6"]
+    misalignment_deviation: Float64[np.ndarray, "6"]
+    errors: tuple[float, ...]
+
+    def __repr__(self) -> str:
+        return one_line(
+            self,
+            f"sensitivity {self.sensitivity:.4g} ± {self.deviation:.2g} Pa·m",
+            f"{self.determined.sum()} of {len(self.array)} gains determined",
+            f"error {max(self.errors):.2g}",
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the gains to a table (.csv) for ``calibration`` in a scene file.
+
+        It raises ``InvalidInput`` if the file name does not end in .csv or the file cannot be
+        written.
+        """
+        save_calibration(path, self.array.gains, [Pose.identity()] * len(self.array), self.array)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Unknowns and deviations ε (real, then imaginary parts) for a given noise and spread."""
+
+    unknowns: Unknowns
+    cost: float
+    deviations: Float64[np.ndarray, "parts"]
+    # Covariance of the unknowns, and of ε if they were known
+    covariance: Float64[np.ndarray, "8 8"]
+    covariance_if_known: Float64[np.ndarray, "parts parts"]
+    # Derivatives of ε by the unknowns
+    follows: Float64[np.ndarray, "parts 8"]
+    # Estimates of noise and spread from this fit
+    noise: float
+    spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Readings:
+    """The readings of all scans and their model.
+
+    The unknowns (8,) are a rotation vector about the middle of the points [rad], its shift [m], and
+    logarithm and phase of the common scale.
+
+    Attributes
+    ----------
+    points : (N, 3) stated positions [m].
+    measured : (N,) readings relative to their rms.
+    phased : whether the phases count.
+    drives : (N, D) amplitudes of the D elements that emit in any scan.
+    array : those elements.
+    wavenumber : wavenumber of the sound [1/m].
+    microphone : the microphone, None for a point.
+    """
+
+    points: Float64[np.ndarray, "points 3"]
+    measured: Complex128[np.ndarray, "points"]
+    phased: bool
+    drives: Complex128[np.ndarray, "points driven"]
+    array: PhasedArray
+    wavenumber: complex
+    microphone: Microphone | None
+
+    def parts(self, unknowns: Unknowns) -> Complex128[np.ndarray, "points driven"]:
+        """Return what each element contributes to each reading if its gain is nominal."""
+        element = self.array.element
+        turn = Rotation.from_rotvec(unknowns[:3])
+        middle = self.points.mean(axis=0)
+        moved = turn.apply(self.points - middle) + middle + unknowns[3:6]
+        rays = moved[:, None] - self.array.positions
+        distances = np.linalg.norm(rays, axis=2)
+        cosines = np.einsum("nes,es->ne", rays, self.array.normals) / distances
+        far, nearer = _patterns(element, cosines, self.wavenumber)
+        fields = self.drives * np.exp(unknowns[6] + 1j * unknowns[7])
+        if self.microphone is not None:
+            axis = turn.apply(np.array(self.microphone.axis, dtype=np.float64))
+            cosines = rays @ axis / (distances * np.linalg.norm(axis))
+            face = piston(self.microphone.diameter / 2.0)
+            fields *= _patterns(face, cosines, self.wavenumber)[0]
+        # The mean distance of the face from a point in front of it, to second order
+        distances += element.weights @ np.sum(element.points**2, axis=1) / (2.0 * distances)
+        fields *= (far + nearer / distances) * np.exp(1j * self.wavenumber * distances) / distances
+        return fields
+
+    def misfit(self, unknowns: Unknowns) -> Float64[np.ndarray, "rows"]:
+        """Return the residual of nominal gains, real parts first; of magnitudes if not phased."""
+        model = self.parts(unknowns).sum(axis=1)
+        if not self.phased:
+            return np.abs(self.measured) - np.abs(model)
+        left = self.measured - model
+        return np.concatenate([left.real, left.imag])
+
+    def slopes(self, unknowns: Unknowns) -> Float64[np.ndarray, "rows parts"]:
+        """Return the derivatives of the model by the real and then the imaginary parts of ε."""
+        parts = self.parts(unknowns)
+        if self.phased:
+            return np.block([[parts.real, -parts.imag], [parts.imag, parts.real]])
+        model = parts.sum(axis=1)
+        along = parts * (model.conj() / np.abs(model))[:, None]
+        return np.hstack([along.real, -along.imag])
+
+    def start(self, tilt: tuple[float, float]) -> tuple[float, Unknowns]:
+        """Return the relative error of a tilt with the best scale, and its unknowns."""
+        unknowns = np.array([*tilt, *np.zeros(6)])
+        measured = self.measured
+        model = self.parts(unknowns).sum(axis=1)
+        if not self.phased:
+            measured = np.abs(measured) + 0j
+            model = np.abs(model) + 0j
+        scale, error = fitted(measured, model)
+        unknowns[6:] = np.log(np.abs(scale)), np.angle(scale)
+        return error, unknowns
+
+    def fit(self, start: Unknowns, noise: float, spread: float) -> _Fit:
+        """Fit the unknowns to the residual of the best ε, which are linear in the misfit."""
+        slopes = self.slopes(start)
+        rows, parts = slopes.shape
+        if_known = np.linalg.inv(slopes.T @ slopes / noise**2 + np.eye(parts) / spread**2)
+        solution = if_known @ slopes.T / noise**2
+
+        def residual(unknowns: Unknowns) -> Float64[np.ndarray, "residuals"]:
+            misfit = self.misfit(unknowns)
+            deviations = solution @ misfit
+            return np.concatenate(
+                [
+                    (misfit - slopes @ deviations) / noise,
+                    deviations / spread,
+                    unknowns[:6] / EXPECTED_MISALIGNMENT,
+                    # Magnitudes do not depend on the common phase.
+                    [] if self.phased else unknowns[7:],
+                ]
+            )
+
+        scales = np.array([*(0.1 * EXPECTED_MISALIGNMENT), 0.1, 0.1])
+        found = least_squares(residual, start, x_scale=scales, ftol=1e-6, max_nfev=50)
+        deviations = spread * found.fun[rows : rows + parts]
+        follows = spread * found.jac[rows : rows + parts]
+        covariance = np.linalg.inv(found.jac.T @ found.jac)
+        left = noise * found.fun[:rows]
+        free = max(rows - np.sum(solution * slopes.T) - len(start), 1.0)
+        squares = deviations @ deviations + np.trace(if_known + follows @ covariance @ follows.T)
+        return _Fit(
+            found.x,
+            float(found.cost),
+            deviations,
+            covariance,
+            if_known,
+            follows,
+            # Smaller values would not change the result.
+            max(float(np.sqrt(left @ left / free)), 1e-6),
+            max(float(np.sqrt(squares / parts)), 1e-3),
+        )
+
+
+def calibrate_from_scans(
+    scans: Sequence[Scan],
+    drives: Sequence[Drive],
+    array: PhasedArray,
+    scene: Scene,
+    microphone: Microphone | None = None,
+) -> ScanCalibration:
+    """Fit sensitivity, gains and misalignment to scans of single elements or of a focus.
+
+    Parameters
+    ----------
+    scans : scans of the field of the empty array in peak pascals, with one misalignment and one
+        reference phase. If one has no phases, magnitudes are compared and no gain is determined.
+    drives : the drive of each scan.
+    array : the array as it is believed to be, in the frame of the scans.
+    scene : medium and frequency, without bodies and planes.
+    microphone : the microphone; a point by default.
+
+    Raises
+    ------
+    InvalidInput
+        If the numbers of scans, drives and elements do not match, a drive is silent, the scene has
+        bodies or planes, or the negated phases fit far better.
+    NotConverged
+        "pose_not_found": no misalignment near 0 explains a scan to 50 %.
+    """
+    if not scans or len(scans) != len(drives):
+        raise InvalidInput(
+            f"{counted(len(scans), 'scan', 'scans')} with "
+            f"{counted(len(drives), 'drive', 'drives')}: give one drive per scan.",
+            code="sizes_differ",
+        )
+    if scene.obstacles or scene.planes:
+        raise InvalidInput(
+            "calibration needs scans of the empty array: give a scene without bodies and planes.",
+            code="not_supported",
+        )
+    drive_sources(array, drives)  # checks that the drives fit the array and are not silent
+    count = len(array)
+    amplitudes = array.gains * np.stack([drive.amplitudes for drive in drives])
+    driven = amplitudes.any(axis=0)
+    number = int(driven.sum())
+    sizes = [len(scan.points) for scan in scans]
+    measured = np.concatenate([scan.pressures for scan in scans])
+    rms = float(np.sqrt(np.mean(np.abs(measured) ** 2)))
+    readings = _Readings(
+        np.concatenate([scan.points for scan in scans]),
+        measured / rms,
+        all(scan.phased for scan in scans),
+        amplitudes[:, driven].repeat(sizes, axis=0),
+        PhasedArray(array.positions[driven], array.normals[driven], array.element),
+        scene.wavenumber,
+        microphone,
+    )
+    # Phases of a tilted plane are ambiguous by 2π, so the three best of 25 tilts are starts.
+    tilts = product(np.radians([-8.0, -4.0, 0.0, 4.0, 8.0]), repeat=2)
+    starts = sorted(map(readings.start, tilts), key=lambda start: start[0])[:3]
+    fits = [readings.fit(start, 0.1, 0.1) for _, start in starts]
+    # The spread is not known before the misalignment is.
+    fit = replace(min(fits, key=lambda each: each.cost), spread=0.1)
+    for _ in range(20):
+        before = fit
+        fit = readings.fit(before.unknowns, before.noise, before.spread)
+        step = np.abs(fit.unknowns - before.unknowns)
+        if (step < 0.05 * np.sqrt(np.diag(fit.covariance))).all():
+            break
+    factors = np.ones(count, dtype=np.complex128)
+    factors[driven] += fit.deviations[:number] + 1j * fit.deviations[number:]
+    predicted = rms * (readings.parts(fit.unknowns) @ factors[driven])
+    pairs = zip(scans, np.split(predicted, np.cumsum(sizes)[:-1]), strict=True)
+    errors = tuple(overlay_scan(scan, model).error for scan, model in pairs)
+    if max(errors) > 0.5:
+        raise NotConverged(
+            f"no sensitivity and misalignment explain the scans: the best leave {max(errors):.0%} "
+            "of one unexplained. Likely causes: another drive, another frame, a body in the field, "
+            "or a scan that is off by more than 10 mm or 10 degrees.",
+            code="pose_not_found",
+        )
+    mean = np.mean(factors)
+    level = np.mean(np.abs(factors))
+    sensitivity = float(rms * np.exp(fit.unknowns[6]) * level)
+    # The mean gain changes with the scale, with ε at fixed scale, and with the other elements.
+    slope = np.eye(8)[6] + fit.follows[:number].sum(axis=0) / count
+    rest = fit.covariance_if_known[:number, :number].sum() + fit.spread**2 * (count - number)
+    variance = slope @ fit.covariance @ slope + rest / count**2
+    # Gains relative to the mean share its errors.
+    centred = np.kron(np.eye(2), np.eye(number) - 1.0 / count)
+    covariance = fit.covariance_if_known + fit.follows @ fit.covariance @ fit.follows.T
+    variances = np.diag(centred @ covariance @ centred.T).reshape(2, number)
+    gain_deviations = np.full(count, fit.spread)
+    gain_deviations[driven] = np.sqrt(variances.max(axis=0))
+    determined = (gain_deviations < 0.5 * fit.spread) & readings.phased
+    factors *= abs(mean) / (mean * level)
+    turn = Rotation.from_rotvec(fit.unknowns[:3]).as_matrix()
+    middle = readings.points.mean(axis=0)
+    return ScanCalibration(
+        PhasedArray(
+            array.positions,
+            array.normals,
+            replace(array.element, sensitivity=sensitivity),
+            array.tangents,
+            array.gains * np.where(determined, factors, 1.0),
+        ),
+        sensitivity,
+        sensitivity * float(np.sqrt(variance)),
+        gain_deviations,
+        determined,
+        Pose(turn, middle - turn @ middle + fit.unknowns[3:6]),
+        fit.unknowns[:6],
+        np.sqrt(np.diag(fit.covariance))[:6],
+        errors,
+    )
+
+
+def _patterns(
+    element: Element, cosines: Float64[np.ndarray, "*axes"], wavenumber: complex
+) -> tuple[Complex128[np.ndarray, "*axes"], Complex128[np.ndarray, "*axes"]]:
+    """Return the field of a round element at angles from its axis in powers of 1/distance.
+
+    A face point x is at the distance r − u·x + (|x|² − (u·x)²) / 2r in direction u. With the mean
+    ⟨|x|²⟩ / 2r added to r, the field is (first + second / r) e^{ikr} / r.
+    """
+    sines = np.linspace(0.0, 1.0, 513)
+    directions = np.stack([sines, 0.0 * sines, np.sqrt(1.0 - sines**2)], axis=1)
+    ahead = directions @ element.points.T
+    squares = np.sum(element.points**2, axis=1)
+    across = squares - element.weights @ squares - ahead**2
+    waves = element.weights * np.exp(-1j * wavenumber * ahead)
+    near = np.sum(waves * (ahead + 0.5j * wavenumber * across), axis=1)
+    at = np.sqrt(1.0 - np.minimum(cosines**2, 1.0))
+    return np.interp(at, sines, waves.sum(axis=1)), np.interp(at, sines, near)
