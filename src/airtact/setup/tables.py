@@ -119,7 +119,7 @@ class ArrayTable(Table, frozen=True):
     rows, columns : number of flat boards along y and along x; 2 if left out.
     poses : pose of each board.
     calibration : .csv file beside the scene file with the gain of each element.
-    source : "piston" only radiates forwards; "monopole" radiates in all directions.
+    source : "piston" radiates forwards, "monopole" in all directions.
     piston_radius : radius of a transducer [m]; that of the board, or 4.5 mm for .csv, if
         left out.
     sensitivity : pressure at 1 m, times 1 m, at full scale [Pa·m]; 4.38 if left out.
