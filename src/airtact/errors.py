@@ -5,7 +5,7 @@
 - Points are (N, 3) float64. Matrices: rows are receivers, columns are sources.
 - A monopole of strength s [Pa·m] in open air gives p = s e^{ikr}/r.
 
-In checks ``what`` is the name of the value in the sentence and ``unit`` its unit.
+In checks, ``what`` is the name of the value in the message and ``unit`` is its unit.
 """
 
 import dataclasses
@@ -47,7 +47,7 @@ LARGEST_DATA = 2**28
 
 
 def one_sentence(text: str) -> str:
-    r"""Write a message on one line of ``LONGEST_SENTENCE`` printable characters at most.
+    r"""Write a message on one line with at most ``LONGEST_SENTENCE`` printable characters.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def one_sentence(text: str) -> str:
 
 
 def _shortened(text: str) -> str:
-    """Leave out the middle of a text that is too long."""
+    """Omit the middle of a text that is too long."""
     if len(text) <= LONGEST_SENTENCE:
         return text
     head = 2 * LONGEST_SENTENCE // 3
@@ -71,7 +71,7 @@ def _shortened(text: str) -> str:
 
 
 class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
-    """Wrong input; the message states the error, its place and a remedy.
+    """Invalid input; the message states the error, its place and a remedy.
 
     Attributes
     ----------
@@ -93,11 +93,11 @@ class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
 
 
 class NotConverged(RuntimeError):  # noqa: N818
-    """Solver stopped above its tolerance; the message states residual, iterations and cause.
+    """Solver that stopped above its tolerance; the message states residual, iterations and cause.
 
     Attributes
     ----------
-    code : kind of error, as in ``InvalidInput``.
+    code : kind of error, see ``InvalidInput``.
     """
 
     def __init__(self, sentence: str, *, code: str) -> None:
@@ -361,7 +361,7 @@ def file_fault(path: Path, error: OSError) -> InvalidInput:
 def in_short(self: Any) -> str:
     """Write a dataclass in one line; large fields appear as type and shape.
 
-    For classes with ``__repr__ = in_short``.
+    It serves classes with ``__repr__ = in_short``.
 
     Examples
     --------

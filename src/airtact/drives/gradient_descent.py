@@ -36,7 +36,7 @@ def gradient(
     Parameters
     ----------
     transfer : the transfer matrix of the foci, and of the suppression points if the target has
-    some.
+        some.
     target : the foci, their requested pressures and the suppression points.
     loss : fraction of the starting pressure at the foci that may be lost to the suppression points,
         at least 0 and below 1; the limit is soft.

@@ -269,7 +269,7 @@ class _Sampler:
     middle : (3,) middle of the foci [m]; the hand turns about it.
     ball : centre and radius of a ball around the bodies [m], or None.
     remainder : (F, E) difference of the nominal matrix from centres and directivity, divided by the
-    carrier wave [Pa].
+        carrier wave [Pa].
     """
 
     field: RadiatedField

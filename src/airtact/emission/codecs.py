@@ -33,7 +33,7 @@ class Codec:
     levels : amplitudes and phases that it can emit.
     encoded : writes the message of a frame, see ``encode``.
     decoded : reads the phase and amplitude of each channel from the messages of a number of boards;
-    returns None for incomplete frames.
+        returns None for incomplete frames.
     baud : speed of its serial line [bit/s]; None without a serial line.
     echo : bytes that it sends back for a frame; empty if it does not answer.
     """

@@ -69,7 +69,7 @@ class Emission:
     log : file to which the link process writes one line per event: the time on the system's
         monotonic clock (``time.monotonic``) [s], and the event.
     resumes : whether the next drive is played, over the ramp, after the boards were silenced for
-    lack of calls.
+        lack of calls.
 
     Attributes
     ----------
@@ -216,8 +216,7 @@ class Emission:
         drive : amplitude of every element.
         wait : whether to wait for the end of the ramp; otherwise ``share`` holds its progress.
         at : time at which the drive takes effect, by ``time.monotonic`` [s], at most the link's
-        ``lead`` from
-            now. On a ramp, and on links without a lead, it acts at once.
+            ``lead`` from now. On a ramp, and on links without a lead, it acts at once.
 
         Returns
         -------
@@ -321,7 +320,7 @@ class Emission:
         self._ask("modulate", envelope, rate)
 
     def silence(self, fade: float = 0.1, wait: bool = True) -> None:
-        """Fade to silence; the next drive rises over the ramp.
+        """Fade to silence; a ramp precedes the next drive.
 
         Parameters
         ----------

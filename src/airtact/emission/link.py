@@ -137,8 +137,7 @@ class Link(ABC):
         ----------
         frame : amplitudes and phases.
         at : time at which the frame takes effect, by ``time.monotonic`` [s], if the link has a
-        ``lead``. By
-            default, and if that time has passed, the frame acts when it arrives.
+            ``lead``. By default, and if that time has passed, the frame acts when it arrives.
 
         Raises
         ------

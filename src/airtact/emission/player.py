@@ -41,7 +41,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Cycle:
-    """Items repeated at a rate [1/s]: factors of a modulation, or frames with their drives."""
+    """Items that repeat at a rate [1/s]: factors of a modulation, or frames with their drives."""
 
     items: Sequence[Any]
     rate: float
@@ -122,7 +122,7 @@ class Player:
         rate : frames per second; 0 for a single drive.
         cap : largest amplitude of an element, as a share of full scale.
         at : time at which a single drive takes effect, see ``Link.send``; on a ramp it acts at
-        once.
+            once.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""AUTD3 boards with firmware 0.12, which speak UDP, through the package autd3 of their makers."""
+"""Link to AUTD3 boards with firmware 0.12 over UDP, through their makers' package autd3."""
 
 import asyncio
 import importlib.metadata
@@ -283,7 +283,7 @@ class UDPLink(AUTD3Boards):
 
 
 def _sdk() -> Any:
-    with extra("autd3", "AUTD3 boards that speak UDP need autd3"):
+    with extra("autd3", "AUTD3 boards that use UDP need autd3"):
         import autd3
         import autd3_modulation  # noqa: F401
         import autd3_pattern  # noqa: F401

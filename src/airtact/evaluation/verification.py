@@ -158,7 +158,7 @@ def verify(
 
     Parameters
     ----------
-    scene, array, drive, solver, progress : as in ``evaluate``.
+    scene, array, drive, solver, progress : see ``evaluate``.
     target : the foci and suppression points.
     transfer : transfer matrix of the foci, for the attainable maximum; None to compute it with
         ``solver``.

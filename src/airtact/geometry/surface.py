@@ -128,7 +128,7 @@ class Surface:
 
     @cached_property
     def body(self) -> "Body":
-        """The body of this surface, the same at all poses."""
+        """Identity of the body, the same at all poses."""
         return Body()
 
     @cached_property

@@ -198,7 +198,7 @@ class FocusMessage(msgspec.Struct, frozen=True, omit_defaults=True):
     offset : distance from the skin, for a place [m].
     strength : strength of the touch, from 0 to 1.
     modulation : frequency at which the strength falls to 0 and rises again [Hz], at most 20; 0 for
-    a constant strength.
+        a constant strength.
     """
 
     id: Name

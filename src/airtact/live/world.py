@@ -59,7 +59,7 @@ class WantedFocus:
     on : name of the object that the point moves with, or None.
     offset : distance from the skin, for a place [m].
     modulation : frequency at which the strength falls to 0 and rises again [Hz], at most 20; 0 for
-    a constant strength.
+        a constant strength.
 
     Raises
     ------

@@ -112,7 +112,7 @@ def draw_phases(
 
 
 def is_uniform(amplitudes: Complex[np.ndarray, "elements"]) -> bool:
-    """Whether all elements have the same amplitude within half a per cent."""
+    """Whether all amplitudes are equal to within half a per cent."""
     magnitudes = np.abs(amplitudes)
     return bool(np.ptp(magnitudes) <= 5e-3 * magnitudes.max())
 

@@ -55,7 +55,7 @@ class Contender:
     suppression_points : (Q,) peak pressure at the suppression points [Pa].
     seconds : computing time of the method [s].
     kept : pressure [Pa] that the weakest focus exceeds in 9 of 10 samples of the uncertainty, or
-    None without uncertainty.
+        None without uncertainty.
     """
 
     name: str

@@ -84,7 +84,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     ----------
     result : result of ``render``.
     kept : share of the attainable pressure that a recorded session kept despite pose errors and
-    age.
+        age.
 
     Examples
     --------

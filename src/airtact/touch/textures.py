@@ -45,7 +45,7 @@ class Grating:
         object.__setattr__(self, "direction", fixed(direction / np.linalg.norm(direction)))
 
     def heights(self, points: Points) -> Float64[np.ndarray, "points"]:
-        """Return the height (P,), 0 to 1, at points (P, 3) of the object's frame [m]."""
+        """Return the height (P,), from 0 to 1, at points (P, 3) in the object's frame [m]."""
         turns = points @ np.asarray(self.direction) / self.pitch
         return 0.5 + 0.5 * np.cos(2.0 * np.pi * turns)
 
@@ -96,7 +96,7 @@ class HeightMap:
         object.__setattr__(self, "width", width)
 
     def heights(self, points: Points) -> Float64[np.ndarray, "points"]:
-        """Return the height (P,), 0 to 1, at points (P, 3) of the object's frame [m]."""
+        """Return the height (P,), from 0 to 1, at points (P, 3) in the object's frame [m]."""
         from scipy.ndimage import map_coordinates
 
         rows, columns = self.values.shape

@@ -98,7 +98,7 @@ class SurfaceField:
 
     @classmethod
     def empty(cls, sources: Monopoles) -> "SurfaceField":
-        """Surface field without points, for a field without a surface pressure."""
+        """Return an empty surface field, for fields without a surface pressure."""
         pressure = np.zeros((0, sources.strengths.shape[1]), dtype=np.complex128)
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), pressure)
 

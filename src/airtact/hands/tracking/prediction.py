@@ -198,7 +198,7 @@ class Predictor:
         return velocities[TRACKED] if len(newest) == 21 else velocities
 
     def uncertainty(self, time: float) -> Uncertainty:
-        """Return the uncertainty of the hand at ``latency`` after a time [s].
+        """Return the uncertainty of the hand at the time ``latency`` after another time [s].
 
         The covariance of the joints is divided into the position of the whole hand, its rotation
         and, as ``own_position``, what its bones add to that. Positions are limited to 0.1 m.

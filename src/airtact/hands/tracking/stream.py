@@ -1,8 +1,8 @@
 """Streams of received frames; faulty frames are counted and skipped.
 
-A ``HandStream`` is fed from any number of threads and stores the newest valid frame of each hand,
-not a queue, so a slow reader gets the newest frame. If the tracker loses a hand or sends nothing
-for a while, the newest frame is a ``lost`` one.
+Any number of threads may feed a ``HandStream``. It stores only the newest valid frame of each hand,
+so a slow reader always gets the newest frame. If the tracker loses a hand or sends nothing for a
+while, the newest frame is a ``lost`` one.
 
 The times of used frames always increase. If a tracker restarts with another clock or counts
 milliseconds, its frames are used again after 20 consistent ones, and their times continue from the

@@ -44,7 +44,7 @@ Factors = Complex64[np.ndarray, "foci sources"]
 
 @dataclass(frozen=True, eq=False)
 class HandFactors:
-    """Solution for a part of a hand in one pose.
+    """Solution for a part of a hand in a pose.
 
     Attributes
     ----------

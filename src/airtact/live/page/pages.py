@@ -79,7 +79,7 @@ class Said(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Pages:
-    """The server of the page, and all pages that are open.
+    """The server of the page, and all open pages.
 
     Parameters
     ----------

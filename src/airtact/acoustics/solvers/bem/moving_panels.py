@@ -42,7 +42,7 @@ class MovingPanels:
     admittance : ρc/Z of the panels, 0 for sound-hard ones.
     wavenumber : wavenumber of the sound [rad/m].
     near_rule : integration rule for near panels.
-    low_rank_error : error of the matrix's low-rank blocks, as in ``assemble``.
+    low_rank_error : error of the matrix's low-rank blocks, see ``assemble``.
     """
 
     corners: QuadraticTriangles

@@ -59,8 +59,7 @@ class DirectSolution:
         ----------
         points : positions [m]; those on the surface are projected onto it by the caller.
         contact : mask of the points on the surface. There the pressure is twice the incident
-        pressure
-            plus the double layer.
+            pressure plus the double layer.
         on_surface : nodes and pressure on the surface; by default those of the solution.
         cells : the points sorted into cells, if that is faster.
         nodal : whether all points are on panels and away from their edges.

@@ -233,8 +233,7 @@ class BoundaryElement(Solver):
         refined : points beside which the panels are smaller [m].
         tolerance : residual at which the iteration stops; by default it follows from the accuracy.
         equations : equations to solve; by default both if the error is estimated; else the direct
-        one
-            if the scene has boards, or the transposed one.
+            one if the scene has boards, or the transposed one.
         """
         if not equations:
             alone: Equation = "direct" if scene.boards else "transposed"
