@@ -1,5 +1,7 @@
 """Traps of scene files: their drive, verdicts and limits."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,13 @@ def test_a_focus_beside_a_trap_has_its_share(read) -> None:
     assert focus == pytest.approx(0.5 * lobes, rel=0.1)
 
 
+def test_functions_for_foci_alone_reject_traps(levitator) -> None:
+    with raises_code("not_supported"):
+        at.setup.why(levitator)
+    with raises_code("not_supported"):
+        at.place(levitator.setup)
+
+
 def test_every_method_makes_traps(read) -> None:
     setup = read(TINYLEV, TRAP.format(0.0), FOCUS)
     contenders = at.compare(setup).contenders
@@ -65,6 +74,15 @@ def test_every_method_makes_traps(read) -> None:
     for contender in contenders:
         place = np.zeros((1, 3))
         assert at.traps.verdict(setup.scene, setup.array, contender.emitted, place)[0].stable
+
+
+def test_the_page_lists_stiffness_and_verdict(levitator, tmp_path) -> None:
+    at.write_report(levitator, tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    row = re.search(r"trap 2</\w+>(.*?)</tr>", page, re.DOTALL)
+    stiffness = levitator.traps[1].stiffness[1, 1]
+    assert f"{stiffness:.3g}" in row[1]
+    assert "yes" in row[1]
 
 
 def test_impossible_settings_beside_traps_are_rejected(read) -> None:

@@ -221,7 +221,18 @@ def _foci(run: Rendering) -> dict[str, Any]:
         header += ["requested [Pa]", "reached"]
         columns.append([_pascal(pressure) for pressure in asked])
         columns.append(["–" if np.isnan(share) else f"{share:.1%}" for share in shares])
+    trap_rows = [
+        [
+            f"trap {index}",
+            *(f"{1e3 * value:.2f}" for value in verdict.point),
+            *(f"{value:.3g}" for value in verdict.stiffness.diagonal()),
+            f"{verdict.holds:.1f}",
+            "yes" if verdict.is_trap else "no",
+        ]
+        for index, verdict in enumerate(run.traps, 1)
+    ]
     return {
+        "trap_rows": trap_rows,
         "focus_header": header,
         "focus_rows": list(zip(*columns, strict=True)),
         "amplitude": f"{run.drive.peak:.2f}",

@@ -95,6 +95,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     ['one focus in open air', 'sharing with 1 other focus', ...]
     """
     setup = result.setup
+    setup.check_no_traps("why")
     target = setup.target
     count = len(target.points)
     nominal = PhasedArray(

@@ -506,6 +506,7 @@ def place(
     True
     """
     of_kind(setup, Setup, "the setup", "read_scene(path)")
+    setup.check_no_traps("place")
     check_no_boards(setup.scene, "place")
     check_seed(seed)
     if setup.left_out:

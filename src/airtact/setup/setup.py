@@ -206,6 +206,13 @@ class Setup:
         """Number of points of the target that are lobes of traps."""
         return sum(len(trap.phasing) for trap in self.traps)
 
+    def check_no_traps(self, action: str) -> None:
+        """Raise ``InvalidInput`` if the setup has traps, which only some functions support."""
+        if self.traps:
+            raise InvalidInput(
+                f"{action} supports foci only: leave [[traps]] out.", code="not_supported"
+            )
+
     @property
     def synthesise(self) -> Callable[[TransferMatrix, Target], Drive]:
         """Function that computes the drive."""
