@@ -17,6 +17,7 @@ SECONDS = {
     "emit",
     "live",
     "mesh",
+    "place",
     "render",
     "sense",
     "sweep",

@@ -115,6 +115,7 @@ def test_a_session_keeps_its_table(tmp_path) -> None:
             assert file.attrs["format_version"] == version
 
 
+@pytest.mark.slow
 def test_a_session_is_verified_with_its_table(exact) -> None:
     """The drive made for hand and table gets all of the best; one from distances far less."""
     drives = np.stack([at.best(exact, at.Target(exact.foci)).amplitudes, drive_of(BEFORE, None)])
