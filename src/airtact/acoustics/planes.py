@@ -135,7 +135,7 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
 def images_in(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "images 3"]:
-    """Return points (P, 3) [m], then their images in the plane, if there is one."""
+    """Return points (P, 3) [m], followed by their images in the plane, if there is one."""
     return np.concatenate([points, *(plane.image(points) for plane in planes)])
 
 

@@ -104,8 +104,8 @@ def share_under_cap(
 ) -> float:
     """Return the factor that reduces the largest amplitude of drives to a cap.
 
-    The cap is a share of full scale. For boards without amplitude levels it is the share of
-    elements that are on. See ``check_cap`` for the errors.
+    The cap is a share of full scale. For boards without amplitude levels, the cap is the share of
+    active elements. See ``check_cap`` for the errors.
     """
     cap = check_cap(cap)
     if levels.phase_only:

@@ -251,7 +251,7 @@ def calibrate_from_scans(
         )
     if scene.obstacles or scene.planes:
         raise InvalidInput(
-            "calibration needs scans of the empty array: give a scene without bodies and planes.",
+            "calibration needs scans of the empty array: use a scene without bodies and planes.",
             code="not_supported",
         )
     drive_sources(array, drives)  # checks that the drives fit the array and are not silent

@@ -95,7 +95,7 @@ def sweep(
     Raises
     ------
     InvalidInput
-        If the points are of the wrong kind, the function cannot be passed to a process or be
+        If the points are of the wrong kind, the function cannot be passed to a process or
         identified in the store, the folder is not writable, or a process ended unexpectedly.
         Exceptions of the function do not end the sweep.
 

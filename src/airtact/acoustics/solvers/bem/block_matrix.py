@@ -50,7 +50,7 @@ def blocks_of(unknowns: int) -> int:
 
 
 def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "panels"]:
-    """Return the order in which the panels of each block lie together.
+    """Return an order in which the panels of each block are adjacent.
 
     The panels are bisected repeatedly across the direction of their largest extent. Rigid motions
     of the bodies do not change their blocks.

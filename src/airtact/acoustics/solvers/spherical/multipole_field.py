@@ -107,7 +107,7 @@ class MultipoleField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Pressure of the original field on the surfaces of the bodies."""
+        """Pressure of the original field on the bodies' surfaces."""
         return self.solved.on_surface
 
     @property
