@@ -94,13 +94,13 @@ def calibrate(
     """
     if scans:
         if simulate:
-            raise at.InvalidInput("give either --scan or --simulate.", code="options_clash")
+            raise at.InvalidInput("use either --scan or --simulate.", code="options_clash")
         scene = scene if echoes is None else INPUT.convert(str(echoes), None, None)
         _from_scans(scene, scans, elements, drives, given(**microphone), out)
         return
     if elements or drives or given(**microphone):
         raise at.InvalidInput(
-            "--element, --drive, --diameter and --axis describe a scan: give --scan.",
+            "--element, --drive, --diameter and --axis describe a scan: set --scan.",
             code="options_clash",
         )
     with progress() as report_step:

@@ -246,7 +246,7 @@ def calibrate_from_scans(
     if not scans or len(scans) != len(drives):
         raise InvalidInput(
             f"{counted(len(scans), 'scan', 'scans')} with "
-            f"{counted(len(drives), 'drive', 'drives')}: give one drive per scan.",
+            f"{counted(len(drives), 'drive', 'drives')}: pass one drive per scan.",
             code="sizes_differ",
         )
     if scene.obstacles or scene.planes:

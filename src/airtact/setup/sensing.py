@@ -348,7 +348,7 @@ def calibrate_from_files(
         As for ``calibrate_from_scans``.
     """
     if elements and drive_files:
-        raise InvalidInput("give either --element or --drive.", code="options_clash")
+        raise InvalidInput("use either --element or --drive.", code="options_clash")
     clock = Clock(progress)
     count = len(setup.array)
     scans = [load_scan(file) for file in scan_files]
