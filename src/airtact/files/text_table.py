@@ -65,7 +65,7 @@ class TextTable:
     def order(self, name: str) -> Int64[np.ndarray, "rows"]:
         """Return the order of the rows by a column that numbers them from 0, each once.
 
-        Raise "out_of_range", or the errors of ``numbers``.
+        The numbers must be in range; see ``numbers`` for other errors.
         """
         numbers = self.numbers(name)
         order = np.argsort(numbers, kind="stable")

@@ -77,7 +77,7 @@ class Hulls:
     def unblended(
         cls, balls: Float64[np.ndarray, "balls 4"], parts: Int64[np.ndarray, "hulls 3"]
     ) -> "Hulls":
-        """Build hulls that are neither blended nor separate."""
+        """Build hulls without blending and without separate parts."""
         none = np.zeros((len(parts), len(parts)))
         return cls(balls, parts, none, none)
 

@@ -226,7 +226,7 @@ class World:
 
     @property
     def state(self) -> StateMessage:
-        """The newest state; a new object if it may have changed."""
+        """The newest state; a new object after any possible change."""
         shown = self._shown
         if self._state[0] is not shown:
             self._state = (shown, _state_of(*shown))

@@ -141,7 +141,7 @@ def locate(
         If the echoes or the scattering matrix do not match the scene and the array, the signal is
         too weak or clipped, the initial pose is impossible, both a family and a scattering matrix
         are given, or the echoes do not determine a motion or the opening (such as the rotation of a
-        ball). Also for the reasons listed in ``scattering_matrix``.
+        ball), or for the reasons listed in ``scattering_matrix``.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Why a focus is weak: by how much each cause reduces the pressure that the array could produce."""
+"""Causes of a weak focus, and the pressure that each takes from what the array could produce."""
 
 import csv
 from dataclasses import dataclass

@@ -144,8 +144,8 @@ def force(
     ------
     InvalidInput
         If a bead is closer to a body, a plane or an element than its radius or a sixteenth of a
-        wavelength, or is behind the face of a directional element; a number is out of range; or as
-        ``at.field_map``.
+        wavelength, or is behind the face of a directional element; a number is out of range; or for
+        the reasons listed in ``at.field_map``.
 
     Examples
     --------

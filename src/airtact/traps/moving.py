@@ -60,7 +60,7 @@ def path(
     ------
     InvalidInput
         If the bead would be lost between two frames, there are fewer than two corners, or a number
-        is out of range; or as ``hold``.
+        is out of range; or for the reasons listed in ``hold``.
 
     Examples
     --------

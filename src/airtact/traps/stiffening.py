@@ -49,7 +49,8 @@ def stiffest(
     Raises
     ------
     InvalidInput
-        If a point is within a sixth of a wavelength of a body; or as ``hold`` and ``force``.
+        If a point is within a sixth of a wavelength of a body; or for the reasons listed in
+        ``hold`` and ``force``.
 
     Examples
     --------

@@ -82,7 +82,7 @@ class HandAware(DriveMaker):
         Raises
         ------
         InvalidInput
-            If it is not later than the frame before.
+            If the frame is not later than the previous one.
         """
         if frame.side != self._scene.side or frame.landmarks is None:
             return

@@ -156,7 +156,7 @@ class TouchAware(DriveMaker):
         Raises
         ------
         InvalidInput
-            If it is not later than the frame before.
+            If the frame is not later than the previous one.
         """
         tracked = self._hands.get(frame.side)
         if tracked is None:

@@ -393,7 +393,7 @@ class FactorisedBodies(Solver):
 def _projected(
     scene: Scene, placed: Sequence[PlacedBody], sources: Monopoles
 ) -> tuple[Monopoles, Float64[np.ndarray, "sources"]]:
-    """Project sources that touch a surface onto its panel, with factor 2 for their image."""
+    """Project sources that touch a surface onto its panel; factor 2 accounts for their images."""
     positions = np.array(sources.positions)
     factors = np.ones(len(positions))
     limit = CONTACT_REACH * max(body.reduced.surface.nodes.contact.max() for body in placed)
