@@ -90,11 +90,8 @@ class _Fit:
     unknowns: Unknowns
     cost: float
     deviations: Float64[np.ndarray, "parts"]
-    # Covariance of the unknowns, and of ε if they were known
-    covariance: Float64[np.ndarray, "8 8"]
-    covariance_if_known: Float64[np.ndarray, "parts parts"]
-    # Derivatives of ε by the unknowns
-    follows: Float64[np.ndarray, "parts 8"]
+    # Covariance of the unknowns and ε
+    covariance: Float64[np.ndarray, "all all"]
     # Estimates of noise and spread from this fit
     noise: float
     spread: float
@@ -110,7 +107,7 @@ class _Readings:
     Attributes
     ----------
     points : (N, 3) stated positions [m].
-    measured : (N,) readings relative to their rms.
+    measured : (N,) readings relative to their rms, real if not phased.
     phased : whether the phases count.
     drives : (N, D) amplitudes of the D elements that emit in any scan.
     array : those elements.
@@ -151,7 +148,7 @@ class _Readings:
         """Return the residual of nominal gains, real parts first; of magnitudes if not phased."""
         model = self.parts(unknowns).sum(axis=1)
         if not self.phased:
-            return np.abs(self.measured) - np.abs(model)
+            return self.measured.real - np.abs(model)
         left = self.measured - model
         return np.concatenate([left.real, left.imag])
 
@@ -167,12 +164,8 @@ class _Readings:
     def start(self, tilt: tuple[float, float]) -> tuple[float, Unknowns]:
         """Return the relative error of a tilt with the best scale, and its unknowns."""
         unknowns = np.array([*tilt, *np.zeros(6)])
-        measured = self.measured
         model = self.parts(unknowns).sum(axis=1)
-        if not self.phased:
-            measured = np.abs(measured) + 0j
-            model = np.abs(model) + 0j
-        scale, error = fitted(measured, model)
+        scale, error = fitted(self.measured, model if self.phased else np.abs(model) + 0j)
         unknowns[6:] = np.log(np.abs(scale)), np.angle(scale)
         return error, unknowns
 
@@ -199,18 +192,18 @@ class _Readings:
         scales = np.array([*(0.1 * EXPECTED_MISALIGNMENT), 0.1, 0.1])
         found = least_squares(residual, start, x_scale=scales, ftol=1e-6, max_nfev=50)
         deviations = spread * found.fun[rows : rows + parts]
-        follows = spread * found.jac[rows : rows + parts]
-        covariance = np.linalg.inv(found.jac.T @ found.jac)
+        # The best ε follow the unknowns, and are uncertain even for known unknowns.
+        follows = np.vstack([np.eye(8), spread * found.jac[rows : rows + parts]])
+        covariance = follows @ np.linalg.inv(found.jac.T @ found.jac) @ follows.T
+        covariance[8:, 8:] += if_known
+        squares = deviations @ deviations + np.trace(covariance[8:, 8:])
         left = noise * found.fun[:rows]
         free = max(rows - np.sum(solution * slopes.T) - len(start), 1.0)
-        squares = deviations @ deviations + np.trace(if_known + follows @ covariance @ follows.T)
         return _Fit(
             found.x,
             float(found.cost),
             deviations,
             covariance,
-            if_known,
-            follows,
             # Smaller values would not change the result.
             max(float(np.sqrt(left @ left / free)), 1e-6),
             max(float(np.sqrt(squares / parts)), 1e-3),
@@ -261,11 +254,14 @@ def calibrate_from_scans(
     number = int(driven.sum())
     sizes = [len(scan.points) for scan in scans]
     measured = np.concatenate([scan.pressures for scan in scans])
+    phased = all(scan.phased for scan in scans)
+    if not phased:
+        measured = np.abs(measured) + 0j
     rms = float(np.sqrt(np.mean(np.abs(measured) ** 2)))
     readings = _Readings(
         np.concatenate([scan.points for scan in scans]),
         measured / rms,
-        all(scan.phased for scan in scans),
+        phased,
         amplitudes[:, driven].repeat(sizes, axis=0),
         PhasedArray(array.positions[driven], array.normals[driven], array.element),
         scene.wavenumber,
@@ -281,7 +277,7 @@ def calibrate_from_scans(
         before = fit
         fit = readings.fit(before.unknowns, before.noise, before.spread)
         step = np.abs(fit.unknowns - before.unknowns)
-        if (step < 0.05 * np.sqrt(np.diag(fit.covariance))).all():
+        if (step < 0.05 * np.sqrt(np.diag(fit.covariance)[:8])).all():
             break
     factors = np.ones(count, dtype=np.complex128)
     factors[driven] += fit.deviations[:number] + 1j * fit.deviations[number:]
@@ -298,17 +294,15 @@ def calibrate_from_scans(
     mean = np.mean(factors)
     level = np.mean(np.abs(factors))
     sensitivity = float(rms * np.exp(fit.unknowns[6]) * level)
-    # The mean gain changes with the scale, with ε at fixed scale, and with the other elements.
-    slope = np.eye(8)[6] + fit.follows[:number].sum(axis=0) / count
-    rest = fit.covariance_if_known[:number, :number].sum() + fit.spread**2 * (count - number)
-    variance = slope @ fit.covariance @ slope + rest / count**2
+    # The mean gain changes with the scale, with ε, and with the elements that do not emit.
+    slope = np.concatenate([np.eye(8)[6], np.repeat([1.0 / count, 0.0], number)])
+    variance = slope @ fit.covariance @ slope + fit.spread**2 * (count - number) / count**2
     # Gains relative to the mean share its errors.
     centred = np.kron(np.eye(2), np.eye(number) - 1.0 / count)
-    covariance = fit.covariance_if_known + fit.follows @ fit.covariance @ fit.follows.T
-    variances = np.diag(centred @ covariance @ centred.T).reshape(2, number)
+    variances = np.diag(centred @ fit.covariance[8:, 8:] @ centred.T).reshape(2, number)
     gain_deviations = np.full(count, fit.spread)
     gain_deviations[driven] = np.sqrt(variances.max(axis=0))
-    determined = (gain_deviations < 0.5 * fit.spread) & readings.phased
+    determined = (gain_deviations < 0.5 * fit.spread) & phased
     factors *= abs(mean) / (mean * level)
     turn = Rotation.from_rotvec(fit.unknowns[:3]).as_matrix()
     middle = readings.points.mean(axis=0)
@@ -326,7 +320,7 @@ def calibrate_from_scans(
         determined,
         Pose(turn, middle - turn @ middle + fit.unknowns[3:6]),
         fit.unknowns[:6],
-        np.sqrt(np.diag(fit.covariance))[:6],
+        np.sqrt(np.diag(fit.covariance)[:6]),
         errors,
     )
 
