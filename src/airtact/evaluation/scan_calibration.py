@@ -34,6 +34,9 @@ from airtact.transducers.layout import PhasedArray
 # Expected misalignment of a stage: three turns [rad] and three shifts [m]
 EXPECTED_MISALIGNMENT = np.repeat([0.2, 5e-3], 3)
 
+# Relative error of the modelled field of a piston within 30 degrees of its axis, by a finer rule
+MODEL_ERROR = 1e-3
+
 Unknowns = Float64[np.ndarray, "8"]
 
 
@@ -88,7 +91,6 @@ class _Fit:
     """Unknowns and deviations ε (real, then imaginary parts) for a given noise and spread."""
 
     unknowns: Unknowns
-    cost: float
     deviations: Float64[np.ndarray, "parts"]
     # Covariance of the unknowns and ε
     covariance: Float64[np.ndarray, "all all"]
@@ -148,18 +150,19 @@ class _Readings:
         """Return the residual of nominal gains, real parts first; of magnitudes if not phased."""
         model = self.parts(unknowns).sum(axis=1)
         if not self.phased:
-            return self.measured.real - np.abs(model)
+            return np.real(self.measured) - np.abs(model)
         left = self.measured - model
-        return np.concatenate([left.real, left.imag])
+        return np.concatenate([np.real(left), np.imag(left)])
 
     def slopes(self, unknowns: Unknowns) -> Float64[np.ndarray, "rows parts"]:
         """Return the derivatives of the model by the real and then the imaginary parts of ε."""
         parts = self.parts(unknowns)
         if self.phased:
-            return np.block([[parts.real, -parts.imag], [parts.imag, parts.real]])
+            both = np.hstack([parts, 1j * parts])
+            return np.vstack([np.real(both), np.imag(both)])
         model = parts.sum(axis=1)
         along = parts * (model.conj() / np.abs(model))[:, None]
-        return np.hstack([along.real, -along.imag])
+        return np.hstack([np.real(along), -np.imag(along)])
 
     def start(self, tilt: tuple[float, float]) -> tuple[float, Unknowns]:
         """Return the relative error of a tilt with the best scale, and its unknowns."""
@@ -201,7 +204,6 @@ class _Readings:
         free = max(rows - np.sum(solution * slopes.T) - len(start), 1.0)
         return _Fit(
             found.x,
-            float(found.cost),
             deviations,
             covariance,
             # Smaller values would not change the result.
@@ -267,13 +269,12 @@ def calibrate_from_scans(
         scene.wavenumber,
         microphone,
     )
-    # Phases of a tilted plane are ambiguous by 2π, so the three best of 25 tilts are starts.
+    # Phases of a tilted plane are ambiguous by 2π, so the best of 25 tilts is the start.
     tilts = product(np.radians([-8.0, -4.0, 0.0, 4.0, 8.0]), repeat=2)
-    starts = sorted(map(readings.start, tilts), key=lambda start: start[0])[:3]
-    fits = [readings.fit(start, 0.1, 0.1) for _, start in starts]
+    _, start = min(map(readings.start, tilts), key=lambda start: start[0])
     # The spread is not known before the misalignment is.
-    fit = replace(min(fits, key=lambda each: each.cost), spread=0.1)
-    for _ in range(20):
+    fit = replace(readings.fit(start, 0.1, 0.1), spread=0.1)
+    for _ in range(15):
         before = fit
         fit = readings.fit(before.unknowns, before.noise, before.spread)
         step = np.abs(fit.unknowns - before.unknowns)
@@ -297,6 +298,7 @@ def calibrate_from_scans(
     # The mean gain changes with the scale, with ε, and with the elements that do not emit.
     slope = np.concatenate([np.eye(8)[6], np.repeat([1.0 / count, 0.0], number)])
     variance = slope @ fit.covariance @ slope + fit.spread**2 * (count - number) / count**2
+    variance += MODEL_ERROR**2
     # Gains relative to the mean share its errors.
     centred = np.kron(np.eye(2), np.eye(number) - 1.0 / count)
     variances = np.diag(centred @ fit.covariance[8:, 8:] @ centred.T).reshape(2, number)
