@@ -38,6 +38,7 @@ EXPECTED_MISALIGNMENT = np.repeat([0.2, 5e-3], 3)
 MODEL_ERROR = 1e-3
 
 Unknowns = Float64[np.ndarray, "8"]
+Gains = Complex128[np.ndarray, "driven"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,21 +147,21 @@ class _Readings:
         fields *= (far + nearer / distances) * np.exp(1j * self.wavenumber * distances) / distances
         return fields
 
-    def misfit(self, unknowns: Unknowns) -> Float64[np.ndarray, "rows"]:
-        """Return the residual of nominal gains, real parts first; of magnitudes if not phased."""
-        model = self.parts(unknowns).sum(axis=1)
+    def misfit(self, unknowns: Unknowns, gains: Gains) -> Float64[np.ndarray, "rows"]:
+        """Return the residual of given gains, real parts first; of magnitudes if not phased."""
+        model = self.parts(unknowns) @ gains
         if not self.phased:
             return np.real(self.measured) - np.abs(model)
         left = self.measured - model
         return np.concatenate([np.real(left), np.imag(left)])
 
-    def slopes(self, unknowns: Unknowns) -> Float64[np.ndarray, "rows parts"]:
+    def slopes(self, unknowns: Unknowns, gains: Gains) -> Float64[np.ndarray, "rows parts"]:
         """Return the derivatives of the model by the real and then the imaginary parts of ε."""
         parts = self.parts(unknowns)
         if self.phased:
             both = np.hstack([parts, 1j * parts])
             return np.vstack([np.real(both), np.imag(both)])
-        model = parts.sum(axis=1)
+        model = parts @ gains
         along = parts * (model.conj() / np.abs(model))[:, None]
         return np.hstack([np.real(along), -np.imag(along)])
 
@@ -172,15 +173,19 @@ class _Readings:
         unknowns[6:] = np.log(np.abs(scale)), np.angle(scale)
         return error, unknowns
 
-    def fit(self, start: Unknowns, noise: float, spread: float) -> _Fit:
-        """Fit the unknowns to the residual of the best ε, which are linear in the misfit."""
-        slopes = self.slopes(start)
+    def fit(self, before: _Fit) -> _Fit:
+        """Fit the unknowns to the residual of the best ε, about which the model is made linear."""
+        noise = before.noise
+        spread = before.spread
+        gains = 1.0 + before.deviations.reshape(2, -1).T @ [1.0, 1.0j]
+        slopes = self.slopes(before.unknowns, gains)
+        offset = slopes @ before.deviations
         rows, parts = slopes.shape
         if_known = np.linalg.inv(slopes.T @ slopes / noise**2 + np.eye(parts) / spread**2)
         solution = if_known @ slopes.T / noise**2
 
         def residual(unknowns: Unknowns) -> Float64[np.ndarray, "residuals"]:
-            misfit = self.misfit(unknowns)
+            misfit = self.misfit(unknowns, gains) + offset
             deviations = solution @ misfit
             return np.concatenate(
                 [
@@ -193,7 +198,7 @@ class _Readings:
             )
 
         scales = np.array([*(0.1 * EXPECTED_MISALIGNMENT), 0.1, 0.1])
-        found = least_squares(residual, start, x_scale=scales, ftol=1e-6, max_nfev=50)
+        found = least_squares(residual, before.unknowns, x_scale=scales, ftol=1e-6, max_nfev=50)
         deviations = spread * found.fun[rows : rows + parts]
         # The best ε follow the unknowns, and are uncertain even for known unknowns.
         follows = np.vstack([np.eye(8), spread * found.jac[rows : rows + parts]])
@@ -201,7 +206,7 @@ class _Readings:
         covariance[8:, 8:] += if_known
         squares = deviations @ deviations + np.trace(covariance[8:, 8:])
         left = noise * found.fun[:rows]
-        free = max(rows - np.sum(solution * slopes.T) - len(start), 1.0)
+        free = max(rows - np.sum(solution * slopes.T) - 8, 1.0)
         return _Fit(
             found.x,
             deviations,
@@ -271,12 +276,13 @@ def calibrate_from_scans(
     )
     # Phases of a tilted plane are ambiguous by 2π, so the best of 25 tilts is the start.
     tilts = product(np.radians([-8.0, -4.0, 0.0, 4.0, 8.0]), repeat=2)
-    _, start = min(map(readings.start, tilts), key=lambda start: start[0])
+    _, unknowns = min(map(readings.start, tilts), key=lambda start: start[0])
     # The spread is not known before the misalignment is.
-    fit = replace(readings.fit(start, 0.1, 0.1), spread=0.1)
+    start = _Fit(unknowns, np.zeros(2 * number), np.zeros((8, 8)), 0.1, 0.1)
+    fit = replace(readings.fit(start), spread=0.1)
     for _ in range(15):
         before = fit
-        fit = readings.fit(before.unknowns, before.noise, before.spread)
+        fit = readings.fit(before)
         step = np.abs(fit.unknowns - before.unknowns)
         if (step < 0.05 * np.sqrt(np.diag(fit.covariance)[:8])).all():
             break
