@@ -107,7 +107,7 @@ def test_a_link_that_cannot_be_elsewhere_is_here_and_says_so() -> None:
 
     link = Local()
     emission = at.Emission(link, cap=1.0, ramp=0.0)
-    with pytest.warns(UserWarning, match="go on emitting"):
+    with pytest.warns(UserWarning, match="keep emitting"):
         emission.__enter__()
     assert emission.process is None
     emission.send(tone())

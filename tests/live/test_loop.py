@@ -1,6 +1,7 @@
 """The live loop on a virtual clock: sound follows, fades and rises, and what is not safe is silent."""
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -103,6 +104,28 @@ def test_a_hand_that_is_not_seen_fades_in_time_and_rises_again(example_scene, cl
     fading = times[(times > last + MAX_FRAME_AGE) & (times <= silent)]
     assert len(fading) > 3
     assert np.diff(fading).min() > 0.99 * MIN_INTERVAL
+
+
+class Interrupting:
+    """Ctrl-C while this object is deleted, where Python drops the exception."""
+
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_ctrl_c_ends_the_loop_even_where_python_drops_the_exception(example_scene, clock):
+    class Deleting(Kept):
+        def send(self, amplitudes, at=None) -> None:
+            if len(self.sent) == 30:
+                Interrupting()
+            super().send(amplitudes, at)
+
+    handler = signal.getsignal(signal.SIGINT)
+    done, output = followed(example_scene, clock, reaching_recording(), Deleting(clock))
+    assert done.seconds < 1.0
+    assert not loudness(output)[-1]
+    assert signal.getsignal(signal.SIGINT) is handler
 
 
 def test_a_pause_is_not_a_busy_loop(example_scene, clock):

@@ -35,8 +35,8 @@ def body(words: str) -> str:
 
 
 HURTFUL = {
-    "nested lists": (PINCH + "x = " + "[" * 400 + "]" * 400, "file_too_large"),
-    "nested tables": (PINCH + "x = " + "{a=" * 400 + "1" + "}" * 400, "file_too_large"),
+    "nested lists": (PINCH + "x = " + "[" * 2000 + "]" * 2000, "file_too_large"),
+    "nested tables": (PINCH + "x = " + "{a=" * 2000 + "1" + "}" * 2000, "file_too_large"),
     "dotted": (PINCH + "[a" + ".a" * 3000 + "]", "file_too_large"),
     "dotted tables in lists": (
         PINCH + "x = " + ("{" + "a." * 30 + "a = ") * 30 + "1" + "}" * 30,

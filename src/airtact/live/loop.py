@@ -1,10 +1,13 @@
 """The live loop, which computes a drive from the newest frame and fades to silence if necessary."""
 
+import signal
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
+from threading import Event, current_thread, main_thread
+from types import FrameType
 
 import numpy as np
 from jaxtyping import Float64
@@ -268,9 +271,9 @@ class _Loop:
         reported = begun
         stream = hands.begin(self.arrived)
         # One thread only: further ones would compete with the solvers for processor cores.
-        with threadpool_limits(1), suppress(KeyboardInterrupt):
+        with threadpool_limits(1), suppress(KeyboardInterrupt), _noticing_ctrl_c() as pressed:
             while (now := time.monotonic()) < begun + duration:
-                if hands.ended and self.silent:
+                if pressed.is_set() or (hands.ended and self.silent):
                     break
                 self.advance(stream.wait(self.patience(min(now + 0.02, begun + duration))))
                 if time.monotonic() - reported >= REPORT_INTERVAL:
@@ -576,6 +579,30 @@ class _Loop:
             state=status.state,
             processes=status.processes,
         )
+
+
+@contextmanager
+def _noticing_ctrl_c() -> Iterator[Event]:
+    """Yield an event that Ctrl-C sets, besides what it does anyway.
+
+    Python drops a ``KeyboardInterrupt`` that is raised while it deletes an object.
+    """
+    pressed = Event()
+    if current_thread() is not main_thread():
+        yield pressed
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def interrupt(kind: int, frame: FrameType | None) -> None:
+        pressed.set()
+        if callable(before):
+            before(kind, frame)
+
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield pressed
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _median(values: Sequence[float]) -> float:

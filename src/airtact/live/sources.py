@@ -121,7 +121,8 @@ class RecordedHands(HandSource):
         """Stop between two frames."""
         self._closed.set()
         if self._thread.ident is not None:
-            self._thread.join()
+            # Ctrl-C may have interrupted a wait between its lock and its release.
+            self._thread.join(timeout=2.0)
 
     def _play(self) -> None:
         begun = time.monotonic()
