@@ -211,7 +211,9 @@ def compare(
     solver: Solver,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Compare drives at the foci in one solve, at full scale and with their phases alone.
+    """Compare the pressures of several drives at the foci, from one solve.
+
+    The pressures are stated at equal peak, at equal energy and with equal phases only.
 
     Parameters
     ----------
@@ -220,7 +222,8 @@ def compare(
     drives : drives by name; the first is the reference for the ratios. The scale of a drive does
         not matter.
     target : the F foci; their requested pressures do not matter.
-    solver : a different or more accurate solver than the one that computed the drives.
+    solver : solver of the field. Use a more accurate solver than that of the drives, or another
+        one.
     progress : called with a description of each step as it begins, such as ``print``.
 
     Returns

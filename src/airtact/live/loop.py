@@ -402,7 +402,7 @@ class _Loop:
         self.frames += 1
 
     def _emit(self, now: float, on: bool) -> None:
-        """Emit the newest drive, or fade the last safe one."""
+        """Emit the newest drive, or fade out the last safe one."""
         self.begun = now
         if on:
             moment = self._made(now)

@@ -94,8 +94,8 @@ class Echoes:
         pressures = _table(self.pressures, "pressures")
         if codes.shape[1] != pressures.shape[1]:
             raise InvalidInput(
-                f"{codes.shape[1]} codes have {pressures.shape[1]} columns of pressures; use one "
-                "column for each code.",
+                f"there are {codes.shape[1]} codes but {pressures.shape[1]} columns of pressures; "
+                "use one column for each code.",
                 code="sizes_differ",
             )
         magnitude = np.abs(codes)

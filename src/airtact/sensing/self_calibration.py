@@ -488,8 +488,8 @@ def _check_linked(
     group = connected_components(by_boards, directed=False)[1]
     if group.any():
         raise InvalidInput(
-            f"board {group.argmax()} of {boards} faces no other within 60 degrees, or has no "
-            "working elements, so its pose cannot be found. Remove it from the array.",
+            f"board {group.argmax()} of {boards} does not face another board within 60 degrees, or "
+            "has no working elements, so its pose cannot be found. Remove it from the array.",
             code="misplaced",
         )
     silent = np.setdiff1d(np.flatnonzero(~pairs.any(axis=0)), dead)

@@ -222,23 +222,28 @@ def compare(
     store: str | Path | None = None,
     progress: Progress | None = None,
 ) -> MethodComparison | Comparison:
-    """Compare all methods for a setup, or the drives of an array like ``evaluation.compare``.
+    """Compare all methods for a setup, or compare drives.
 
-    All methods use one transfer matrix. One more accurate solve verifies their drives. The method
-    of the setup is ignored.
+    With a setup, every method computes a drive from the same transfer matrix, and a more accurate
+    solve verifies all drives. The method of the setup is ignored.
 
-    If drives of another program are given with a setup, they are compared with "best" instead of
-    all methods, and each with ``nearest_drive``: the drive with the smallest changes of phase that
-    brings the weakest focus to 95 % of the bound. Drives that already reach this value stay
-    unchanged.
+    With a setup and drives, for example from another program, the drives are compared with "best",
+    and each also with a mended drive (``nearest_drive``): its phases are changed as little as
+    possible so that the weakest focus gets 95 % of the upper bound.
+
+    With a scene, an array, drives, a target and a solver, the function is ``evaluation.compare``.
 
     Parameters
     ----------
-    scene : a setup; or a scene, together with the next four arguments.
-    array, target, solver : see ``evaluation.compare``.
-    drives : drives by name, see ``evaluation.compare``; optional with a setup.
+    scene : a setup or a scene.
+    array, target, solver : needed with a scene only; see ``evaluation.compare``.
+    drives : drives by name; needed with a scene, optional with a setup.
     store : folder in which solved fields of a setup are stored and reused.
     progress : called with a description of each step as it begins.
+
+    Returns
+    -------
+    The drives with their verified pressures.
 
     Raises
     ------

@@ -334,9 +334,18 @@ def calibrate_from_files(
 
     Parameters
     ----------
+    setup : scene whose array was scanned.
     scan_files : the scans.
-    elements : the element that emitted in each scan, at full scale; none if drives emitted.
-    drive_files : the drive of each scan, or one for all; none for elements or the scene's own.
+    elements : the element that emitted at full scale in each scan; empty if whole drives were
+        emitted.
+    drive_files : the drive emitted in each scan, or one drive for all scans; if both lists are
+        empty, the drive of the scene.
+    microphone : the microphone of the scans.
+    progress : called with a description of each step as it begins.
+
+    Returns
+    -------
+    The calibrated array, its sensitivity and the pose of the scans, each with its deviation.
 
     Raises
     ------

@@ -260,7 +260,7 @@ def _nano16() -> Board:
 
 
 def _openmpd() -> Board:
-    """Lay out 16 by 16 cells, columns from the top; its pins come in blocks of 4 (x) by 2 (y)."""
+    """Place 16 x 16 cells column by column from the top; pins are in blocks of 4 (x) by 2 (y)."""
     # Pins within a block by column and row (``board_6.pat``).
     columns, rows = np.divmod(np.arange(256), 16)
     pins = np.array([[1, 5], [0, 4], [3, 6], [2, 7]])

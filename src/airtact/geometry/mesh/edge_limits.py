@@ -130,7 +130,7 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
 
 
 def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSizes:
-    """Longest edge at each vertex: twice the distance from its sharp edge to the next one.
+    """Return the longest edge at each vertex: twice the distance between neighbouring sharp edges.
 
     Vertices that are not on sharp edges get ``largest``. Near a corner the limit is smaller,
     because the other edge of the corner is close.
