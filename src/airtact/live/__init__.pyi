@@ -4,8 +4,13 @@ from .drives.touching import TouchAware as TouchAware
 from .loop import Followed as Followed
 from .loop import Status as Status
 from .loop import follow as follow
+from .messages import ClearMessage as ClearMessage
 from .messages import ContactState as ContactState
+from .messages import FociMessage as FociMessage
+from .messages import FocusMessage as FocusMessage
 from .messages import FocusState as FocusState
+from .messages import HandsMessage as HandsMessage
+from .messages import ObjectsMessage as ObjectsMessage
 from .messages import StateMessage as StateMessage
 from .messages import message_schema as message_schema
 from .moment import Controls as Controls

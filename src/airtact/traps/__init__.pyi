@@ -1,3 +1,4 @@
+from .gorkov import Bead as Bead
 from .gorkov import force as force
 from .gorkov import potential as potential
 from .gorkov import stiffness as stiffness
