@@ -55,6 +55,7 @@ numpydoc_show_class_members = False  # autodoc shows them
 # A reference without a target is an error. These packages are not documented here.
 nitpicky = True
 nitpick_ignore_regex = [
+    (r"py:.*", r"msgspec\..*"),
     (
         "py:.*",
         r"(collections|concurrent|dataclasses|jaxtyping|matplotlib|mpl_toolkits|numpy|np|pathlib|types|typing)\..*",

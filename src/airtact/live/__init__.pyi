@@ -10,6 +10,8 @@ from .messages import FociMessage as FociMessage
 from .messages import FocusMessage as FocusMessage
 from .messages import FocusState as FocusState
 from .messages import HandsMessage as HandsMessage
+from .messages import MoveMessage as MoveMessage
+from .messages import ObjectMessage as ObjectMessage
 from .messages import ObjectsMessage as ObjectsMessage
 from .messages import StateMessage as StateMessage
 from .messages import message_schema as message_schema
