@@ -13,6 +13,7 @@ from .messages import HandsMessage as HandsMessage
 from .messages import MoveMessage as MoveMessage
 from .messages import ObjectMessage as ObjectMessage
 from .messages import ObjectsMessage as ObjectsMessage
+from .messages import PoseMessage as PoseMessage
 from .messages import StateMessage as StateMessage
 from .messages import message_schema as message_schema
 from .moment import Controls as Controls
