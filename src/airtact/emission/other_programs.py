@@ -10,6 +10,7 @@ import io
 import re
 import xml.etree.ElementTree as ElementTree
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +57,8 @@ def read_other(path: Path, board: str | None = None, elements: int | None = None
     if ending == ".xml":
         return _ultraino(path, bytes_of(path))
     if ending == ".xml.gz":
-        return _ultraino(path, _unpacked(path, gzip.GzipFile(fileobj=io.BytesIO(bytes_of(path)))))
+        packed = gzip.GzipFile(fileobj=io.BytesIO(bytes_of(path)))
+        return _ultraino(path, _unpacked(path, packed.read))
     if ending == ".holo":
         return DriveFile(_holograms(path))
     if ending == ".npy":
@@ -70,9 +72,10 @@ def _unreadable(path: Path, why: str) -> InvalidInput:
     return InvalidInput(f"{path.name} {why}.", code="file_unreadable")
 
 
-def _unpacked(path: Path, packed: io.BufferedIOBase) -> bytes:
+def _unpacked(path: Path, read: Callable[[int], bytes]) -> bytes:
+    """Return all unpacked data, given a function that unpacks up to a number of bytes."""
     try:
-        data = packed.read(MAX_UNPACKED + 1)
+        data = read(MAX_UNPACKED + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise _unreadable(path, f"cannot be unpacked: {error}") from None
     if len(data) > MAX_UNPACKED:
@@ -105,12 +108,11 @@ def _table(path: Path) -> Drives:
     names: list[str] = []
     if any(re.match("[a-z]", cell, re.IGNORECASE) for cell in cells[0] if cell.lower() != "nan"):
         names = [cell.strip('"').lower() for cell in cells.pop(0)]
-    widths = {len(row) for row in cells}
     counts = cells[0] if len(cells) > 1 and len(cells[0]) == 2 else []
     acoustools = counts == [str(len(cells) - 1), str(len(cells[-1]))]
     if acoustools:
         cells.pop(0)
-        widths = {len(row) for row in cells}
+    widths = {len(row) for row in cells}
     if len(widths) != 1 or (names and {len(names)} != widths):
         raise InvalidInput(
             f"the lines of {path.name} have different numbers of cells; write one line per "
@@ -195,7 +197,8 @@ def _holograms(path: Path) -> Drives:
     AcousTools orders the elements of a board by x, then y. The result is in the order of OpenMPD's
     boards, as AcousTools writes it to .csv files: the first 256 elements are the upper board.
     """
-    data = _unpacked(path, _ZlibFile(bytes_of(path)))
+    packed = bytes_of(path)
+    data = _unpacked(path, lambda size: zlib.decompressobj().decompress(packed, size))
     if len(data) % 5 or not data:
         raise _unreadable(path, "is not a file of holograms by AcousTools")
     rows = np.frombuffer(data, dtype=np.uint8).reshape(-1, 5)
@@ -213,16 +216,6 @@ def _holograms(path: Path) -> Drives:
     drives = levels[:, 1] / 32.0 * np.exp(2j * np.pi / 32.0 * (levels[:, 0] - 16.0))
     count = drives.shape[1]
     return drives[:, _openmpd_order(count)] if count in (256, 512) else drives
-
-
-class _ZlibFile(io.BufferedIOBase):
-    """Data compressed by zlib, unpacked up to a limit."""
-
-    def __init__(self, data: bytes) -> None:
-        self._data = data
-
-    def read(self, size: int | None = -1) -> bytes:
-        return zlib.decompressobj().decompress(self._data, size or 0)
 
 
 def _openmpd_order(count: int) -> Int64[np.ndarray, "elements"]:

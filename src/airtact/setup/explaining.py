@@ -130,10 +130,9 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
                 "remove foci, or play them in turn",
             )
         )
-    scaled = result.drive.at_full_scale()
     if setup.method != "best" or len(target.suppression_points):
         name = setup.method.replace("_", " ")
-        pressures = np.abs(transfer.pressure(scaled))
+        pressures = np.abs(transfer.pressure(result.drive.at_full_scale()))
         causes.append(Cause(f"the method {name}", pressures, 'use method = "best"'))
     if result.drive.peak < 0.999 or target.phases is not None:
         pressures = np.abs(transfer.pressure(result.drive))
@@ -178,11 +177,11 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
 def _advice(causes: list[Cause]) -> str:
     """State which removable cause takes the largest share of the weakest focus."""
     weakest = int(causes[-1].pressures.argmin())
-    best_gain = 1.0
+    best_gain = 1.1
     words = "No single change would bring more than 10 %: use more or nearer boards."
     for before, cause in pairwise(causes):
         gain = float(before.pressures[weakest] / max(cause.pressures[weakest], 1e-9))
-        if cause.remedy and gain > max(best_gain, 1.1):
+        if cause.remedy and gain > best_gain:
             best_gain = gain
             words = (
                 f"The largest loss is {cause.name}: without it the weakest focus would have "

@@ -26,6 +26,23 @@ def solved_for(scene: LiveScene) -> list[Rule]:
     return ["carried"] if many and scene.moving is None else ["phalanges", "hand"]
 
 
+def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints] | None:
+    """Return the joints at a time (25, 3) [m] and their velocities [m/s]; None without a hand.
+
+    Raises
+    ------
+    InvalidInput
+        If the prediction is not a hand.
+    """
+    landmarks = predictor.at(time).landmarks
+    if landmarks is None:
+        return None
+    joints = joints_of(landmarks)
+    # Velocities of the joints from the motion of the landmarks within 20 ms.
+    later = landmarks + 0.02 * predictor.velocities()
+    return joints, (joints_of(later, tolerance=1.0) - joints) / 0.02
+
+
 class HandAware(DriveMaker):
     """Computes drives that account for the hand.
 
@@ -105,13 +122,10 @@ class HandAware(DriveMaker):
         if self._newest is None:
             return silent_moment(self._scene, time, time)
         try:
-            frame = self._predictor.at(time)
-            if frame.landmarks is None:
+            predicted = predicted_joints(self._predictor, time)
+            if predicted is None:
                 return silent_moment(self._scene, time, self._newest.time)
-            joints = joints_of(frame.landmarks)
-            # Velocities of the joints from the motion of the landmarks within 20 ms.
-            later = frame.landmarks + 0.02 * self._predictor.velocities()
-            velocities = (joints_of(later, tolerance=1.0) - joints) / 0.02
+            joints, velocities = predicted
             # The solvers pause while noise makes their solutions useless.
             places = len(self._scene.places)
             if worth_solving(self._parts, self._predictor.noise, places):

@@ -9,11 +9,12 @@ from jaxtyping import Float64
 
 from airtact.errors import InvalidInput
 from airtact.hands.hand import Hand, Side
-from airtact.hands.joints import Point, joints_of
+from airtact.hands.joints import Point
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.prediction import AGILITY, Predictor
 from airtact.live.drives.bending import Bones, bones_of
 from airtact.live.drives.factors import OpenAir
+from airtact.live.drives.maker import predicted_joints
 from airtact.live.drives.moving import turned_towards
 from airtact.live.drives.moving_skin import MovingSkin
 from airtact.live.drives.skin_solver import SkinFactors, SkinRequest
@@ -249,13 +250,10 @@ class TouchAware(DriveMaker):
         if tracked.newest is None:
             return False
         try:
-            frame = tracked.predictor.at(time)
-            if frame.landmarks is None:
+            predicted = predicted_joints(tracked.predictor, time)
+            if predicted is None:
                 return False
-            joints = joints_of(frame.landmarks)
-            # Velocities of the joints from the motion of the landmarks within 20 ms.
-            later = frame.landmarks + 0.02 * tracked.predictor.velocities()
-            tracked.velocities = (joints_of(later, tolerance=1.0) - joints) / 0.02
+            joints, tracked.velocities = predicted
             hand = hand_in(self._scene, joints, side)
             tracked.skin = tracked.moving.at(hand)
         except InvalidInput as fault:
