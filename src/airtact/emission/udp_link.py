@@ -14,9 +14,6 @@ from airtact.emission.autd3_link import INTENSITY_FADE, PERIODS, PHASE_FADE, AUT
 from airtact.errors import InvalidInput, extra
 from airtact.geometry.pose import Pose
 
-# Number of times that a frame is sent if a board does not answer.
-TRIES = 3
-
 
 class UDPLink(AUTD3Boards):
     """A chain of AUTD3 boards with firmware 0.12, in order.
@@ -262,7 +259,7 @@ class UDPLink(AUTD3Boards):
         return (banks.B0, banks.B1)[self._bank]
 
     def _deliver(self, command: Any) -> None:
-        for left in reversed(range(TRIES)):
+        for left in reversed(range(3)):  # a frame is sent 3 times if a board does not answer
             try:
                 self._done(lambda: self._client.send(command))
                 break

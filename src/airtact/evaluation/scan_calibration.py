@@ -34,9 +34,6 @@ from airtact.transducers.layout import PhasedArray
 # Expected misalignment of a stage: three turns [rad] and three shifts [m]
 EXPECTED_MISALIGNMENT = np.repeat([0.2, 5e-3], 3)
 
-# Relative error of the modelled field of a piston within 30 degrees of its axis, by a finer rule
-MODEL_ERROR = 1e-3
-
 Unknowns = Float64[np.ndarray, "8"]
 Gains = Complex128[np.ndarray, "driven"]
 
@@ -304,7 +301,8 @@ def calibrate_from_scans(
     # The mean gain changes with the scale, with ε, and with the elements that do not emit.
     slope = np.concatenate([np.eye(8)[6], np.repeat([1.0 / count, 0.0], number)])
     variance = slope @ fit.covariance @ slope + fit.spread**2 * (count - number) / count**2
-    variance += MODEL_ERROR**2
+    # Relative error of the model of a piston within 30 degrees of its axis, by a finer rule
+    variance += 1e-3**2
     # Gains relative to the mean share its errors.
     centred = np.kron(np.eye(2), np.eye(number) - 1.0 / count)
     variances = np.diag(centred @ fit.covariance[8:, 8:] @ centred.T).reshape(2, number)

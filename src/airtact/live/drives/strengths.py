@@ -9,9 +9,6 @@ from airtact.drives.methods import METHODS
 from airtact.drives.transfer import TransferMatrix
 from airtact.live.scene import Amplitudes, Foci, LiveScene, Rows
 
-# A focus below this strength is off: nobody feels it, but it would cost the others pressure.
-MIN_STRENGTH = 0.01
-
 
 def balanced(
     scene: LiveScene,
@@ -39,7 +36,8 @@ def balanced(
     """
     folded = scene.with_images.folded(rows)
     attainable = np.abs(folded).sum(axis=1)
-    on = np.flatnonzero(strengths > MIN_STRENGTH)
+    # Nobody feels a weaker focus, but it would cost the others pressure.
+    on = np.flatnonzero(strengths > 0.01)
     apart = 0.25 * scene.medium.wavelength(scene.frequency)
     chosen: list[int] = []
     for index in on[np.argsort(-strengths[on], kind="stable")].tolist():

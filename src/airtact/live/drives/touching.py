@@ -39,20 +39,8 @@ from airtact.touch.state import TouchState
 # Time in which a focus rises from silence to full strength, or falls [s].
 RAMP = 20e-3
 
-# Skin nearer to an object than this gets a beacon before it touches [m].
-EARLY = 15e-3
-
 # Distance of the foci of contacts from the skin [m].
 OFFSET = 0.5e-3
-
-# Foci of applications that are nearer to the skin than this are affected by it [m].
-NEAR_SKIN = 20e-3
-
-# Older solutions are not used [s].
-MAX_AGE = 0.25
-
-# Largest number of beacons on a hand.
-MOST_BEACONS = 12
 
 
 @dataclass(eq=False)
@@ -332,7 +320,7 @@ class TouchAware(DriveMaker):
                         point,
                         code="inside_body",
                     )
-                if depth > -NEAR_SKIN:
+                if depth > -20e-3:  # [m]; the skin affects the focus
                     side = one
         fault = self._workspace.out_of_reach(point[None])
         if fault is not None:
@@ -347,13 +335,14 @@ class TouchAware(DriveMaker):
             assert tracked.skin is not None
             own = [foci.points[index] for index, one in enumerate(foci.sides) if one == side]
             # These points need not be exact.
-            found = find(replace(tracked.skin, look=None), self._objects, EARLY)
+            # Skin within 15 mm of an object gets a beacon before it touches.
+            found = find(replace(tracked.skin, look=None), self._objects, 15e-3)
             early = found.points + OFFSET * found.normals
             # The nearest to an object first.
             for point in early[np.argsort(-found.depths)]:
                 if all(np.linalg.norm(point - other) > 2e-3 for other in own):
                     own.append(point)
-            own = own[:MOST_BEACONS]
+            own = own[:12]  # beacons on a hand, at most
             points += own
             owners += [SIDES.index(side)] * len(own)
         if points:
@@ -393,7 +382,8 @@ class TouchAware(DriveMaker):
             return replace(moment, pressures=np.zeros(0))
         rows = self._open_air.rows(points)
         solution = self._factors
-        if solution is not None and not controls.ignore_hand and time - solution.time < MAX_AGE:
+        # A solution older than 0.25 s no longer fits the pose.
+        if solution is not None and not controls.ignore_hand and time - solution.time < 0.25:
             bones: dict[Side, Bones] = {
                 side: bones_of(tracked.hand) for side, tracked in seen.items() if tracked.hand
             }
