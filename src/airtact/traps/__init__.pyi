@@ -4,6 +4,7 @@ from .gorkov import potential as potential
 from .gorkov import stiffness as stiffness
 from .holding import Trap as Trap
 from .holding import hold as hold
+from .momentum import body_force as body_force
 from .moving import path as path
 from .search import Verdict as Verdict
 from .search import find as find

@@ -101,8 +101,7 @@ def potential(
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points"]:
     """Return Gor'kov's potential (P,) of a bead [J]; ``force`` describes the arguments."""
-    bead = bead_of(scene, radius, density, sound_speed)
-    field = trap_field(scene, array, drive, points, solver)
+    field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     sound = derivatives(field, points, bead)
     a, b = bead.factors(scene)
     return a * np.abs(sound.pressure) ** 2 - b * np.sum(np.abs(sound.first) ** 2, axis=1)
@@ -131,7 +130,7 @@ def force(
     array : the transducers in the scene's frame, see ``PhasedArray.seen_from``.
     drive : the drive of the array.
     points : (P, 3) centres of the bead [m].
-    radius : radius of the bead [m], up to an eighth of a wavelength.
+    radius : radius of the bead [m], up to an eighth of a wavelength; ``body_force`` has no limit.
     density, sound_speed : of the bead [kg/m³, m/s]; by default expanded polystyrene.
     solver : by default open air in closed form if the scene has no body, otherwise boundary
         elements.
@@ -158,8 +157,7 @@ def force(
     >>> bool(pull[0, 1] < 0.0)
     True
     """
-    bead = bead_of(scene, radius, density, sound_speed)
-    field = trap_field(scene, array, drive, points, solver)
+    field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return force_of(derivatives(field, points, bead), bead, scene)
 
 
@@ -178,8 +176,7 @@ def stiffness(
     It has the second derivatives of the potential, ∂²U/∂x_i∂x_j = −∂F_i/∂x_j, which are positive
     along an axis if the force drives the bead back.
     """
-    bead = bead_of(scene, radius, density, sound_speed)
-    field = trap_field(scene, array, drive, points, solver)
+    field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return stiffness_of(derivatives(field, points, bead), bead, scene)
 
 
@@ -187,7 +184,10 @@ def bead_of(scene: Scene, radius: float, density: float, sound_speed: float) -> 
     """Return the bead, or raise ``InvalidInput`` if a number is out of range."""
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     # At this limit the force is already 40 % too large.
-    slip = "Gor'kov's potential is for beads up to a quarter of a wavelength across."
+    slip = (
+        "Gor'kov's potential is for beads up to a quarter of a wavelength across. For larger ones "
+        "use at.traps.body_force."
+    )
     radius = within(radius, 0.0, scene.wavelength / 8.0, "the radius of a bead", "m", slip)
     return Bead(radius, Medium(sound_speed, density))
 
@@ -197,16 +197,22 @@ def default_solver(scene: Scene) -> Solver:
     return BoundaryElement() if scene.obstacles else FreeField()
 
 
-def trap_field(
+def solved(
     scene: Scene,
     array: PhasedArray,
     drive: Drive,
     points: Real[np.ndarray, "points 3"],
+    radius: float,
+    density: float,
+    sound_speed: float,
     solver: Solver | None,
-) -> RadiatedField:
-    """Solve for the field of a drive; the points must be in front of the elements."""
+) -> tuple[RadiatedField, Float64[np.ndarray, "points 3"], Bead]:
+    """Check the arguments of ``force`` and solve for the field of the drive."""
+    bead = bead_of(scene, radius, density, sound_speed)
+    points = points_of(points, "bead points")
     solver = solver or default_solver(scene)
-    return radiate_drives(scene, array, [drive], solver, foci=points_of(points, "bead points"))
+    # The points are foci, because they must be in front of the elements.
+    return radiate_drives(scene, array, [drive], solver, foci=points), points, bead
 
 
 def derivatives(

@@ -8,16 +8,15 @@ from jaxtyping import Float64, Real
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.drives.drive import Drive
-from airtact.errors import in_mm, one_line, points_of
+from airtact.errors import in_mm, one_line
 from airtact.transducers.layout import PhasedArray
 from airtact.traps.gorkov import (
     Bead,
-    bead_of,
     clearances,
     derivatives,
     force_of,
+    solved,
     stiffness_of,
-    trap_field,
 )
 
 
@@ -117,9 +116,7 @@ def verdict(
     >>> result.balanced, result.stiffness.shape
     (True, (3, 3))
     """
-    bead = bead_of(scene, radius, density, sound_speed)
-    points = points_of(points, "bead points")
-    return judge(trap_field(scene, array, drive, points, solver), points, bead)
+    return judge(*solved(scene, array, drive, points, radius, density, sound_speed, solver))
 
 
 def judge(
@@ -176,9 +173,7 @@ def find(
     A row is NaN if there is no minimum within half a wavelength. The weight of the bead is not
     included: it lowers the bead by weight over stiffness.
     """
-    bead = bead_of(scene, radius, density, sound_speed)
-    starts = points_of(points, "bead points")
-    field = trap_field(scene, array, drive, starts, solver)
+    field, starts, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return np.stack([descend(field, start, bead) for start in starts])
 
 

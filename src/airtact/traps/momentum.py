@@ -1,0 +1,120 @@
+"""Force and torque on a body of any size and shape, by the momentum that flows towards it.
+
+Source: P. J. Westervelt, "Acoustic radiation pressure", J. Acoust. Soc. Am. 29, 26 (1957).
+"""
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.integrate import lebedev_rule
+
+from airtact.acoustics.scene import Obstacle, Scene
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.fem.solver import FiniteElement
+from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.drives.drive import Drive
+from airtact.errors import InvalidInput, Vector, in_mm, of_kind, point_of
+from airtact.evaluation.field import radiate_drives
+from airtact.evaluation.radiation import radiation_pressure
+from airtact.geometry.primitives import Capsule
+from airtact.transducers.layout import PhasedArray
+
+
+def body_force(
+    scene: Scene,
+    array: PhasedArray,
+    drive: Drive,
+    body: Obstacle,
+    about: Vector | None = None,
+    solver: Solver | None = None,
+) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+    """Return the radiation force and torque on a body of any size and shape.
+
+    The body is added to the scene, and the sound that it scatters is solved, including its
+    reflections from the other bodies. Force and torque are the mean flux of momentum through a
+    sphere around the body. Streaming, viscosity and weight are not included.
+
+    Parameters
+    ----------
+    scene : the air and the other bodies.
+    array : the transducers in the scene's frame.
+    drive : the drive of the array.
+    body : the body, such as ``sound_hard(sphere(2e-3, 1e-3))``. A sphere of another fluid also
+        represents a light solid, such as expanded polystyrene.
+    about : (3,) point of the torque [m]; by default the middle of the body.
+    solver : by default the series of a sphere if the body is a sphere in open air, finite elements
+        if the body or another one is filled, otherwise boundary elements at 1 %.
+
+    Returns
+    -------
+    (3,) force [N] and (3,) torque [N·m].
+
+    Raises
+    ------
+    InvalidInput
+        If another body, a plane or an element is in the smallest sphere around the body, or within
+        1/50 of a wavelength of it; or for the reasons listed in ``at.field_map``.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> places = np.array([[0, -0.1, 0], [0, 0.1, 0]])
+    >>> pair = PhasedArray(places, element=at.monopole())
+    >>> ball = at.sound_hard(at.sphere(2e-3, 1e-3, (0, 1e-3, 0)))
+    >>> force, torque = body_force(Scene(at.air()), pair, Drive(np.array([1, -1 + 0j])), ball)
+    >>> bool(force[1] < 0.0), bool(np.abs(torque).max() < 1e-6 * 2e-3 * np.abs(force).max())
+    (True, True)
+    """
+    of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
+    of_kind(body, Obstacle, "the body", "sound_hard(surface) or filled(surface, medium)")
+    shape = body.surface.shape
+    whole = Scene(scene.medium, [*scene.obstacles, body], scene.frequency, scene.planes)
+    if solver is None:
+        alone = not scene.obstacles and not scene.planes
+        if alone and isinstance(shape, Capsule) and shape.length == 0.0:
+            solver = SphereSeries()
+        elif any(obstacle.boundary == "filled" for obstacle in whole.obstacles):
+            solver = FiniteElement()
+        else:
+            solver = BoundaryElement(accuracy=0.01)
+
+    # The smallest sphere around the middle of the body, from its farthest points in many directions
+    ends = np.array([shape.farthest(way) for way in np.concatenate([np.eye(3), -np.eye(3)])])
+    centre = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
+    directions = lebedev_rule(17)[0].T
+    tips = np.array([shape.farthest(way) for way in directions])
+    smallest = np.linalg.norm(tips - centre, axis=1).max()
+
+    # The flux of the arriving sound cancels in the sum, so the sphere should be small. It stays
+    # clear of the other bodies, because the field is least exact at surfaces.
+    middle = centre[None]
+    heights = [plane.height(middle)[0] for plane in scene.planes]
+    nearest = np.linalg.norm(array.face_points.reshape(-1, 3) - centre, axis=1).min()
+    free = min(nearest, -scene.depth(middle)[0], *heights, np.inf) - smallest
+    if free < scene.wavelength / 50.0:
+        raise InvalidInput(
+            f"the smallest sphere around the body at {in_mm(centre)} has a radius of "
+            f"{1e3 * smallest:.3g} mm and touches another body, a plane or an element. Move the "
+            "body away from it.",
+            centre,
+            code="bodies_overlap",
+        )
+    radius = smallest + min(0.5 * free, smallest, scene.wavelength / 8.0)
+
+    # The flux has twice the order of the field. Waves of order kr + 10 and more are below 1e-6.
+    orders = np.array([17, 23, 29, 41, 53, 65, 83, 101, 131])
+    needed = 2.0 * (scene.wavenumber.real * radius + 10.0)
+    columns, weights = lebedev_rule(int(orders[min(np.searchsorted(orders, needed), 8)]))
+    normals = columns.T
+    field = radiate_drives(whole, array, [drive], solver)
+    points = centre + radius * normals
+    pressure = field.at(points)[:, 0]
+    velocity = field.velocity(points)[:, :, 0]
+    through = np.sum(velocity * normals, axis=1)
+    carried = 0.5 * scene.medium.density * (velocity.conj() * through[:, None]).real
+    push = radiation_pressure(pressure, velocity, scene.medium)[:, None] * normals + carried
+    force = -(radius**2) * weights @ push
+    torque = -(radius**3) * weights @ np.cross(normals, push)
+    if about is not None:
+        torque = torque + np.cross(centre - point_of(about, "the point of the torque"), force)
+    return force, torque
