@@ -1,7 +1,7 @@
 """Random samples drawn from an uncertainty: motions, air and transducer gains.
 
-Motions and air are drawn from quasi-random numbers, gains from pseudo-random ones. The seed
-determines both.
+Motions and air properties are sampled with quasi-random numbers, transducer gains with
+pseudo-random numbers. The seed determines both.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ class Draw:
     hand : motion of the whole hand in the obstacles' frame.
     groups : motion of each group of foci, and of the body that carries it, applied before the
         motion of the whole hand.
-    skin : (F, 2) shift of each focus along its surface, in two directions [m].
+    skin : (F, 2) shift of each focus along its surface, in two tangential directions [m].
     slower : ratio of the wavenumber to the nominal wavenumber.
     """
 
@@ -46,14 +46,15 @@ def draws(
     groups: Sequence[Real[np.ndarray, "3"]],
     foci: int,
 ) -> Iterator[Draw]:
-    """Draw samples; the hand rotates about ``middle`` [m], each group about its pivot [m].
+    """Yield random samples of an uncertainty, one ``Draw`` at a time.
 
-    The random numbers for the hand, the air and the foci do not depend on how foci are grouped.
+    The hand rotates about ``middle`` [m], and each group of foci about its pivot in ``groups`` [m].
+    The random numbers for the hand, the air and the foci do not depend on how the foci are grouped.
     """
     from scipy.stats import qmc
 
     motions = 1 + max(foci, len(groups))
-    # Six numbers for each motion: three for the shift, two for the axis and one for the angle.
+    # Each motion uses six numbers: three for the shift, two for the axis and one for the angle.
     count = 6 * motions + 3 + 2 * foci
     # Scrambled Sobol points (A. B. Owen, J. Complexity 14, 466 (1998)), a power of 2 of them.
     sequence = qmc.Sobol(count, scramble=True, rng=np.random.default_rng(seed))
@@ -81,7 +82,7 @@ def draws(
 def gains(
     uncertainty: Uncertainty, samples: int, seed: int, elements: int
 ) -> Complex128[np.ndarray, "samples elements"] | None:
-    """Draw an independent gain factor for each element; return None if all are 1."""
+    """Draw a random gain factor for every element of every sample; return None if all are 1."""
     if not (uncertainty.gain or uncertainty.phase or uncertainty.dead):
         return None
     # Quasi-random points lose their advantage in hundreds of dimensions.
@@ -95,11 +96,11 @@ def gains(
 def _motion(
     numbers: Real[np.ndarray, "6"], position: float, degrees: float, pivot: Real[np.ndarray, "3"]
 ) -> Pose:
-    """Return a random shift and rotation about a pivot, both with normal distributions."""
+    """Return a normally distributed shift and rotation about a pivot."""
     if not (position or degrees):
         return Pose.identity()
     shift = position * ndtri(numbers[:3])
-    # Axes are uniform on the sphere: uniform in height and in azimuth (Archimedes).
+    # An axis is uniform on the sphere if its height and azimuth are uniform (Archimedes).
     height = 2.0 * numbers[3] - 1.0
     around = 2.0 * np.pi * numbers[4]
     flat = np.sqrt(1.0 - height**2)
@@ -114,7 +115,7 @@ def _slower(kelvin: float, humidity: float) -> float:
     """Ratio of the wavenumber in warmer, more humid air to that at 20 °C and 50 % humidity."""
     if not (kelvin or humidity):
         return 1.0
-    # ``air`` is valid from −20 to 50 °C, so rare draws beyond that are clipped.
+    # ``air`` is valid from −20 to 50 °C, so the rare draws outside this range are clipped.
     warmer = air(
         celsius=float(np.clip(20.0 + kelvin, -20.0, 50.0)),
         humidity=float(np.clip(0.5 + humidity, 0.0, 1.0)),

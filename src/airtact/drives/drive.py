@@ -26,13 +26,13 @@ class Drive:
 
     Attributes
     ----------
-    amplitudes : (E,) complex amplitudes d of E elements, |d| = 1 at full scale; an element emits
-        Re[d e^{−iωt}].
+    amplitudes : (E,) complex amplitude d of each of the E elements. An element emits Re[d
+        e^{−iωt}]; |d| = 1 is full scale.
 
     Raises
     ------
     InvalidInput
-        If there is no element, a number is not finite, or a magnitude exceeds 1.
+        If the array is empty, a number is not finite, or a magnitude exceeds 1.
     """
 
     amplitudes: Amplitudes
@@ -62,10 +62,11 @@ class Drive:
             count = counted(int(np.sum(magnitudes > FULL_SCALE)), "element is", "elements are")
             raise InvalidInput(
                 f"{count} driven above full scale; the largest amplitude is "
-                f"{magnitudes.max():.4g}. Divide the drive by it.",
+                f"{magnitudes.max():.4g}. Divide the drive by this value.",
                 code="over_full_scale",
             )
-        # Read-only, since drives are shared and their magnitudes are checked only here.
+        # The array is read-only because drives are shared and their magnitudes are checked only
+        # here.
         amplitudes.flags.writeable = False
         object.__setattr__(self, "amplitudes", amplitudes)
 
@@ -89,7 +90,7 @@ class Drive:
 
     @property
     def energy(self) -> float:
-        """Σ|d|² over the elements."""
+        """Sum of |d|² over the elements."""
         return float(np.sum(np.abs(self.amplitudes) ** 2))
 
     @property
@@ -108,7 +109,7 @@ class Drive:
     def factor_to_match(
         self, reference: "Drive", held_equal: Literal["energy", "peak"] = "energy"
     ) -> float:
-        """Return the factor that scales this drive to the energy or the peak of another.
+        """Return the factor that scales this drive to the energy or the peak of another drive.
 
         Parameters
         ----------
@@ -142,15 +143,16 @@ class Drive:
 
         Parameters
         ----------
-        path : file that ends in .h5 (all data) or in .csv (a table of the elements, which needs the
-            array). The file appears only when it is complete.
-        array : the transducers of the drive; emission to boards needs it.
-        scene : its frequency and medium are stored.
-        transfer : pressure at the foci per unit drive. ``emit`` computes the cost of rounding from
-            it.
+        path : file name that ends in .h5 (stores all data) or .csv (a table of the elements, which
+            requires ``array``). The file appears only once it is complete.
+        array : the array that the drive was computed for; emission to boards requires it.
+        scene : the scene whose frequency and medium are stored.
+        transfer : pressure at the foci per unit drive. ``emit`` uses it to compute the pressure
+            lost by rounding.
         target : the foci.
-        levels : amplitudes and phases; the file also contains the drive rounded to them.
-        modulation : amplitude modulation to emit the drive with; not stored in a .csv.
+        levels : amplitude and phase levels of the boards; the file also contains the drive rounded
+            to these levels.
+        modulation : amplitude modulation applied during emission; a .csv file does not store it.
         texts : additional texts by name, such as the text of the scene file.
 
         Raises
@@ -192,18 +194,22 @@ def check_drive(drive: Drive, name: str) -> None:
 
 
 def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:
-    """Round every element to an amplitude level and a phase level (section 3.4 of the paper).
+    """Round the amplitude and phase of every element to a level (section 3.4 of the paper).
 
-    With 256 levels of each, the amplitude byte is round(255 |d|) and the phase byte round(256
-    arg(d) / 2π) modulo 256. An element whose amplitude level is 0 is off and gets phase level 0, so
-    ``quantise(frame.drive(), frame.levels)`` returns the same frame. With only two amplitudes,
-    every element above a thousandth of full scale is set to full scale, as in
+    With 256 levels of each, the amplitude byte is round(255 |d|) and the phase byte is
+    round(256 arg(d) / 2π) modulo 256. An element with amplitude level 0 is off and gets phase level
+    0, so ``quantise(frame.drive(), frame.levels)`` returns the same frame. With only two amplitude
+    levels, every element above a thousandth of full scale is set to full scale, as in
     ``drive.phase_only()``.
 
     Parameters
     ----------
     drive : the drive to round.
-    levels : the amplitudes and phases that the board can emit.
+    levels : the amplitude and phase levels that the board can emit.
+
+    Returns
+    -------
+    The ``Frame`` of rounded levels, two bytes per element.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""HDF5 files of drives and sequences with all data for their emission, and .csv tables of drives.
+"""HDF5 files of drives and sequences with all data needed to emit them, and .csv tables of drives.
 
-Version 1 of the HDF5 files has these datasets; those in brackets are optional:
+Version 1 of the HDF5 files has these datasets; those in parentheses are optional:
 
 - ``format_version``; ``modulation``: "none" if the frames are emitted as they are, "am" for a
   drive whose amplitude varies with ``modulation_frequency`` [Hz] and ``modulation_depth``, as in
@@ -92,13 +92,13 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class DriveFile:
-    """The contents of a drive or sequence file; attributes that the file lacks are None.
+    """Contents of a drive or sequence file. Attributes for missing datasets are None.
 
     Attributes
     ----------
-    drives : (N, E) amplitude of each element in each frame; one frame for a drive.
+    drives : (N, E) complex amplitude of each element in each frame; a drive has one frame.
     rate : frames per second of a sequence; None for a drive.
-    levels : amplitudes and phases; the file also contains the drives rounded to them.
+    levels : amplitude and phase levels; the file also contains the drives rounded to them.
     sensitivity : peak pressure of a transducer at full scale, 1 m away on its axis [Pa·m].
     modulation : variation of a drive's amplitude during its emission.
     """
@@ -121,15 +121,16 @@ class DriveFile:
     modulation: AmplitudeModulation | None = None
 
     def frame_rate(self, rate: float | None = None) -> float | None:
-        """Return ``rate``, or by default the rate in the file, which is None for a drive.
+        """Return ``rate`` if it is not None, and otherwise the rate in the file.
 
-        It raises ``InvalidInput`` with the code "data_missing" if there are several frames but no
-        rate.
+        The rate of a drive is None. If there are several frames but no rate, the method raises
+        ``InvalidInput`` with the code "data_missing".
         """
         rate = self.rate if rate is None else rate
         if rate is None and len(self.drives) > 1:
             raise InvalidInput(
-                f"{len(self.drives)} frames need a rate, in frames/s.", code="data_missing"
+                f"a sequence of {len(self.drives)} frames needs a rate [frames/s].",
+                code="data_missing",
             )
         return rate
 
@@ -147,7 +148,7 @@ def save_drives(
     texts: Mapping[str, str] | None,
     modulation: AmplitudeModulation | None = None,
 ) -> None:
-    """Write a sequence, or a drive as one frame without a rate."""
+    """Write a sequence, or write a drive as one frame without a rate."""
     of_kind(path, str | Path, "the file of a drive", 'its path, such as "drive.h5"')
     of_kind(levels, Levels, "the levels of a drive", "Levels.even(256, 256)")
     of_kind(modulation, AmplitudeModulation | None, "the modulation", "AmplitudeModulation(200.0)")
@@ -178,8 +179,8 @@ def save_drives(
 def _check_count(count: int, elements: int, name: str) -> None:
     if count != elements:
         raise InvalidInput(
-            f"{name} has {count} elements, but the drive has {elements}. Use the one that the "
-            "drive was made for.",
+            f"{name} has {count} elements, but the drive has {elements}. Use the one for which the "
+            "drive was computed.",
             code="sizes_differ",
         )
 
@@ -187,7 +188,8 @@ def _check_count(count: int, elements: int, name: str) -> None:
 def write_drive_file(path: Path, contents: DriveFile) -> None:
     """Write a drive or a sequence (.h5), or a table of the elements of a drive (.csv).
 
-    It raises ``InvalidInput`` with the code "unknown_format", "data_missing" or "not_writable".
+    The function raises ``InvalidInput`` with the code "unknown_format", "data_missing" or
+    "not_writable".
     """
     ending = checked_ending(path, (".h5", ".csv"), "drive")
     if ending == ".csv":
@@ -220,8 +222,7 @@ def _write_table(path: Path, contents: DriveFile) -> None:
     levels = contents.levels
     if positions is None or normals is None or levels is None or contents.rate is not None:
         raise InvalidInput(
-            "a .csv file is a table of one drive and its array. Pass the array, or save a .h5 "
-            "file.",
+            "a .csv file is a table of a drive and its array. Pass the array, or save a .h5 file.",
             code="data_missing",
         )
     (drive,) = contents.drives
@@ -237,7 +238,7 @@ def _write_table(path: Path, contents: DriveFile) -> None:
 def _datasets(contents: DriveFile) -> dict[str, Any]:
     """Return the available datasets of a file by name."""
     drives = contents.drives
-    # A drive is one frame without a rate; in the file its arrays have no axis of frames.
+    # A drive is stored as one frame without a rate, so its arrays have no frame axis.
     if contents.rate is None and len(drives) == 1:
         drives = drives[0]
     datasets = {
@@ -302,7 +303,7 @@ LAYOUT = {
 def read_drive_file(path: Path) -> DriveFile:
     """Read a drive or a sequence (.h5), or the table of a drive (.csv).
 
-    Only ``amplitude`` and ``phase`` must be in the file, and ``index`` in a table.
+    The file must contain ``amplitude`` and ``phase``, and a table also ``index``.
 
     Raises
     ------
@@ -325,7 +326,7 @@ def read_drive_file(path: Path) -> DriveFile:
 
 
 def _read_table(path: Path) -> dict[str, Any]:
-    """Read the lines of a table in the order of their column ``index``."""
+    """Read the rows of a table, sorted by the column ``index``."""
     table = read_text_table(path)
     table.require("index", "amplitude", "phase")
     order = table.order("index")
@@ -337,7 +338,7 @@ def _read_table(path: Path) -> dict[str, Any]:
 
 
 def _parsed(raw: Mapping[str, Any]) -> DriveFile:
-    """Build the contents from datasets, checked one by one and against each other."""
+    """Build the contents from datasets, after checking each of them and their consistency."""
     points = {
         name: points_of(raw[name], name) for name in ("positions", "normals", "foci") if name in raw
     }
@@ -393,7 +394,7 @@ def _drives(
     """Return the drives, one row per frame."""
     if amplitude.shape != phase.shape:
         raise InvalidInput(
-            f"amplitude has shape {amplitude.shape}, but phase has shape {phase.shape}. Use one "
+            f"amplitude has shape {amplitude.shape}, but phase has shape {phase.shape}. Give one "
             "phase for each amplitude.",
             code="wrong_shape",
         )

@@ -16,16 +16,17 @@ class Frame:
 
     Attributes
     ----------
-    amplitude : (E,) uint8; with eight bits 255 is full scale, and pressure is linear in it.
-    phase : (E,) uint8; levels of a turn in the phasor Re[d e^{−iωt}]: with eight bits +64 delays
-        the wave by a quarter of a period.
-    levels : the amplitudes and phases that these levels stand for.
+    amplitude : (E,) uint8 amplitude level of each element. The pressure is proportional to it; with
+        eight bits, 255 is full scale.
+    phase : (E,) uint8 phase level of each element in the phasor Re[d e^{−iωt}]. With eight bits,
+        256 levels are a full turn, and +64 delays the wave by a quarter of a period.
+    levels : the amplitudes and phases that the levels represent.
 
     Raises
     ------
     InvalidInput
-        If an array is not one-dimensional, is not uint8 or is empty, the arrays differ in length,
-        or a level does not exist.
+        If an array is empty, not one-dimensional or not uint8, if the arrays differ in length, or
+        if a level does not exist.
     """
 
     amplitude: UInt8[np.ndarray, "elements"]
@@ -74,9 +75,9 @@ class Frame:
         )
 
     def drive(self) -> "airtact.Drive":
-        """Return the drive of these levels: with eight bits amplitude/255 · exp(2πi phase/256)."""
-        # Imported here because a process that drives boards imports this module and must start
-        # quickly.
+        """Return the drive of these levels; with eight bits amplitude/255 · exp(2πi phase/256)."""
+        # Imported here because this module is also imported by the process that drives the boards,
+        # which must start quickly.
         from airtact.drives.drive import Drive
 
         turns = self.phase / self.levels.phases
@@ -84,16 +85,16 @@ class Frame:
 
 
 def frame_at(amplitudes: Complex[np.ndarray, "elements"], levels: Levels, share: float) -> Frame:
-    """Multiply the amplitudes of a drive by a share and round them to levels.
+    """Multiply the amplitudes of a drive by ``share``, and round them to levels.
 
-    Boards with amplitude levels reduce every element. Boards without them switch on that share of
-    their elements, spread evenly over the array, because the pressure at a focus is proportional to
-    their number.
+    Boards with amplitude levels reduce the amplitude of every element. Boards without them switch
+    on only this share of their elements, spread evenly over the array, because the pressure at a
+    focus is proportional to the number of active elements.
     """
     if not levels.phase_only:
         return Frame(*levels.rounded(share * amplitudes), levels)
-    # The fractional parts of multiples of the golden ratio spread evenly over 0 to 1, however many
-    # there are.
+    # The fractional parts of the multiples of the golden ratio are evenly spread over 0 to 1,
+    # whatever their number.
     golden = (np.sqrt(5.0) - 1.0) / 2.0
     order = (np.arange(len(amplitudes)) + 0.5) * golden % 1.0
     return Frame(*levels.rounded(np.where(order < share, amplitudes, 0.0)), levels)
@@ -102,7 +103,7 @@ def frame_at(amplitudes: Complex[np.ndarray, "elements"], levels: Levels, share:
 def share_under_cap(
     drives: Complex[np.ndarray, "frames elements"], levels: Levels, cap: float
 ) -> float:
-    """Return the factor that reduces the largest amplitude of drives to a cap.
+    """Return the factor, at most 1, that reduces the largest amplitude of the drives to ``cap``.
 
     The cap is a share of full scale. For boards without amplitude levels, the cap is the share of
     active elements. See ``check_cap`` for the errors.

@@ -1,6 +1,6 @@
 """Alternating projections between elements at full scale and foci with the requested pressures.
 
-The methods choose the phases at the foci. They ignore phases and suppression points of the target.
+The methods choose the phases at the foci. They ignore the target's phases and suppression points.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput
 
 Sources = Complex128[np.ndarray, "foci"]
-"""Source at each focus; the elements emit the phases of Hᴴ s."""
+"""Complex source s at each focus. The elements emit the phases of Hᴴ s."""
 
 
 def weighted_gerchberg_saxton(
@@ -25,9 +25,9 @@ def weighted_gerchberg_saxton(
     Each iteration is d = phase(Hᴴ s), s_f = v_f · phase((H d)_f). The weights v_f start at the
     requested pressures or shares and grow for weak foci; the best iteration is returned (Di
     Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound, Marzo and Drinkwater, PNAS
-    116 (2019) 84). The method starts once from the foci in phase and once from the elements in
+    116 (2019) 84). The method runs twice, starting with the foci in phase and with the elements in
     phase, and returns the better drive. If the weights oscillate, as they can between two foci with
-    nearly equal rows of H, it shortens their steps.
+    nearly equal rows of H, the method shortens their steps.
 
     Parameters
     ----------
@@ -57,9 +57,9 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
     Each iteration is s -> w · phase(H Hᴴ s) with the (F, F) matrix H Hᴴ. At the end the sources are
     weighted by w²/|p|, and every element is set to full scale (Plasencia, Hirayama, Montano-Murillo
     and Subramanian, ACM Trans. Graph. 39 (2020) 138). This last step lowers the pressure at the
-    worst focus. A few iterations of ``weighted_gerchberg_saxton``, which are not in the paper,
-    recover it; they never lower it. See ``weighted_gerchberg_saxton`` for parameters, result and
-    errors.
+    weakest focus. A few iterations of ``weighted_gerchberg_saxton``, which are our addition to
+    the published method, restore the pressure and never lower it. The parameters, result and errors are those of
+    ``weighted_gerchberg_saxton``.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
@@ -122,7 +122,7 @@ def best_sources(
     iterations: int,
     foci_iterations: int = 0,
 ) -> Sources:
-    """Alternate from several starts, and return the sources with the strongest worst focus."""
+    """Alternate from several starts; return the sources that make the weakest focus strongest."""
     rows = np.tile(np.arange(len(requests)), (len(starts), 1))
     sources, worst, _ = alternating_projections(
         matrix, rows, np.tile(requests, (len(starts), 1)), starts, iterations, foci_iterations
@@ -133,15 +133,15 @@ def best_sources(
 def starting_sources(
     matrix: FociRows, requests: Float64[np.ndarray, "foci"]
 ) -> Complex128[np.ndarray, "2 foci"]:
-    """Return two sets of initial sources: in phase, and one step from the elements in phase."""
+    """Return two sets of initial sources: foci in phase, and one step from elements in phase."""
     in_phase = requests.astype(np.complex128)
     # The pressure when all elements emit in phase.
     pressure = matrix.sum(axis=1)
-    # Without the floor, foci that receive little pressure from elements in phase would receive all
-    # the weight.
+    # Without the floor, foci that receive little pressure from elements in phase would get all the
+    # weight.
     floor = 1e-3 * max(float(np.abs(pressure).max()), np.finfo(float).tiny)
     from_elements = requests**2 * phase(pressure) / np.maximum(np.abs(pressure), floor)
-    # A focus at an exact zero of this pressure has no phase to start from.
+    # A focus where this pressure is exactly zero has no phase to start from.
     if not from_elements.all():
         from_elements = in_phase
     return np.stack([in_phase, from_elements / np.abs(from_elements).max()])

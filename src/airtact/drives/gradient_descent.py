@@ -49,13 +49,14 @@ def gradient(
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``weighted_gerchberg_saxton``, or if the suppression points are
-        not those of the matrix or the loss is out of range.
+        Under the conditions listed in ``weighted_gerchberg_saxton``, or if the suppression points
+        are not those of the matrix or the loss is out of range.
 
     Warns
     -----
     Stalled
-        If the descent did not converge within ``iterations`` steps; the best drive is returned.
+        If the descent did not converge within ``iterations`` steps. The best drive is still
+        returned.
     """
     matrix, requests = asked_rows(transfer, target)
     suppressed = suppression_rows(transfer, target)
@@ -69,8 +70,8 @@ def gradient(
     # The descent is local, so it starts from the best known drive.
     start = phase(matrix.conj().T @ strongest_sources(matrix, 300))
     if len(suppressed):
-        # Suppression points 60 dB below the weakest focus are silent enough. The penalty grows from
-        # one descent to the next, so that the first descents may exceed the allowed loss.
+        # Suppression points 60 dB below the weakest focus are quiet enough. The penalty grows from
+        # one descent to the next, so the first descents may exceed the allowed loss.
         silenced = suppressed / (1e-3 * smallest_pressure(matrix * requests[:, None], start))
         lowest = _soft_smallest(matrix, start)[0] + np.log1p(-loss)
         drive = start
@@ -98,8 +99,8 @@ def _descend(
 ) -> tuple[Amplitudes, bool]:
     """Minimise −smallest, or level + penalty · max(lowest − smallest, 0)² with suppression points.
 
-    ``smallest`` is the logarithm of the smallest pressure, ``level`` that of the suppressed
-    pressure. Return the amplitudes, and whether the descent converged.
+    ``smallest`` is the logarithm of the smallest pressure, and ``level`` is the logarithm of the
+    pressure at the suppression points. Return the amplitudes and whether the descent converged.
     """
     from scipy.optimize import minimize
 
@@ -139,7 +140,7 @@ def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amp
     """Logarithm of the power mean of the ratios of pressure to request, and its gradient."""
     pressure = matrix @ amplitudes
     logs = np.log(np.maximum(np.abs(pressure), np.finfo(float).tiny))
-    # Ratios to the smallest value, so that no power overflows.
+    # The logarithms are taken relative to the smallest one, so that no power overflows.
     weights = np.exp(SHARPNESS * (logs.min() - logs))
     smallest = logs.min() - np.log(weights.mean()) / SHARPNESS
     # ∂ log|p| / ∂ conj(p) has the direction p / |p|².
@@ -150,6 +151,6 @@ def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amp
 def _suppressed_level(suppressed: Suppressed, amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
     """Logarithm of √(1 + mean squared pressure) at the suppression points, and its gradient."""
     pressure = suppressed @ amplitudes
-    # The 1 under the root keeps the logarithm from rewarding silence beyond 60 dB.
+    # The 1 under the root removes any reward for suppression beyond 60 dB.
     energy = float(np.vdot(pressure, pressure).real) + len(suppressed)
     return 0.5 * np.log(energy / len(suppressed)), suppressed.conj().T @ pressure / energy

@@ -1,4 +1,4 @@
-"""The sound pressure level at a head, and the cap on amplitudes that keeps it under the limit."""
+"""Sound pressure level at a head, and the cap on amplitudes that keeps it below the limit."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,7 +36,7 @@ def sound_pressure_level(pressure: Num[np.ndarray, "points"]) -> Float64[np.ndar
 
     Returns
     -------
-    (P,) levels [dB SPL], -inf in silence.
+    (P,) levels [dB SPL]; -inf where the pressure is 0.
 
     Examples
     --------
@@ -55,15 +55,15 @@ def pressures_around(
     wavenumber: float,
     distance: float = 0.5,
 ) -> tuple[float, float]:
-    """Largest pressures [Pa] on a sphere around an array, ``distance`` [m] beyond it.
+    """Return the largest pressures [Pa] on a sphere ``distance`` [m] beyond an array.
 
-    Elements are assumed to radiate equally in all directions in open air, with a peak pressure of
-    ``sensitivity`` [Pa·m]. Real transducers radiate less backwards, and bodies redirect the sound,
-    so the result is a warning, not a measurement.
+    Every element is assumed to radiate equally in all directions in open air, with a peak pressure
+    of ``sensitivity`` [Pa·m]. Real transducers radiate less to the rear, and bodies redirect the
+    sound, so the result is a warning and not a measurement.
 
     Returns
     -------
-    The largest peak pressure in any frame, and the largest rms over the frames.
+    The largest peak pressure in any frame, and the largest rms pressure over all frames.
     """
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2.0
     radius = float(np.linalg.norm(positions - middle, axis=1).max()) + distance
@@ -73,7 +73,7 @@ def pressures_around(
 
     def pressures(directions: Real[np.ndarray, "directions 3"]) -> Float64[np.ndarray, "two any"]:
         values = []
-        # Working in parts limits the memory. Single precision takes a tenth of the time.
+        # Working in parts limits the memory, and single precision takes a tenth of the time.
         for part in np.array_split(directions.astype(np.float32), 10):
             # |R u − p|² = R² − 2 R u·p + p²
             squares = radius**2 - 2.0 * radius * (part @ sources.T) + np.sum(sources**2, axis=1)
@@ -87,8 +87,8 @@ def pressures_around(
 
     directions = _directions(2000)
     coarse = pressures(directions)
-    # A beam may be narrower than the step between two directions, so refine around the 12 largest
-    # pressures, with 100 directions each, up to one step away.
+    # A beam may be narrower than the angle between two directions. The 12 largest pressures are
+    # therefore refined with 100 directions each, up to one angle step away.
     steps = (
         _directions(100)[None]
         * np.sqrt(4.0 * np.pi / len(directions))
@@ -102,7 +102,7 @@ def pressures_around(
 
 
 def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:
-    """Evenly spread unit vectors: a spiral from pole to pole."""
+    """Return evenly spread unit vectors along a spiral from pole to pole."""
     index = np.arange(count) + 0.5
     height = 1.0 - 2.0 * index / count
     turn = np.pi * (1.0 + np.sqrt(5.0)) * index
@@ -112,16 +112,16 @@ def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:
 
 @dataclass(frozen=True, eq=False)
 class HeadLevel:
-    """Level at a head 0.5 m from an array in open air, for drives under a cap.
+    """Sound pressure level at a head 0.5 m from an array in open air, for drives under a cap.
 
     Attributes
     ----------
-    drives : (N, E) drives that are played in turn, as shares of full scale.
+    drives : (N, E) complex amplitudes of the drives that are played in turn; 1 is full scale.
     positions : (E, 3) positions of the elements [m].
-    levels : amplitudes and phases of the boards.
+    levels : amplitude and phase levels of the boards.
     wavenumber : wavenumber of the sound [rad/m].
     sensitivity : peak pressure of an element at 1 m [Pa·m].
-    factors : modulation factors; each drive is multiplied by each of them.
+    factors : modulation factors; every drive is multiplied by every factor.
     """
 
     drives: Complex[np.ndarray, "frames elements"]
@@ -134,7 +134,7 @@ class HeadLevel:
     @property
     def strongest(self) -> Complex[np.ndarray, "frames elements"]:
         """The 32 most powerful drives."""
-        # They determine the level around the array. Evaluating thousands of drives takes minutes.
+        # They determine the level around the array; evaluating thousands of drives takes minutes.
         powers = np.linalg.norm(self.drives, axis=1)
         return self.drives[np.argsort(-powers, kind="stable")[:32]]
 
@@ -148,7 +148,7 @@ class HeadLevel:
         ]
 
     def at(self, cap: float) -> tuple[float, float]:
-        """Return the peak level and the average level [dB SPL]; -inf in silence."""
+        """Return the peak level and the average level under a cap [dB SPL]; -inf in silence."""
         played = np.stack([frame.drive().amplitudes for frame in self.frames(cap)])
         pressures = pressures_around(self.positions, played, self.sensitivity, self.wavenumber)
         peak, average = sound_pressure_level(np.array(pressures))
@@ -165,7 +165,7 @@ class HeadLevel:
         Raises
         ------
         InvalidInput
-            If the level of the boards cannot be reduced that far.
+            If the boards cannot reduce the level that far.
         """
         if self.full <= MAX_HEAD_LEVEL:
             return 1.0
@@ -180,7 +180,7 @@ class HeadLevel:
                     return cap
         raise InvalidInput(
             f"these boards cannot be turned down to {MAX_HEAD_LEVEL:g} dB at a head 0.5 m from the "
-            f"array, where full scale gives up to {self.full:.0f} dB. Use a cap such as 0.3, or 1 "
-            "for full scale (--cap, --full-scale).",
+            f"array, where full scale produces up to {self.full:.0f} dB. Set a cap such as 0.3, or "
+            "1 for full scale (--cap, --full-scale).",
             code="out_of_range",
         )

@@ -1,4 +1,4 @@
-"""Drives by linear algebra: time reversal, the inverse filter, and the least peak amplitude."""
+"""Drives by linear algebra: time reversal, inverse filter and least peak amplitude."""
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -20,13 +20,13 @@ from airtact.errors import positive
 def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
     """Compute the time-reversal drive d = Hᴴ w, where H is the transfer matrix.
 
-    Each element emits, reversed in time, the sound that it would receive from sources at the foci:
-    equations 9 and 10 of the paper, with its equation 5 for several foci. w_f is the requested
-    pressure or share of focus f (1 if the target requests none), with the requested phase, or phase
-    0 as in the paper. For one focus no drive of equal energy Σ|d|² produces more pressure
-    (Cauchy-Schwarz inequality). With several foci, each focus also receives the sound for the
-    others, so the ratios of their pressures differ from the requested ones. The method ignores
-    suppression points.
+    Each element emits, reversed in time, the sound that it would receive from sources at the foci
+    (equations 9 and 10 of the paper; equation 5 for several foci). The weight w_f is the requested
+    pressure or share of focus f, or 1 if the target requests none. Its phase is the requested
+    phase, or 0 as in the paper. For one focus, no drive of equal energy Σ|d|² produces more
+    pressure (Cauchy-Schwarz inequality). With several foci, each focus also receives the sound
+    meant for the others, so the ratios of their pressures differ from the requested ratios. The
+    method ignores suppression points.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
 
     Returns
     -------
-    The drive of E elements, scaled so that the worst focus gets its requested pressure. If that
-    takes more than full scale, or no pressure is requested, the largest amplitude is 1.
-    ``achieved_fraction`` gives the ratio of each focus's pressure to its request.
+    The drive of E elements, scaled so that the weakest focus gets its requested pressure. If this
+    requires more than full scale, or if no pressure is requested, the largest amplitude is 1.
+    ``achieved_fraction`` returns the ratio of each focus's pressure to its request.
 
     Raises
     ------
@@ -51,11 +51,11 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
 def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
     """Keep the phases of ``time_reversal``, and set every element to the same amplitude.
 
-    At equal peak amplitude no other drive produces more pressure at a single focus, because the
+    At equal peak amplitude, no other drive produces more pressure at a single focus, because the
     sound of every element arrives in phase. Every element is at full scale, or all are scaled down
-    equally if the requested pressures need less. The requested pressures or shares weight the foci
-    before the amplitudes are dropped. The method ignores suppression points. See ``time_reversal``
-    for parameters and errors.
+    equally if less is enough for the requested pressures. The requested pressures or shares weight
+    the foci before the amplitudes are made equal. The method ignores suppression points. The
+    parameters and errors are those of ``time_reversal``.
     """
     return scaled_to_target(transfer, target, np.sign(_reversed(transfer, target)))
 
@@ -69,9 +69,9 @@ def inverse_filter(
 ) -> Drive:
     """Solve regularised least squares (Tikhonov): d = Hᴴ (H Hᴴ + weight ‖H‖² I)⁻¹ w.
 
-    With weight 0 every focus gets its requested pressure w_f, including its phase, from the drive
+    With weight 0, every focus gets its requested pressure w_f, including its phase, from the drive
     of least energy that produces it (Tanter, Thomas and Fink, J. Acoust. Soc. Am. 108 (2000) 223).
-    With the transfer matrix of open air this is the least-squares method of Hasegawa and Shinoda
+    With the transfer matrix of open air, this is the least-squares method of Hasegawa and Shinoda
     (IEEE World Haptics 2013). Suppression points are rows of H with w = 0.
 
     Parameters
@@ -79,8 +79,8 @@ def inverse_filter(
     transfer : the transfer matrix of the foci, and of the suppression points if the target has
         some.
     target : the foci and their requested pressures; a focus without a requested phase gets phase 0.
-    weight : Tikhonov's weight, divided by the largest eigenvalue ‖H‖² of H Hᴴ; None for the corner
-        of the L-curve (Hansen and O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487).
+    weight : Tikhonov's weight as a fraction of the largest eigenvalue ‖H‖² of H Hᴴ; None selects
+        the corner of the L-curve (Hansen and O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487).
 
     Returns
     -------
@@ -89,13 +89,13 @@ def inverse_filter(
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``weighted_gerchberg_saxton``, or if the suppression points are
-        not those of the matrix or the weight is negative.
+        Under the conditions listed in ``weighted_gerchberg_saxton``, or if the suppression points
+        are not those of the matrix or the weight is negative.
     """
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])
     requests = np.concatenate([target.wanted, np.zeros(len(matrix) - len(target.points))])
-    # In the eigenvector basis of H Hᴴ each weight of the L-curve costs one division.
+    # In the eigenvector basis of H Hᴴ, each weight of the L-curve costs only one division.
     eigenvalues, modes = np.linalg.eigh(matrix @ matrix.conj().T)
     asked = modes.conj().T @ requests
     if weight is None:
@@ -111,14 +111,15 @@ def inverse_filter(
 def _l_curve_corner(
     eigenvalues: Float64[np.ndarray, "rows"], asked: Float64[np.ndarray, "rows"]
 ) -> float:
-    """Tikhonov's weight at the largest curvature of log ‖d‖ as a function of log ‖H d − w‖."""
+    """Return Tikhonov's weight at the largest curvature of log ‖d‖ against log ‖H d − w‖."""
     # Twelve weights per decade, from rounding error to the norm of H Hᴴ itself.
     weights = np.geomspace(1e-10, 1.0, 121)
     relative = np.maximum(eigenvalues / eigenvalues[-1], 0.0)
     damped = relative + weights[:, None]
     missing = 0.5 * np.log(np.sum(asked * (weights[:, None] / damped) ** 2, axis=1))
     norm = 0.5 * np.log(np.sum(asked * relative / damped**2, axis=1))
-    # Curvature (x' y'' − x'' y') / (x'² + y'²)^{3/2}; primes are derivatives by log weight.
+    # Curvature (x' y'' − x'' y') / (x'² + y'²)^{3/2}; primes are derivatives with respect to log
+    # weight.
     step = np.log(weights[1] / weights[0])
     x1 = np.gradient(missing, step)
     y1 = np.gradient(norm, step)
@@ -134,24 +135,24 @@ def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50
     Σ_e |h_eᴴ λ| subject to Re wᴴ λ = 1, is solved by iteratively reweighted least squares
     (Daubechies, DeVore, Fornasier and Güntürk, Comm. Pure Appl. Math. 63 (2010) 1). Every step
     yields a drive with H d = w, and the drive with the lowest peak is returned. Nearly all its
-    elements have the same amplitude, so at full scale the foci get more than from
+    elements have the same amplitude, so at full scale it produces more pressure at the foci than
     ``inverse_filter``. The method ignores suppression points.
 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
     target : the foci and their requested pressures; a focus without a requested phase gets phase 0.
-    iterations : number of steps.
+    iterations : number of reweighting steps.
 
     Returns
     -------
-    The drive, scaled like the result of ``time_reversal``; its pressures have the requested ratios
+    The drive, scaled like the result of ``time_reversal``. Its pressures have the requested ratios
     and phases at any scale.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``weighted_gerchberg_saxton``.
+        Under the conditions listed in ``weighted_gerchberg_saxton``.
     """
     check_solvable(transfer, target)
     check_iterations(iterations)
@@ -165,12 +166,12 @@ def exact_amplitudes(
     iterations: int = 50,
     sufficient_peak: float = 0.0,
 ) -> Amplitudes:
-    """Return the amplitudes of least peak with H d = w.
+    """Return the amplitudes d with the least peak that satisfy H d = w.
 
     The iteration starts at the amplitudes of least energy and stops once the peak is at most
     ``sufficient_peak``.
     """
-    # Rows of equal norm keep the least squares well conditioned for foci at all distances.
+    # Rows of equal norm keep the least-squares problem well conditioned for foci at all distances.
     norms = np.linalg.norm(matrix, axis=1)
     matrix = matrix / norms[:, None]
     requests = requests / norms

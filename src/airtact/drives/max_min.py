@@ -1,11 +1,11 @@
-"""The drive with the strongest worst focus (``max_min``), and a bound that no drive exceeds.
+"""Drive with the strongest weakest focus (``max_min``), and a bound that no drive exceeds.
 
 Inoue, Makino and Shinoda (IEEE World Haptics 2015) relax the choice of drive to a semidefinite
-matrix X = V Vᴴ. Row V_e holds the emission of element e in R equal intervals, divided by √R. The
+matrix X = V Vᴴ. Row V_e contains the emission of element e in R equal intervals, divided by √R. The
 mean square of the emission is at most 1, though single intervals may exceed full scale. The
 pressure of a focus is the rms over the intervals. Alternating projections as in weighted
 Gerchberg-Saxton, with vectors in place of numbers, converge to the optimum. Their weights converge
-to the multipliers of the dual problem, which bounds every drive.
+to the multipliers of the dual problem, which bounds the pressure of every drive.
 """
 
 import warnings
@@ -30,7 +30,7 @@ from airtact.errors import counted, one_line, positive
 
 @dataclass(frozen=True, eq=False)
 class UpperBound:
-    """A certified bound on the worst focus for all drives with amplitudes of at most 1.
+    """Certified upper bound on the weakest focus, for all drives with amplitudes of at most 1.
 
     Let h_f be the row of focus f divided by its request. Let μ_f ≥ 0 be multipliers that add up to
     1, and y_e > 0 be such that diag(y) − Σ_f μ_f h_fᴴ h_f is positive semidefinite. Then every
@@ -38,10 +38,10 @@ class UpperBound:
 
     Attributes
     ----------
-    worst : √Σ_e y_e, an upper bound of the smallest fraction of the requested pressures. If the
+    worst : √Σ_e y_e, an upper bound on the smallest fraction of the requested pressures. If the
         target requests shares or nothing, it bounds the smallest pressure divided by its share
         [Pa].
-    relaxed : value reached in the relaxation; no multipliers bring ``worst`` below it.
+    relaxed : value that the relaxation reached; no choice of multipliers lowers ``worst`` below it.
     multipliers : (F,) μ_f, 0 for foci without a request.
     elements : (E,) y_e.
     """
@@ -60,45 +60,45 @@ class UpperBound:
         )
 
     def eigenvalue(self, transfer: TransferMatrix, target: Target) -> float:
-        """Largest eigenvalue of the (F, F) matrix √μ H diag(1/y) Hᴴ √μ; up to 1, the bound holds.
+        """Return the largest eigenvalue of the (F, F) matrix √μ H diag(1/y) Hᴴ √μ.
 
-        By the Schur complement this is equivalent to diag(y) − Hᴴ diag(μ) H being positive
-        semidefinite.
+        The bound holds if it is at most 1. By the Schur complement this is equivalent to diag(y) −
+        Hᴴ diag(μ) H being positive semidefinite.
         """
         matrix, requests = asked_rows(transfer, target)
         multipliers = self.multipliers[target.weights > 0.0] / requests**2
         return _largest_eigenvalue(matrix, multipliers, self.elements)
 
     def reached(self, transfer: TransferMatrix, target: Target, drive: Drive) -> float:
-        """Fraction or pressure at the worst focus of a drive, divided by the bound; at most 1."""
+        """Return the worst fraction or pressure of a drive, divided by the bound; at most 1."""
         matrix, requests = asked_rows(transfer, target)
         return float((np.abs(matrix @ drive.amplitudes) / requests).min() / self.worst)
 
 
 def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 1e-3) -> UpperBound:
-    """Bound the pressure at the worst focus for all drives with amplitudes of at most 1.
+    """Compute an upper bound on the pressure at the weakest focus, for all possible drives.
 
-    This is the dual of the semidefinite relaxation of Inoue, Makino and Shinoda (IEEE World Haptics
-    2015). Phase-only drives and drives with discrete levels also have amplitudes of at most 1, so
-    the bound holds for them too. It ignores suppression points.
+    The bound holds for every drive with amplitudes of at most 1, including phase-only drives and
+    drives with discrete levels. It is the dual of the semidefinite relaxation of Inoue, Makino and
+    Shinoda (IEEE World Haptics 2015). It ignores suppression points.
 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
     target : the foci and their requested pressures.
-    tolerance : relative gap to the relaxation at which the iteration stops. It also stops after
-        1000 iterations; the bound still holds.
+    tolerance : relative gap to the relaxation at which the iteration stops. The iteration also
+        stops after 1000 steps; the bound is then looser but still holds.
 
     Returns
     -------
-    The bound and its certificate. The bound is a fraction of the requested pressures, or, without
-    them, the pressure of a focus divided by its share [Pa].
+    The bound and its certificate. The bound is a fraction of the requested pressures. If no
+    pressure is requested, it is the pressure of a focus divided by its share [Pa].
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``weighted_gerchberg_saxton``, or if the tolerance is not above
-        zero.
+        Under the conditions listed in ``weighted_gerchberg_saxton``, or if the tolerance is not
+        above zero.
     """
     matrix, requests = asked_rows(transfer, target)
     positive(tolerance, "the tolerance", "of the bound")
@@ -110,13 +110,13 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
 
 @dataclass(frozen=True, eq=False)
 class Relaxed:
-    """The state of the alternating projections with vectors.
+    """State of the alternating projections with vectors.
 
     Attributes
     ----------
-    signals : unit vectors, the amplitude and phase of each focus in the R time intervals.
+    signals : unit vectors with the amplitude and phase of each focus in the R time intervals.
     weights : weights of the foci; they add up to F.
-    norms : lengths of Σ_f conj(H_fe) weight_f signal_f before scaling to 1.
+    norms : norms of Σ_f conj(H_fe) weight_f signal_f before the vectors are scaled to 1.
     pressures : pressure of each focus divided by its request.
     """
 
@@ -127,10 +127,13 @@ class Relaxed:
 
 
 def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relaxed]:
-    """Return the bound and the solved relaxation; rows are divided by the request of each focus."""
+    """Return the bound and the solved relaxation.
+
+    Each row of ``matrix`` is divided by the request of its focus.
+    """
     foci, count = matrix.shape
-    # One time interval for each focus, up to 32. More are not needed, since the optimum's rank
-    # stays far below the number of foci (measured).
+    # One time interval for each focus, up to 32. More are unnecessary, because the rank of the
+    # optimum stays far below the number of foci (measured).
     signals = np.eye(foci, dtype=np.complex128)
     if foci > 32:
         random = np.random.default_rng(0).normal(size=(2, foci, 32))
@@ -139,14 +142,14 @@ def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relax
     bound = None
     reached = 0.0
     for _ in range(100):
-        # Ten iterations between checks. The dual uses the weights before the last iteration and the
-        # norms that this iteration computes from them.
+        # There are ten iterations between checks. The dual uses the weights before the last
+        # iteration and the norms that this iteration computes from them.
         before = _iterated(matrix, relaxed, 9)
         relaxed = _iterated(matrix, before, 1)
         reached = max(reached, float(relaxed.pressures.min()))
-        # A feasible point of the dual. At the optimum y_e is proportional to these norms, so they
-        # are scaled until the eigenvalue is 1. The floor keeps 1/y finite for an element that
-        # reaches no focus.
+        # This is a feasible point of the dual. At the optimum y_e is proportional to these norms,
+        # so they are scaled until the eigenvalue is 1. The floor keeps 1/y finite for an element
+        # that produces no pressure at any focus.
         multipliers = before.weights / before.weights.sum()
         elements = np.maximum(relaxed.norms, 1e-12 * relaxed.norms.max())
         largest = _largest_eigenvalue(matrix, multipliers, elements)
@@ -161,14 +164,14 @@ def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relax
 
 
 def to_rank_one(matrix: FociRows, relaxed: Relaxed) -> Complex128[np.ndarray, "foci"]:
-    """Reduce a relaxation to one time interval; return the sources at the foci.
+    """Reduce a relaxation to one time interval, and return the sources at the foci.
 
     The weakest signals are dropped, a few at a time, with iterations in between.
     """
     rank = relaxed.signals.shape[1]
     while rank > 1:
         rank = max(1, min(rank - 1, int(0.7 * rank)))
-        # The principal components of the signals, with each focus weighted.
+        # These are the principal components of the signals, with each focus weighted.
         left, strengths, _ = np.linalg.svd(
             np.sqrt(relaxed.weights)[:, None] * relaxed.signals, full_matrices=False
         )
@@ -178,7 +181,7 @@ def to_rank_one(matrix: FociRows, relaxed: Relaxed) -> Complex128[np.ndarray, "f
 
 
 def _iterated(matrix: FociRows, state: Relaxed, iterations: int) -> Relaxed:
-    """Alternate between elements and foci; weak foci gain weight."""
+    """Alternate between elements and foci, and increase the weights of weak foci."""
     # A contiguous copy is faster, since every iteration multiplies by it.
     back = np.ascontiguousarray(matrix.conj().T)
     for _ in range(iterations):
@@ -198,7 +201,7 @@ def _largest_eigenvalue(
     multipliers: Float64[np.ndarray, "foci"],
     elements: Float64[np.ndarray, "elements"],
 ) -> float:
-    # The (F, F) product has the nonzero eigenvalues of the (E, E) one, and F is far below E.
+    # The (F, F) product has the nonzero eigenvalues of the (E, E) product, and F is far below E.
     half = np.sqrt(multipliers)[:, None] * matrix / np.sqrt(elements)
     return float(np.linalg.eigvalsh(half @ half.conj().T)[-1])
 
@@ -213,7 +216,7 @@ class Stalled(UserWarning):
 
     Attributes
     ----------
-    reached : smallest ratio of pressure to request, as a fraction of the certified bound.
+    reached : smallest ratio of pressure to request, divided by the certified bound.
     """
 
     def __init__(self, sentence: str, reached: float) -> None:
@@ -222,15 +225,15 @@ class Stalled(UserWarning):
 
 
 def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) -> Drive:
-    """Maximise the pressure at the worst focus; the method chooses the phases at the foci.
+    """Maximise the pressure at the weakest focus; the method chooses the phases at the foci.
 
     The method first solves the semidefinite relaxation of ``upper_bound`` (Inoue, Makino and
     Shinoda, IEEE World Haptics 2015), in which every element may emit several signals in turn. It
     then drops the weakest signals, a few at a time with iterations in between, until one is left
     (our own scheme). From there it runs ``iterations`` steps of weighted Gerchberg-Saxton. It also
     tries the starts of ``weighted_gerchberg_saxton``, and returns the best drive. The result is
-    deterministic. With dozens of foci close together the iterations may not converge; ``gradient``
-    continues from there. Phases and suppression points of the target have no effect.
+    deterministic. With dozens of foci close together, the iterations may not converge; ``gradient``
+    then continues from the best drive. The target's phases and suppression points have no effect.
 
     Parameters
     ----------
@@ -246,20 +249,20 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``weighted_gerchberg_saxton``.
+        Under the conditions listed in ``weighted_gerchberg_saxton``.
 
     Warns
     -----
     Stalled
-        If the worst focus remains more than 3 % below the maximum for the phases found at the foci;
-        the best drive is returned.
+        If the weakest focus remains more than 3 % below the maximum for the phases found at the
+        foci. The best drive is still returned.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
     rows = matrix / requests[:, None]
     sources = strongest_sources(rows, iterations)
     # With the phases c_f at the foci fixed, finding the best drive is a convex problem. Its dual
-    # bounds what is still to be gained: no drive has min_f Re(conj(c_f) h_f d) above
+    # bounds the remaining gain: no drive has min_f Re(conj(c_f) h_f d) above
     # Σ_e |Σ_f s_f conj(h_fe)| / Σ_f |s_f| for sources s_f of those phases.
     sent = rows.conj().T @ sources
     lowest = smallest_pressure(rows, phase(sent))
@@ -271,14 +274,14 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
 
 
 def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
-    """Return the sources s of the phase-only drive phase(Hᴴ s) whose worst focus is strongest.
+    """Return the sources s whose phase-only drive phase(Hᴴ s) has the strongest weakest focus.
 
     Each row of ``matrix`` is divided by the request of its focus.
     """
     equal_requests = np.ones(len(matrix))
-    # A tolerance below 1e-2 changes nothing after the rank is reduced.
+    # A tolerance below 1e-2 makes no difference after the rank is reduced.
     reduced = to_rank_one(matrix, relaxed_bound(matrix, 1e-2)[1])
-    # The relaxation need not be tight, so the plain starts compete with it.
+    # The relaxation need not be tight, so the plain starts are tried as well.
     starts = np.concatenate([reduced[None], starting_sources(matrix, equal_requests)])
     return best_sources(matrix, equal_requests, starts, iterations)
 
@@ -288,8 +291,8 @@ def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> Non
     reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
     warnings.warn(
         Stalled(
-            f"{method} stalled {where}. Its best drive gives the worst focus {reached:.1%} of the "
-            f"certified bound. Allow more iterations, or use gradient.",
+            f"{method} stalled {where}. At the weakest focus its best drive reaches {reached:.1%} "
+            "of the certified bound. Allow more iterations, or use gradient.",
             reached,
         ),
         stacklevel=3,  # the caller of the method
@@ -297,5 +300,5 @@ def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> Non
 
 
 def smallest_pressure(matrix: FociRows, amplitudes: Amplitudes) -> float:
-    """Smallest |h_f d| over the rows."""
+    """Return the smallest |h_f d| over the rows."""
     return float(np.abs(matrix @ amplitudes).min())

@@ -1,4 +1,4 @@
-"""The drive methods by name (``METHODS``), and the default that chooses among them (``best``)."""
+"""The drive methods by name (``METHODS``), and ``best``, the default that chooses among them."""
 
 import warnings
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     ================================== ============================================================
     the target requests                method
     ================================== ============================================================
-    one focus                          ``phase_conjugate``, at full scale the attainable maximum
-    several foci                       ``max_min``, continued by ``gradient`` where it stalls
+    one focus                          ``phase_conjugate``; at full scale no drive does better
+    several foci                       ``max_min``, continued by ``gradient`` if it stalls
     phases at several foci             ``least_peak``
     suppression points                 ``gradient``; the foci lose at most a tenth of their pressure
     suppression points and phases      ``inverse_filter``
     ================================== ============================================================
 
-    If the target requests pressures that full scale can reach and has no suppression points, each
-    focus gets exactly its requested pressure. The drive keeps the phases at the foci, and it has
-    the least energy if no element then exceeds full scale. If full scale is not enough, the drive
+    If the target has no suppression points and full scale is enough for its requests, each focus
+    gets exactly its requested pressure. The drive keeps the phases at the foci. It has the least
+    energy, unless an element would then exceed full scale. If full scale is not enough, the drive
     maximises the smallest fraction of the requests.
 
     Parameters
@@ -40,18 +40,18 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
 
     Returns
     -------
-    The drive, scaled like the result of ``time_reversal``. ``achieved_fraction`` gives the ratio of
-    each focus's pressure to its request, and ``upper_bound`` the pressure that no drive exceeds.
+    The drive, scaled like the result of ``time_reversal``. ``achieved_fraction`` returns the ratio
+    of each focus's pressure to its request, and ``upper_bound`` the pressure that no drive exceeds.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in the chosen method, or if an argument has the wrong type.
+        Under the conditions listed for the chosen method, or if an argument has the wrong type.
 
     Warns
     -----
     Stalled
-        If the method did not converge; the best drive is returned.
+        If the method did not converge. The best drive is still returned.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
 
 
 def _as_asked(matrix: FociRows, target: Target, drive: Drive) -> Drive:
-    """Adjust the drive to each focus's exact request, including 0, if that costs little.
+    """Adjust the drive to the exact request of each focus, including 0, if this costs little.
 
     The phases at the foci remain those of the drive.
     """
@@ -88,7 +88,7 @@ def _as_asked(matrix: FociRows, target: Target, drive: Drive) -> Drive:
         amplitudes = exact_amplitudes(matrix, wanted, sufficient_peak=FULL_SCALE)
         return Drive(amplitudes) if np.abs(amplitudes).max() <= FULL_SCALE else drive
     shares = target.weights / target.weights.max()
-    # Full scale on every element gives the foci more than exact shares do.
+    # With every element at full scale, the foci get more pressure than with exact shares.
     if np.abs(np.abs(pressures) / np.abs(pressures).max() - shares).max() < 0.02:
         return drive
     amplitudes = exact_amplitudes(matrix, wanted)
@@ -103,7 +103,7 @@ def method_for(target: Target) -> str:
     phases = target.phases is not None
     if len(target.suppression_points):
         return "inverse_filter" if phases else "gradient"
-    # A single focus needs no balancing: its pressure is largest if all elements arrive in phase.
+    # A single focus needs no balancing: its pressure is largest if all contributions are in phase.
     if np.count_nonzero(target.weights) == 1:
         return "phase_conjugate"
     return "least_peak" if phases else "max_min"
@@ -117,11 +117,11 @@ class Method:
     ----------
     name : name of the function; ``METHODS`` and scene files use it.
     module : module of ``airtact.drives`` that defines the function.
-    description : one line.
+    description : one-line description.
     heeds_phases : whether the foci get the phases that the target requests; otherwise the method
         ignores or chooses them.
-    heeds_suppression_points : whether the method lowers the pressure there; it then needs a
-        transfer matrix from ``target.beacons(suppression=True)``.
+    heeds_suppression_points : whether the method lowers the pressure at the suppression points. It
+        then needs a transfer matrix from ``target.beacons(suppression=True)``.
     """
 
     name: str
@@ -132,7 +132,7 @@ class Method:
 
     def __call__(self, transfer: TransferMatrix, target: Target) -> Drive:
         """Return the drive for the foci of a target."""
-        # Imported when called: a drive needs only one method, and the robust methods import the
+        # Imported on call: a drive needs only one method, and the robust methods import the
         # solvers for their samples.
         make = getattr(import_module(f"airtact.drives.{self.module}"), self.name)
         return make(transfer, target)

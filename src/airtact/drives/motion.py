@@ -42,19 +42,19 @@ class Motion:
 
     Attributes
     ----------
-    kind : "lm", lateral modulation, or "stm", spatiotemporal modulation; it sets the defaults of
-        the other attributes.
-    path : "circle" or "line" around each focus, or "points": one focus runs through the target's
-        points in order and back to the first. The default is "points" for "stm" with 2 or more
-        points, and "circle" otherwise.
-    size : radius of the circle or length of the line [m]; by default 3 mm for "lm" (a line: 6 mm),
-        10 mm for "stm".
-    frequency : rounds of the path per second [Hz]. The default is 50 Hz for "lm"; for "stm" it
-        moves the focus at 7 m/s.
+    kind : "lm" for lateral or "stm" for spatiotemporal modulation. It sets the defaults of the
+        other attributes.
+    path : "circle" or "line" around each focus, or "points", where one focus moves through the
+        target's points in order and back to the first. The default is "points" for "stm" with 2 or
+        more points, and "circle" otherwise.
+    size : radius of the circle or length of the line [m]. The default is 3 mm for "lm" (6 mm for a
+        line) and 10 mm for "stm".
+    frequency : rounds of the path per second [Hz]. The default is 50 Hz for "lm"; for "stm" it is
+        the frequency at which the focus moves at 7 m/s.
     frames : number of positions on a path around a focus.
-    along : "skin", a path parallel to the nearest surface, at the distance of the focus; or
-        "array", a path in the plane perpendicular to the direction of the array's middle. The
-        default is "skin" if a surface is within 20 mm, and "array" otherwise.
+    along : "skin" for a path parallel to the nearest surface, at the distance of the focus, or
+        "array" for a path perpendicular to the direction of the array's middle. The default is
+        "skin" if a surface is within 20 mm, and "array" otherwise.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class Motion:
             check_choice(self.path, "the path of a motion", PATHS)
         if self.along is not None:
             check_choice(self.along, "the surface of a path", ALONG)
-        if self.size is not None:  # a path over 0.1 m leaves any hand
+        if self.size is not None:  # a path longer than 0.1 m would leave any hand
             hint = "is it in millimetres? Use metres."
             size = within(self.size, 0.0, 0.1, "the radius or length of a path", "m", hint)
             object.__setattr__(self, "size", size)
@@ -118,8 +118,8 @@ class Motion:
 
         Returns
         -------
-        (F, N, 3) positions. A circle begins to the right of its focus. A line begins at its middle
-        and runs back and forth.
+        (F, N, 3) positions [m]. A circle begins to the right of its focus. A line begins at its
+        middle and runs back and forth.
 
         Raises
         ------
@@ -130,22 +130,22 @@ class Motion:
         return np.stack([self._laid(scene, focus, array_middle) for focus in target.points])
 
     def _flat_path(self) -> Float64[np.ndarray, "frames 2"]:
-        """Return the path in a plane, around the origin [m]."""
+        """Return the path around the origin of a plane [m]."""
         frames = self.frames or DEFAULT_FRAMES
         angles = 2.0 * np.pi * np.arange(frames) / frames
-        # A finger pad holds a circle of 3 mm (T. Morisaki et al., arXiv 2301.11572).
+        # A circle of 3 mm fits on a finger pad (T. Morisaki et al., arXiv 2301.11572).
         radius = self.size or (3e-3 if self.kind == "lm" else 10e-3)
         if self.path != "line":
             return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         reach = self.size / 2.0 if self.size else radius
-        # A triangle wave, so that the focus has a constant speed and does not rest at the ends.
+        # A triangle wave gives the focus a constant speed, with no rest at the ends.
         to_and_fro = 2.0 / np.pi * np.arcsin(np.sin(angles))
         return reach * np.stack([to_and_fro, np.zeros(frames)], axis=1)
 
     def _laid(
         self, scene: Scene, focus: Float64[np.ndarray, "3"], array_middle: Real[np.ndarray, "3"]
     ) -> Float64[np.ndarray, "frames 3"]:
-        """Lay the path around a focus, along the skin or in the plane that faces the array."""
+        """Place the path around a focus, along the skin or in the plane that faces the array."""
         surfaces = [obstacle.surface for obstacle in scene.obstacles]
         distances = [-float(surface.depth(focus[None])[0]) for surface in surfaces]
         distance = min(distances, default=np.inf)
@@ -175,7 +175,7 @@ class Motion:
         if self.kind == "lm":
             return 50.0  # the middle, in octaves, of the 10 to 200 Hz of Takahashi and others
         steps = np.linalg.norm(np.roll(paths, -1, axis=1) - paths, axis=2)
-        return 7.0 / float(steps.sum(axis=1).max())  # between the 5 and 8 m/s of Frier and others
+        return 7.0 / float(steps.sum(axis=1).max())  # within the 5 to 8 m/s of Frier and others
 
 
 def moving_target(target: Target, paths: Paths) -> Target:
@@ -206,7 +206,7 @@ def moving_foci(
     *,
     clock: float = 40e3,
 ) -> Sequence:
-    """Compute the sequence in which ``foci`` foci at a time move through the points of a target.
+    """Compute the sequence that moves ``foci`` foci at a time through the points of a target.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The drive nearest to another drive that produces most of the attainable pressure at the foci."""
+"""The drive closest to another drive that produces most of the attainable pressure at the foci."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -17,30 +17,30 @@ Phases = Float64[np.ndarray, "elements"]
 def nearest_drive(
     transfer: TransferMatrix, target: Target, drive: Drive, share: float = 0.95
 ) -> Drive:
-    """Change the phases of a drive as little as possible until the foci get a share of the bound.
+    """Change the phases of a drive as little as possible until every focus is strong enough.
 
-    The amplitudes stay. The mean of 1 - cos of the moves, up to a common phase, is minimised by
-    the method of multipliers (J. Nocedal, S. J. Wright, *Numerical Optimization*, Springer 2006,
-    section 17.4), while each focus gets a share of the upper bound for drives with these
-    amplitudes.
+    Each focus must reach ``share`` of the upper bound for drives with these amplitudes. The
+    amplitudes do not change. The method of multipliers (J. Nocedal, S. J. Wright, *Numerical
+    Optimization*, Springer 2006, section 17.4) minimises the mean of 1 − cos of the phase changes;
+    a change common to all elements does not count.
 
     Parameters
     ----------
-    transfer : (F, E) transfer matrix, for example with the hand.
+    transfer : (F, E) transfer matrix, for example with the hand in place.
     target : the F foci.
-    drive : E amplitudes, for example from another program.
-    share : share of the bound that the weakest focus must have.
+    drive : the drive to change, for example from another program.
+    share : share of the bound that the weakest focus must reach, from 0 to 1.
 
     Returns
     -------
-    The drive, which is unchanged if it already reaches the share. If the share is out of reach with
-    these amplitudes, the weakest focus gets as much pressure as ``weighted_gerchberg_saxton``
-    achieves.
+    The changed drive, or an equal one if the drive already reaches the share. If these amplitudes
+    cannot reach the share, the weakest focus gets as much pressure as from
+    ``weighted_gerchberg_saxton``.
 
     Raises
     ------
     InvalidInput
-        If the drive is not for this array, is silent, or the share is not from 0 to 1.
+        If the drive does not fit the array or is silent, or the share is not from 0 to 1.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def nearest_drive(
     if len(drive) != transfer.matrix.shape[1]:
         raise InvalidInput(
             f"the drive has {len(drive)} elements, but the transfer matrix has "
-            f"{transfer.matrix.shape[1]}; use the array that the drive was made for.",
+            f"{transfer.matrix.shape[1]}; use the array for which the drive was computed.",
             code="sizes_differ",
         )
     weighted = TransferMatrix(transfer.matrix * drive.magnitudes, float("nan"))
@@ -66,7 +66,7 @@ def nearest_drive(
         return drive
     attained = np.angle(weighted_gerchberg_saxton(weighted, target).amplitudes)
     reached = float(np.abs(rows @ np.exp(1j * attained)).min())
-    # The target may be out of reach of phases alone.
+    # Phase changes alone may not be able to reach the goal.
     goal = min(goal, 0.999 * reached)
     turned = attained - np.angle(np.sum(np.exp(1j * (attained - begin))))
     found = [_nearest(rows, goal, begin, start) for start in (begin, turned)]
@@ -78,7 +78,7 @@ def nearest_drive(
 
 
 def _move(phases: Phases, begin: Phases) -> tuple[float, Phases]:
-    """Return 1 - |mean of e^{i move}|, which ignores a common phase, and its gradient."""
+    """Return 1 − |mean of e^{i change}|, which ignores a common phase, and its gradient."""
     moved = np.exp(1j * (phases - begin))
     mean = moved.mean()
     gradient = np.imag(np.conj(mean) * moved) / (max(abs(mean), 1e-12) * len(phases))

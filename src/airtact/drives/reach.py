@@ -1,4 +1,4 @@
-"""The rows of a transfer matrix at the foci of a target, and the pressures of a drive there."""
+"""Rows of a transfer matrix at a target's foci, and the pressures of a drive there."""
 
 import numpy as np
 from jaxtyping import Complex, Complex128, Float64
@@ -13,11 +13,11 @@ FociRows = Complex128[np.ndarray, "foci elements"]
 """Rows of a transfer matrix at foci, often divided by the request of each focus."""
 
 MIN_FOCUS_DISTANCE = 0.1
-"""Foci closer together than this cannot be separated [wavelengths]."""
+"""Smallest distance between two foci that can be separated [wavelengths]."""
 
 
 def check_foci(transfer: TransferMatrix, target: Target) -> None:
-    """Raise ``InvalidInput`` for a target whose points are not those of the transfer matrix.
+    """Raise ``InvalidInput`` if the points of a target are not those of the transfer matrix.
 
     The rows of the matrix are the target's foci, or its foci followed by its suppression points.
     """
@@ -39,14 +39,14 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
         if apart.max() > 1e-6:  # metres
             raise InvalidInput(
                 f"focus {int(apart.argmax())} of the target is {1e3 * apart.max():.3g} mm from "
-                "that of the transfer matrix. Use the target whose beacons were solved, in the "
+                "the one in the transfer matrix. Use the target whose beacons were solved, in the "
                 "obstacles' frame.",
                 code="sizes_differ",
             )
 
 
 def foci_rows(transfer: TransferMatrix, target: Target) -> FociRows:
-    """Return the rows of the matrix at the foci, after ``check_foci``."""
+    """Return the rows of the matrix at the foci, after checking them with ``check_foci``."""
     check_foci(transfer, target)
     return transfer.matrix[: len(target.points)]
 
@@ -54,7 +54,7 @@ def foci_rows(transfer: TransferMatrix, target: Target) -> FociRows:
 def asked_rows(
     transfer: TransferMatrix, target: Target
 ) -> tuple[FociRows, Float64[np.ndarray, "foci"]]:
-    """Return the rows of the foci with a request, and their requests."""
+    """Return the rows of the foci that have a request, and their requests."""
     rows = check_solvable(transfer, target)
     asked = target.weights > 0.0
     # If all foci have a request, nothing is copied.
@@ -62,12 +62,15 @@ def asked_rows(
 
 
 def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
-    """Return the rows at the foci, and check that a drive can separate and reach all foci.
+    """Return the rows at the foci, after checking that a drive can separate and reach all foci.
 
-    Otherwise, methods that balance the foci would diverge. The function raises ``InvalidInput`` as
-    ``check_foci`` does; if there are more foci than elements; if two foci are less than λ/10 apart
-    or, if the matrix has no λ, their rows are parallel; or if the largest pressure that a focus can
-    receive is less than 5 % (−26 dB) of the median for the other foci.
+    Methods that balance the foci would diverge otherwise. The function raises ``InvalidInput``
+
+    - under the conditions of ``check_foci``;
+    - if there are more foci than elements;
+    - if two foci are less than λ/10 apart or, without λ in the matrix, their rows are parallel;
+    - if the largest pressure that a focus can receive is less than 5 % (−26 dB) of the median for
+      the other foci.
     """
     rows = foci_rows(transfer, target)
     if len(rows) > rows.shape[1]:
@@ -78,7 +81,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
         )
     points = target.points
     apart = np.linalg.norm(points[:, None] - points, axis=2)
-    # Without a wavelength, foci at one place are those whose rows are parallel to 1e-4.
+    # Without a wavelength, two foci count as the same place if their rows are parallel to 1e-4.
     if transfer.wavelength is None:
         norms = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
         near = np.abs(rows @ rows.conj().T) > (1.0 - 1e-4) * norms[:, None] * norms
@@ -98,9 +101,9 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     attainable = np.abs(rows).sum(axis=1)[asked]
     shares = attainable / target.weights[asked]
     worst = int(shares.argmin())
-    # A shadowed focus gets little pressure, both in pascals and relative to its request: a focus
-    # with a twenty times larger request may get as much as the others. The comparison is with the
-    # median, so that one strong focus does not make all others count as shadowed.
+    # A shadowed focus gets little pressure, both in pascals and relative to its request. Both are
+    # checked because a focus with a twenty times larger request may get as much as the others. The
+    # comparison uses the median, so one strong focus does not make all others count as shadowed.
     if len(asked) > 1 and all(
         values[worst] < 0.05 * np.median(np.delete(values, worst))
         for values in (attainable, shares)
@@ -109,8 +112,8 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
         rest = np.median(np.delete(attainable, worst))
         raise InvalidInput(
             f"focus {asked[worst]} at {in_mm(point)} is shadowed: it can get at most "
-            f"{attainable[worst]:.3g} Pa, the other foci {rest:.3g} Pa (median). Move it, remove "
-            "it or request less there.",
+            f"{attainable[worst]:.3g} Pa, while the median of the other foci is {rest:.3g} Pa. "
+            "Move it, remove it or request less pressure there.",
             point,
             code="foci_unreachable",
         )
@@ -129,7 +132,7 @@ def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float
 def suppression_rows(
     transfer: TransferMatrix, target: Target
 ) -> Complex128[np.ndarray, "suppressed elements"]:
-    """Return the rows at the suppression points, which must exist, after ``check_foci``."""
+    """Return the rows at the suppression points, or raise ``InvalidInput`` if there are none."""
     check_foci(transfer, target)
     suppressed = len(target.suppression_points)
     if len(transfer.matrix) == len(target.points) and suppressed:
@@ -145,26 +148,26 @@ def suppression_rows(
 def achieved_fraction(
     transfer: TransferMatrix, target: Target, drive: Drive
 ) -> Float64[np.ndarray, "foci"]:
-    """Ratio of the pressure at each focus to its request, |H d|_f / p_f.
+    """Return the ratio of the pressure at each focus to its request, |H d|_f / p_f.
 
-    The smallest fraction is 1 if the drive reaches the target, and below 1 if full scale was not
+    The smallest ratio is 1 if the drive reaches the target, and below 1 if full scale is not
     enough.
 
     Parameters
     ----------
-    transfer : the (F, E) transfer matrix that the drive was computed from; to verify the drive with
-        another solver, use ``airtact.evaluate``.
+    transfer : the (F, E) transfer matrix from which the drive was computed. To verify the drive
+        with another solver, use ``airtact.evaluate``.
     target : the foci and their requested pressures.
     drive : the drive of the E elements.
 
     Returns
     -------
-    (F,) fractions, NaN for foci that request nothing or 0 Pa.
+    (F,) ratios, NaN for foci whose request is 0 Pa or missing.
 
     Raises
     ------
     InvalidInput
-        If the foci or the elements do not match in number.
+        If the number of foci or of elements does not match.
     """
     check_foci(transfer, target)
     return fraction(np.abs(transfer.pressure(drive))[: len(target.points)], target)
@@ -186,7 +189,8 @@ def scaled_to_target(
 ) -> Drive:
     """Scale amplitudes so that the smallest ``achieved_fraction`` is 1.
 
-    The largest amplitude is 1 if that takes more than full scale, or if no pressures are requested.
+    If this requires more than full scale, or if no pressures are requested, the largest amplitude
+    is 1.
     The function raises ``InvalidInput`` if every amplitude is 0.
     """
     largest = np.abs(amplitudes).max()
@@ -195,7 +199,7 @@ def scaled_to_target(
             "the contributions of the foci cancel at every element, so all amplitudes are 0.",
             code="all_zero",
         )
-    # The fraction at full scale decides whether the drive must be scaled down.
+    # The fraction at full scale tells whether the drive must be scaled down.
     full = Drive(amplitudes / largest)
     if target.pressures is None:
         return full

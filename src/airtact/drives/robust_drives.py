@@ -1,15 +1,15 @@
 """Drives for a hand with an uncertain position (``robust``).
 
-The hand scatters the sound, so each possible hand has its own transfer matrix, a sample. The drive
-is optimised over many samples.
+The hand scatters the sound, so each possible position of the hand has its own transfer matrix, a
+sample. The drive is optimised over many samples.
 
 The value of a sample is the smallest ratio of pressure to request among its foci. A goal is a
 statistic of these values: their mean, the value that 9 of 10 samples exceed ("lowest tenth"), or
 the worst. The search maximises a smooth replacement, the power mean of the values. With exponent 1
 it is the mean; with large negative exponents it approaches the worst value. The lowest tenth is not
-a smooth function of the drive, so the power mean of exponent −2 replaces it. On samples that the
-search has not seen, it raises the lowest tenth as much as a smoothed quantile does, without fitting
-the few samples at the quantile.
+a smooth function of the drive, so the power mean of exponent −2 replaces it. On samples that were
+not part of the search, this raises the lowest tenth as much as a smoothed quantile does, without
+overfitting the few samples at the quantile.
 
 ``robust`` takes these steps:
 
@@ -17,9 +17,9 @@ the few samples at the quantile.
    result.
 2. From there, maximise the power mean by L-BFGS, with exponents that approach the goal in steps.
    If only the energy Σ|d|² is limited, the best drive is a weighted sum of the conjugated rows,
-   because any other part costs energy without adding pressure. The search has one complex unknown
-   per row, however many elements there are (``_climb_at_equal_energy``). With every element at full
-   scale, the unknowns are the phases of all elements (``_climb_at_full_scale``).
+   because any other part costs energy without adding pressure. The search then has one complex
+   unknown per row, whatever the number of elements (``_climb_at_equal_energy``). With every element
+   at full scale, the unknowns are the phases of all elements (``_climb_at_full_scale``).
 """
 
 from typing import Literal, get_args
@@ -42,13 +42,13 @@ Goal = Literal["lowest tenth", "mean", "worst"]
 """The statistic of the weakest focus over the samples."""
 
 Limit = Literal["energy", "phases"]
-"""Limit of a drive: its energy Σ|d|², or |d| = 1 ("phases")."""
+"""Limit on a drive: "energy" limits Σ|d|²; "phases" sets |d| = 1 for every element."""
 
 SampledRows = Complex128[np.ndarray, "samples foci elements"]
 """Rows at the foci in each sample, divided by the request of each focus."""
 
 RowValues = Complex128[np.ndarray, "rows"]
-"""One number for each focus of each sample, sample by sample."""
+"""One number for each focus of each sample, ordered by sample."""
 
 
 EXPONENTS: dict[str, tuple[tuple[float, ...], ...]] = {
@@ -58,9 +58,9 @@ EXPONENTS: dict[str, tuple[tuple[float, ...], ...]] = {
 }
 """Sequences of exponents of the power mean, for each goal.
 
-A sequence has one climb per exponent; each climb starts where the last ended. For large
-displacements of the hand there are many local optima far apart. Each sequence finds one of them,
-and the best is used."""
+Each exponent of a sequence is one climb, which starts where the previous one ended. For large
+displacements of the hand there are many distant local optima. Each sequence finds one of them, and
+the best is used."""
 
 FOCUS_SHARPNESS = 8.0
 """The weakest focus of a sample is smoothed to a power mean with minus this exponent."""
@@ -78,29 +78,32 @@ def robust(
 ) -> Drive:
     """Compute the best drive over all samples of an ensemble, for an uncertain hand.
 
-    The search ignores the random gains of single elements, because fitting them would not help
-    with unseen samples; ``goal_value`` includes them. The method chooses the phases at the foci and
+    The search ignores the random gains of single elements, because adapting to them would not help
+    with new samples; ``goal_value`` includes them. The method chooses the phases at the foci and
     ignores suppression points.
 
     Parameters
     ----------
-    ensemble : the samples, from ``ensemble``. A plain transfer matrix is treated as certain.
+    ensemble : the samples, from ``ensemble``. A plain transfer matrix counts as free of
+        uncertainty.
     target : the foci and their requested pressures.
     goal : "lowest tenth", the pressure that the weakest focus exceeds in 9 of 10 samples; "mean",
         its mean over the samples; or "worst", its smallest value.
-    limit : "energy": the goal is maximised at a given energy Σ|d|². "phases": it is maximised with
-        every element at full scale.
+    limit : "energy" maximises the goal at a given energy Σ|d|²; "phases" maximises it with every
+        element at full scale.
 
     Returns
     -------
     The drive. Its largest amplitude is 1, or less if a weaker drive reaches the requested
-    pressures. If nothing is uncertain, it is the drive with the strongest worst focus at that
-    limit; for one focus, that of ``time_reversal`` (``phase_conjugate`` for "phases").
+    pressures. If nothing is uncertain, it is the drive with the strongest weakest focus at that
+    limit. For one focus this is the drive of ``time_reversal`` or, with "phases", of
+    ``phase_conjugate``.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``weighted_gerchberg_saxton``, or if the goal or limit is unknown.
+        Under the conditions listed in ``weighted_gerchberg_saxton``, or if the goal or limit is
+        unknown.
 
     Examples
     --------
@@ -112,7 +115,7 @@ def robust(
     >>> bool(lowest > goal_value(samples, target, at.time_reversal(samples, target)))
     True
     """
-    # Goals and limits also come from scene files, as words.
+    # Scene files also state goals and limits, as words.
     for word, allowed in ((goal, get_args(Goal)), (limit, get_args(Limit))):
         if word not in allowed:
             raise InvalidInput(
@@ -129,7 +132,7 @@ def robust(
 
     climb = _climb_at_equal_energy if limit == "energy" else _climb_at_full_scale
     with one_thread():  # the products are too small for several threads
-        # Without uncertainty the balanced drive is the result, otherwise the start of the search.
+        # Without uncertainty the balanced drive is the result; otherwise the search starts there.
         start = balanced(nominal / requests[:, None], limit == "phases", 2000 if certain else 30)
         ends = [] if certain else [climb(samples, start, powers) for powers in EXPONENTS[goal]]
     amplitudes = max((start, *ends), key=reached)
@@ -149,20 +152,20 @@ def robust_phase_only(
 def goal_value(
     ensemble: TransferMatrix, target: Target, drive: Drive, goal: Goal = "lowest tenth"
 ) -> float:
-    """Return the goal's value for a drive: the statistic of the weakest focus over the samples.
+    """Return the statistic of the weakest focus over the samples for a drive.
 
-    The value is a pressure [Pa], or a fraction of the requested pressures.
+    The value is a pressure [Pa], or a fraction if the target requests pressures.
 
     Parameters
     ----------
-    ensemble, target : see ``robust``.
+    ensemble, target : the samples and the foci, as in ``robust``.
     drive : the drive of the ensemble's elements.
     goal : the statistic of the weakest focus.
 
     Raises
     ------
     InvalidInput
-        If the elements or the foci do not match.
+        If the number of elements or foci does not match.
     """
     _, requests = asked_rows(ensemble, target)
     if isinstance(ensemble, TransferEnsemble):
@@ -180,12 +183,12 @@ def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
 
 
 def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
-    """Return each sample's rows at the foci, divided by the requests; one if all are equal."""
+    """Return each sample's rows divided by the requests, or one sample if all are equal."""
     nominal, requests = asked_rows(ensemble, target)
     if not isinstance(ensemble, TransferEnsemble):
         return (nominal / requests[:, None])[None]
     rows = ensemble.geometry[:, np.flatnonzero(target.weights > 0.0)]
-    # If only the gains are uncertain, one sample replaces all.
+    # If only the gains are uncertain, a single sample represents all.
     if np.abs(rows - nominal).max() <= 1e-9 * np.abs(nominal).max():
         rows = nominal[None]
     return rows / requests[:, None]
@@ -204,18 +207,18 @@ def balanced(matrix: FociRows, phases: bool, steps: int = 2000) -> Amplitudes:
     if phases:
         return phase(matrix.conj().T @ strongest_sources(matrix, 300))
     foci = len(matrix)
-    # For one focus at a given energy, time reversal is optimal (Cauchy-Schwarz).
+    # For one focus at a given energy, time reversal is optimal (Cauchy-Schwarz inequality).
     if foci == 1:
         return matrix[0].conj()
     products = matrix @ matrix.conj().T
-    # Start with the foci in phase, and with phase steps of 1, 2 and 3 quarter turns from one focus
+    # The starts are the foci in phase, and phase steps of 1, 2 and 3 quarter turns from one focus
     # to the next.
     starts = [np.exp(2j * np.pi * quarters * np.arange(foci) / 4) for quarters in range(4)]
     ends = [_balanced_sources(products, start, steps) for start in starts]
     strengths = np.array(
         [np.abs(products @ end).min() / np.sqrt(np.vdot(end, products @ end).real) for end in ends]
     )
-    # Among results that are equal up to rounding, take the first, so that the choice does not
+    # Among results that are equal up to rounding, the first is chosen, so that the choice does not
     # depend on the machine.
     best = int(np.argmax(np.round(strengths / strengths.max(), 9)))
     return matrix.conj().T @ ends[best]
@@ -248,8 +251,8 @@ def _climb_at_equal_energy(
 ) -> Amplitudes:
     """Maximise the power mean at equal energy.
 
-    The best drive has the form d = Aᴴ s, where A holds all rows. It gives the pressures P s with
-    P = A Aᴴ = L Lᴴ, at the energy sᴴ P s = ‖Lᴴ s‖². With x = Lᴴ s the pressures are L x and the
+    The best drive has the form d = Aᴴ s, where A contains all rows. Its pressures are P s with
+    P = A Aᴴ = L Lᴴ, and its energy is sᴴ P s = ‖Lᴴ s‖². With x = Lᴴ s the pressures are L x and the
     energy is ‖x‖², so the search varies only the direction of x.
     """
     from scipy.optimize import minimize
@@ -260,7 +263,7 @@ def _climb_at_equal_energy(
     # them exactly Hermitian.
     products = 0.5 * (products + products.conj().T)
     count = len(products)
-    # Similar hands give nearly dependent rows, so the products may be singular to rounding. A small
+    # Similar hands have nearly dependent rows, so the products may be singular to rounding. A small
     # diagonal term lets the factorisation succeed.
     regularisation = 1e-10 * np.trace(products).real / count
     lower = cholesky(products + regularisation * np.eye(count), lower=True)
@@ -273,7 +276,7 @@ def _climb_at_equal_energy(
         x_unit = x / norm
         mean, by_pressure = _log_power_mean(lower @ x_unit, samples.shape[:2], exponent)
         by_unit = lower.conj().T @ by_pressure
-        # Only the part of the gradient perpendicular to x changes its direction.
+        # Only the part of the gradient that is perpendicular to x changes the direction of x.
         slope = (by_unit - x_unit * np.vdot(x_unit, by_unit).real) / norm
         return -mean, -np.concatenate([np.real(slope), np.imag(slope)])
 
@@ -323,7 +326,7 @@ def _climb_at_full_scale(
 def _log_power_mean(
     pressures: RowValues, shape: tuple[int, int], exponent: float
 ) -> tuple[float, RowValues]:
-    """Logarithm of the power mean of the weakest focus over the samples, and its gradient.
+    """Return the log of the power mean of the weakest focus over the samples, and its gradient.
 
     Parameters
     ----------
@@ -336,7 +339,7 @@ def _log_power_mean(
     The logarithm and its gradient g; the logarithm changes by Re Σ conj(g) δp.
     """
     logs = np.log(np.maximum(np.abs(pressures), np.finfo(float).tiny)).reshape(shape)
-    # Ratios to the smallest or largest value, so that no power overflows.
+    # The ratios are relative to the smallest or largest value, so that no power overflows.
     lowest = logs.min(axis=1, keepdims=True)
     focus_weights = np.exp(FOCUS_SHARPNESS * (lowest - logs))
     log_values = lowest[:, 0] - np.log(focus_weights.mean(axis=1)) / FOCUS_SHARPNESS

@@ -1,8 +1,8 @@
-"""Sequences of drives, which make ultrasound perceptible to the skin.
+"""Sequences of drives, which make the ultrasound perceptible to the skin.
 
 Ultrasound itself is too fast to be felt; skin feels changes at a few to a few hundred hertz. Such
 changes come from varying the amplitude (amplitude modulation), from moving a focus back and forth
-(lateral modulation; R. Takahashi, K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 13, 334, 2020) or
+(lateral modulation; R. Takahashi, K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 13, 334, 2020), or
 from moving it along a path (spatiotemporal modulation; W. Frier et al., EuroHaptics 2018).
 """
 
@@ -32,13 +32,13 @@ class Sequence:
 
     Attributes
     ----------
-    drives : (N, E) complex amplitudes of each frame, 1 at full scale.
+    drives : (N, E) complex amplitudes of the E elements in each of N frames; 1 is full scale.
     rate : frames per second [Hz].
 
     Raises
     ------
     InvalidInput
-        If there is no frame, a number is not finite, a magnitude exceeds 1, or the rate is not
+        If there are no frames, a number is not finite, a magnitude exceeds 1, or the rate is not
         above zero.
     """
 
@@ -59,7 +59,7 @@ class Sequence:
         if largest.max() > FULL_SCALE:
             raise InvalidInput(
                 f"frame {int(largest.argmax())} of a sequence drives an element at "
-                f"{largest.max():.4g} of full scale. Divide the sequence by that.",
+                f"{largest.max():.4g} of full scale. Divide the sequence by this value.",
                 code="over_full_scale",
             )
         drives.flags.writeable = False
@@ -84,7 +84,7 @@ class Sequence:
         return Drive(self.drives[index])
 
     def pressure(self, transfer: TransferMatrix) -> Complex128[np.ndarray, "frames foci"]:
-        """Return the pressure at each focus in every frame [Pa]."""
+        """Return the (N, F) complex pressure at each focus in every frame [Pa]."""
         of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
         transfer.check_fits(self.drive(0))
         return self.drives @ transfer.matrix.T
@@ -102,7 +102,7 @@ class Sequence:
     ) -> None:
         """Write all frames to a .h5 file, which ``load_drive`` reads and ``airtact emit`` sends.
 
-        See ``Drive.save`` for parameters and errors.
+        The parameters and errors are those of ``Drive.save``.
         """
         save_drives(
             path,

@@ -32,14 +32,14 @@ from airtact.transducers.plates import strength_in
 
 @dataclass(frozen=True, eq=False)
 class TransferMatrix:
-    """The pressure at every focus per unit drive of every element, p = H d.
+    """Complex pressure at every focus per unit drive of every element, p = H d.
 
-    ``transfer_matrix`` includes the scattering by the bodies, ``open_air_matrix`` does not.
+    ``transfer_matrix`` includes the scattering by the bodies; ``open_air_matrix`` does not.
 
     Attributes
     ----------
     matrix : (F, E) complex pressure H[f, e] at focus f when element e alone is at full scale [Pa].
-        Rows for the suppression points follow the foci if the beacons include them.
+        If the beacons include the suppression points, their rows follow those of the foci.
     estimated_error : relative error of the matrix, estimated by the solver of the beacons; NaN if
         unknown.
     foci : (F, 3) positions of the foci in the obstacles' frame [m], or None if unknown.
@@ -48,7 +48,7 @@ class TransferMatrix:
     Raises
     ------
     InvalidInput
-        If the matrix is not (F, E) or is empty, an entry is not finite, or every entry is zero.
+        If the matrix is empty or not (F, E), an entry is not finite, or every entry is zero.
     """
 
     matrix: Complex128[np.ndarray, "foci elements"]
@@ -93,7 +93,7 @@ class TransferMatrix:
         return self.matrix @ drive.amplitudes
 
     def check_fits(self, drive: Drive) -> None:
-        """Raise ``InvalidInput`` unless the drive has the matrix's number of elements."""
+        """Raise ``InvalidInput`` unless the drive has as many elements as the matrix."""
         check_drive(drive, "the drive")
         if len(drive) != self.matrix.shape[1]:
             raise InvalidInput(
@@ -113,11 +113,11 @@ MakeDrive = Callable[[TransferMatrix, Target], Drive]
 
 
 def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
-    """Build the (F, E) transfer matrix by reciprocity, from one solve with unit beacons.
+    """Build the transfer matrix by reciprocity, from a single solve with unit beacons.
 
     A beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure
-    that the element with the same source strength produces at the focus (reciprocity, equation 3 of
-    the paper). So
+    that the element, with the same source strength, produces at the focus (reciprocity, equation 3
+    of the paper). Therefore
 
         H[f, e] = g_e · sensitivity · Σ_j w_j b_f(x_ej),
 
@@ -126,19 +126,19 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     covers every translation and rotation of the array relative to the bodies (section 3.3 of the
     paper).
 
-    If the scene has the array's boards (``reflecting_boards``), b_f is the pressure on their faces
-    and is halved, because an infinite face doubles the pressure and the sensitivity of an element
-    already includes the board behind it.
+    If the scene contains the array's boards (``reflecting_boards``), b_f is the pressure on their
+    faces. It is halved, because an infinite face doubles the pressure and the sensitivity of an
+    element already includes the board behind it.
 
     Parameters
     ----------
-    beacons : field of the unit beacons, one excitation for each beacon: ``solver.radiate(scene,
-        target.beacons())``.
-    array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
+    beacons : field of the unit beacons, with one excitation for each beacon:
+        ``solver.radiate(scene, target.beacons())``.
+    array : the transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
 
     Returns
     -------
-    The matrix [Pa]. Its error is the solver's estimate at the elements for the worst beacon.
+    The (F, E) matrix [Pa]. Its error is the solver's estimate at the elements for the worst beacon.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     Warns
     -----
     UserWarning
-        If the estimated error is above 50 %, as in the shadow of a body.
+        If the estimated error is above 50 %, which happens in the shadow of a body.
     """
     of_kind(
         beacons,
@@ -171,7 +171,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
 
 
 def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
-    """Return the transfer matrix for an array whose placement has been checked."""
+    """Return the transfer matrix for an array whose placement has already been checked."""
     sources = beacons.sources
     count = len(sources.positions)
     received = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
@@ -191,7 +191,7 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
     matrix = strength_in(beacons.scene, array) * element.sensitivity * means * array.gains
     errors = beacons.error_at(array.positions)
     error = float(np.max(errors))
-    # The estimate is up to five times too large for foci in gaps, and useless on the faces of
+    # The estimate is up to five times too large for foci in gaps, and meaningless on the faces of
     # reflecting boards.
     if error > 0.5 and not beacons.scene.boards:
         worst = int(np.argmax(errors))
@@ -205,11 +205,11 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
 
 
 def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> TransferMatrix:
-    """Build the transfer matrix without the bodies, in closed form, as a control for comparisons.
+    """Build the transfer matrix without the bodies, in closed form, for comparison.
 
-    To find the benefit of modelling the bodies, make one drive from this matrix and one from
-    ``transfer_matrix`` by the same method, and compare them with the bodies present, at equal peak
-    or equal energy (``compare``). Both matrices include the directivity and calibration of the
+    To find the benefit of modelling the bodies, compute one drive from this matrix and one from
+    ``transfer_matrix`` with the same method. Compare them with the bodies present, at equal peak or
+    equal energy (``compare``). Both matrices include the directivity and calibration of the
     elements.
 
     Parameters
@@ -220,7 +220,7 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
 
     Returns
     -------
-    The matrix [Pa], with estimated error 0.
+    The matrix [Pa], with an estimated error of 0.
 
     Raises
     ------
@@ -229,7 +229,7 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
     of_kind(target, Target, "the target", "Target(points, pressures)")
-    # Boards reflect like bodies, so they are left out too.
+    # The boards reflect sound like bodies, so they are left out too.
     empty = Scene(scene.medium, [], frequency=scene.frequency, planes=scene.planes)
     return transfer_matrix(FreeField().radiate(empty, target.beacons(suppression=True)), array)
 
@@ -237,11 +237,11 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
 def focus_by_distance(
     array: PhasedArray, target: Target, medium: Medium, frequency: float
 ) -> Drive:
-    """Focus by the distances from the elements to the foci, without a hand; used as a control.
+    """Focus by the distances from the elements to the foci, without a hand, for comparison.
 
-    The drive is d_e = Σ_f e^{−ik r_ef} (the paper's equation 11 in its equation 5), scaled to a
-    largest amplitude of 1. All foci have the same weight, regardless of their requests. k is the
-    real part of the wavenumber.
+    The drive is d_e = Σ_f e^{−ik r_ef} (equations 5 and 11 of the paper), scaled to a largest
+    amplitude of 1. All foci have the same weight, whatever their requests. k is the real part of
+    the wavenumber.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ def focus_by_distance(
     of_kind(target, Target, "the target", "Target(points, pressures)")
     of_kind(medium, Medium, "the medium", "air() or Medium(sound_speed, density)")
     check_frequency(frequency)
-    # There is no scene to check the placement, so the elements and foci are checked alone.
+    # There is no scene to check the placement with, so only the elements and foci are checked.
     check_pattern(array.element, medium.wavenumber(frequency))
     check_apart(array)
     check_reach(array, target.points)
@@ -273,8 +273,8 @@ def rounding_error(
 ) -> Float64[np.ndarray, "foci"]:
     """Return the relative change of the pressure at each focus due to rounding.
 
-    Boards with two amplitude levels raise weak elements to full scale, so for them both drives are
-    compared at equal energy Σ|d|²; for all other boards they are compared as they are.
+    Boards with two amplitude levels raise weak elements to full scale. For these boards the two
+    drives are compared at equal energy Σ|d|²; for all other boards they are compared as they are.
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ def rounding_error(
     rounded = frame.drive()
     exact = np.abs(transfer.pressure(drive))
     emitted = np.abs(transfer.pressure(rounded))
-    # Weak elements were raised to full scale, which adds energy but focuses no better.
+    # Raising weak elements to full scale adds energy but does not improve the focus.
     if frame.levels.phase_only:
         emitted = emitted * rounded.factor_to_match(drive)
     return np.where(exact > 0.0, emitted / np.where(exact > 0.0, exact, 1.0) - 1.0, np.nan)

@@ -1,4 +1,4 @@
-"""Transfer matrices of sampled hands (``ensemble``), from a single solve if hands move rigidly.
+"""Transfer matrices of sampled hands (``ensemble``), from a single solve if the hands move rigidly.
 
 Warmer air scales the wavenumber by s. The solved field is then evaluated with all lengths scaled by
 s about the middle of the foci. As an approximation, this also scales the bodies and the distances
@@ -12,8 +12,8 @@ each focus, plus the remainder of the nominal matrix. Compared with the mean ove
 motions of 2 mm and 3 degrees, the error is 0.1 % in front of flat boards and 1 % in a box.
 
 If bodies move independently, each sample is solved separately, in air of that sample's temperature.
-In front of a rigid plane one solve covers all hands at the same place relative to the plane: those
-that were shifted along it or turned about its normal.
+In front of a rigid plane, one solve covers all hands at the same position relative to the plane:
+those that were shifted along it or turned about its normal.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
@@ -46,7 +46,7 @@ from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 
 MAX_SAMPLES = 10_000
-"""Largest allowed number of samples; more are probably a mistake."""
+"""Largest allowed number of samples; a larger number is probably a mistake."""
 
 FociRows = Complex128[np.ndarray, "foci elements"]
 
@@ -55,24 +55,23 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class TransferEnsemble(TransferMatrix):
-    """The nominal transfer matrix and those of S sampled hands; ``ensemble`` makes it.
+    """The nominal transfer matrix and those of S sampled hands, as returned by ``ensemble``.
 
-    Functions that expect a ``TransferMatrix`` use the nominal one. ``robust`` computes drives
-    for all samples.
+    Functions that expect a ``TransferMatrix`` use the nominal one; ``robust`` uses all samples.
 
     Attributes
     ----------
-    geometry : (S, F, E) the matrix of each sample with the nominal gains of the elements [Pa].
-    gains : (S, E) factor of each element in each sample, or None if all are 1.
-    uncertainty : the distributions that the samples were drawn from.
+    geometry : (S, F, E) matrix of each sample, with the nominal gains of the elements [Pa].
+    gains : (S, E) gain factor of each element in each sample, or None if all are 1.
+    uncertainty : the distributions from which the samples were drawn.
     seed : seed of the samples.
     left_out : number of impossible samples, such as hands that overlap a transducer.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``TransferMatrix``, or if there are no samples or their shape does
-        not match.
+        Under the conditions listed in ``TransferMatrix``, or if there are no samples or their shape
+        does not match.
     """
 
     geometry: Complex128[np.ndarray, "samples foci elements"]
@@ -112,11 +111,11 @@ class TransferEnsemble(TransferMatrix):
 
     @property
     def matrices(self) -> Complex128[np.ndarray, "samples foci elements"]:
-        """(S, F, E) the matrix of each sample [Pa]."""
+        """(S, F, E) transfer matrix of each sample [Pa]."""
         return self.geometry if self.gains is None else self.geometry * self.gains[:, None, :]
 
     def pressures(self, drive: Drive) -> Complex128[np.ndarray, "samples foci"]:
-        """Return the complex pressure (S, F) at each focus of each sample under a drive [Pa].
+        """Return the (S, F) complex pressure of a drive at each focus of each sample [Pa].
 
         Raises
         ------
@@ -140,19 +139,19 @@ def ensemble(
 ) -> TransferEnsemble:
     """Compute the transfer matrices of random hands, air and transducers.
 
-    A rigid motion of the hand needs no new solve: the multipole expansion of the beacons is
-    evaluated at the array as seen from the moved hand. If bodies move independently or foci move
+    A rigid motion of the hand requires no new solve: the multipole expansion of the beacons' field
+    is evaluated at the array as seen from the moved hand. If bodies move independently or foci move
     along the skin, each focus is evaluated as if all bodies moved with it. With ``solver``, each
-    such sample is solved instead, in milliseconds by ``BoundaryElement().factorised(scene,
-    refined=target.points)``. Warmer air scales the wavenumber. In front of a rigid plane one solve
-    covers all motions along the plane; ``solver`` solves the other samples.
+    such sample is solved instead; ``BoundaryElement().factorised(scene, refined=target.points)``
+    takes milliseconds for each. Warmer air scales the wavenumber. In front of a rigid plane, one
+    solve covers all motions along the plane, and ``solver`` solves the other samples.
 
     Parameters
     ----------
     beacons : field of unit beacons at the foci, ``solver.radiate(scene, target.beacons())``.
     array : the transducers in the obstacles' frame.
     uncertainty : standard deviations of the motions, the air and the gains.
-    samples : number of samples, 1 to 10 000; a power of 2 spreads best.
+    samples : number of samples, 1 to 10 000. Powers of 2 sample the distributions most evenly.
     seed : seed of the random numbers, 0 or more.
     solver : solves each sample if bodies move independently, foci move along the skin, or there is
         a plane.
@@ -160,13 +159,14 @@ def ensemble(
     Returns
     -------
     The nominal matrix and those of the samples. A sample is impossible if an element or a focus is
-    inside a body, or a body or a focus is behind a face; such samples are skipped and counted.
+    inside a body, or if a body or a focus is behind the face of an element. Such samples are
+    skipped and counted.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``transfer_matrix``, or if ``samples`` or ``seed`` is out of
-        range, all samples are impossible, the scene has no body for ``along_skin``, samples in
+        Under the conditions listed in ``transfer_matrix``. Also if ``samples`` or ``seed`` is out
+        of range, all samples are impossible, the scene has no body for ``along_skin``, samples in
         front of a plane need ``solver``, or the temperature or humidity is uncertain but the medium
         is not air.
 
@@ -214,14 +214,14 @@ def matrices_at(
 ) -> Iterator[FociRows | None]:
     """Yield the transfer matrix (F, E) of a hand that is moved rigidly by each pose [Pa].
 
-    ``slower`` scales the wavenumber, for warmer air. An impossible pose, with an element inside a
-    body or a body or focus behind a face, yields None. In front of a plane, ``solver`` solves each
-    pose that changes the position relative to the plane; without it, such a pose raises an error
-    with the code "not_converged". See ``transfer_matrix`` for the other errors.
+    ``slower`` scales the wavenumber, for warmer air. A pose is impossible if an element is inside a
+    body, or if a body or a focus is behind a face; it yields None. In front of a plane, ``solver``
+    solves each pose that changes the position relative to the plane. Without it, such a pose raises
+    an error with the code "not_converged". The other errors are those of ``transfer_matrix``.
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
-    # The hand moves rigidly: groups of foci do not move by themselves.
+    # The hand moves rigidly, so groups of foci do not move on their own.
     still = (Pose.identity(),) * len(sampler.groups)
     unshifted = np.zeros((len(beacons.sources.positions), 2))
     return sampler.matrices(Draw(pose, still, unshifted, slower) for pose in poses)
@@ -263,13 +263,14 @@ class _Sampler:
     field : field of the beacons, as a multipole expansion if there are bodies.
     array : the transducers.
     uncertainty : the distributions.
-    solver : for bodies that move independently, and for hands that move towards a plane; or None.
+    solver : solver for bodies that move independently and for hands that move toward a plane, or
+        None.
     groups : indices of the foci that move together.
     bodies : (F,) the body nearest to each focus; 0 in open air.
     middle : (3,) middle of the foci [m]; the hand turns about it.
     ball : centre and radius of a ball around the bodies [m], or None.
-    remainder : (F, E) difference of the nominal matrix from centres and directivity, divided by the
-        carrier wave [Pa].
+    remainder : (F, E) difference between the nominal matrix and the product of centre pressure and
+        directivity, divided by the carrier wave [Pa].
     """
 
     field: RadiatedField
@@ -315,7 +316,7 @@ class _Sampler:
         if len(scene.obstacles) > 1:
             depths = [obstacle.surface.depth(foci) for obstacle in scene.obstacles]
             bodies = np.argmax(depths, axis=0)
-        # Suppression points do not move the middle.
+        # Suppression points do not contribute to the middle.
         asked = beacons.sources.foci if isinstance(beacons.sources, Beacons) else len(foci)
         sampler = cls(
             field=beacons,
@@ -336,20 +337,20 @@ class _Sampler:
 
     @property
     def together(self) -> bool:
-        """Whether all foci move together."""
+        """Whether all foci move as one group."""
         uncertainty = self.uncertainty
         return not (uncertainty.own_position or uncertainty.own_rotation or uncertainty.along_skin)
 
     @cached_property
     def pattern(self) -> tuple[Float64[np.ndarray, "angles"], Float64[np.ndarray, "angles"]]:
-        """Sines of angles off an element's axis, and the far pressure relative to the axis."""
+        """Sines of the angles from an element's axis, and the far pressure relative to the axis."""
         sines = np.linspace(0.0, 1.0, 400)
         directions = np.stack([sines, np.zeros_like(sines), np.sqrt(1.0 - sines**2)], axis=1)
         wavenumber = self.field.scene.wavenumber.real
         return sines, np.real(self.array.element.far_pattern(directions, wavenumber))
 
     def draw(self, samples: int, seed: int) -> Iterator[Draw]:
-        """Draw samples: with a solver each body moves independently, else each group of foci."""
+        """Draw samples; each body moves independently with a solver, else each group of foci."""
         foci = self.field.sources.positions
         obstacles = self.field.scene.obstacles
         if self.solver is None or not obstacles:
@@ -372,7 +373,7 @@ class _Sampler:
     # --- from one solve ---
 
     def _evaluated(self, draw: Draw) -> FociRows:
-        """Evaluate the solved field at the array, as placed relative to each group of foci."""
+        """Evaluate the solved field at the array, placed relative to each group of foci."""
         foci = self.field.sources.positions
         poses = [draw.hand] * len(self.groups)
         if not self.together:
@@ -391,14 +392,15 @@ class _Sampler:
     def _at_centres(
         self, pose: Pose, slower: float, group: Int64[np.ndarray, "group"]
     ) -> tuple[FociRows, FociRows]:
-        """Pressure at the centres of the elements times their directivity, and the carrier wave.
+        """Return the centre pressures of the elements times their directivity, and the carrier.
 
-        This costs a twelfth of the mean over the faces. The remainder is taken from the nominal
-        matrix and multiplied by the carrier, the wave from the focus to the centre.
+        This takes a twelfth of the time of the mean over the faces. The carrier is the wave from
+        the focus to the centre. The remainder comes from the nominal matrix and is multiplied by
+        the carrier.
         """
         element = self.array.element
         turned = (self.array.positions - pose.translation) @ pose.rotation
-        # Scaled about the middle: see the module docstring.
+        # The scaling about the middle is explained in the module docstring.
         points = self.middle + slower * (turned - self.middle)
         foci = self.middle + slower * (self.field.sources.positions[group] - self.middle)
         away = points - foci[:, None]
@@ -414,7 +416,7 @@ class _Sampler:
     # --- one solve per hand ---
 
     def _solved(self, samples: Sequence[Draw]) -> Iterator[FociRows | None]:
-        """Yield matrices, with one solve for all hands that have the same place in the scene."""
+        """Yield matrices, with a single solve for all hands in the same position in the scene."""
         alike: dict[Hashable, list[int]] = {}
         for index, draw in enumerate(samples):
             alike.setdefault(self._view(draw) if self.together else index, []).append(index)
@@ -423,14 +425,14 @@ class _Sampler:
             field = _if_possible(self._field_of, samples[indices[0]])
             if field is None:
                 continue
-            if len(indices) >= 4 and field.scene.obstacles:  # for fewer an expansion does not pay
+            if len(indices) >= 4 and field.scene.obstacles:  # an expansion costs more for fewer
                 field = _expanded(field)
             for index in indices:
                 matrices[index] = _if_possible(partial(self._at_array, field), samples[index])
         yield from matrices
 
     def _moved(self, draw: Draw, scene: Scene) -> tuple[Scene, Float64[np.ndarray, "foci 3"]]:
-        """Move the bodies of a scene, and the foci, by their own deviations."""
+        """Move each body of a scene and each focus by its own deviation."""
         foci = self.field.sources.positions
         if self.together:
             return scene, foci
@@ -444,13 +446,13 @@ class _Sampler:
         foci = np.stack([draw.groups[body].apply(point) for body, point in pairs])
         if draw.skin.any():
             shifted = foci + along_skin(scene, foci, draw.skin)
-            # Keep the distance from the skin, which is not flat.
+            # Keep the distance from the skin, which is curved.
             deeper = scene.depth(shifted) - scene.depth(foci)
             foci = shifted + deeper[:, None] * outward(scene.depth, shifted)
         return scene, foci
 
     def _view(self, draw: Draw) -> Hashable:
-        """Return a key that is equal for hands with the same air and position to the planes."""
+        """Return a key that is equal for hands in the same air and position relative to planes."""
         planes = [_plane_seen(plane, draw.hand) for plane in self.field.scene.planes]
         numbers = [(*plane.normal, plane.height(np.zeros((1, 3)))[0]) for plane in planes]
         return draw.slower, *(np.round(np.concatenate(numbers), 9) + 0.0).tolist()
@@ -477,7 +479,7 @@ class _Sampler:
         return transfer_matrix(field, self.array.seen_from(draw.hand)).matrix
 
     def _check(self, pose: Pose, foci: Real[np.ndarray, "group 3"]) -> None:
-        """Check the placement of an array if something is near enough to fail the check."""
+        """Check the placement of an array if a body or plane is near enough to fail the check."""
         array = self.array
         spheres = pose.apply(foci)
         radii = np.zeros(len(foci))
@@ -500,7 +502,7 @@ def _expanded(field: RadiatedField) -> RadiatedField:
 
 
 def _plane_seen(plane: Plane, hand: Pose) -> Plane:
-    """Return a plane in the frame of a moved hand; the same object if the motion keeps it."""
+    """Return a plane in the frame of a moved hand, or the same object if the motion keeps it."""
     return plane if plane.kept_by(hand) else plane.moved(hand.inverse())
 
 
@@ -526,7 +528,7 @@ def _if_possible(make: Callable[[Draw], Made], draw: Draw) -> Made | None:
 def along_skin(
     scene: Scene, foci: Real[np.ndarray, "foci 3"], shifts: Real[np.ndarray, "foci 2"]
 ) -> Float64[np.ndarray, "foci 3"]:
-    """Return shifts of foci (F, 3) [m] for shifts in two directions along the surface."""
+    """Return the (F, 3) shifts [m] that move the foci along the surface in two directions."""
     if not shifts.any():
         return np.zeros((len(foci), 3))
     frames = np.stack([np.stack(frame_of(normal)[:2]) for normal in outward(scene.depth, foci)])
@@ -536,7 +538,7 @@ def along_skin(
 def _groups(
     bodies: Int64[np.ndarray, "foci"], independent: bool, along_skin: bool
 ) -> tuple[Int64[np.ndarray, "_"], ...]:
-    """Group the foci that move together: by body, or each focus by itself on a single body.
+    """Group the foci that move together: by body, or each focus alone if there is only one body.
 
     A single body counts as a hand, whose foci are on different bones.
     """
