@@ -57,9 +57,9 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
     Each iteration is s -> w · phase(H Hᴴ s) with the (F, F) matrix H Hᴴ. At the end the sources are
     weighted by w²/|p|, and every element is set to full scale (Plasencia, Hirayama, Montano-Murillo
     and Subramanian, ACM Trans. Graph. 39 (2020) 138). This last step lowers the pressure at the
-    weakest focus. A few iterations of ``weighted_gerchberg_saxton``, which are our addition to
-    the published method, restore the pressure and never lower it. The parameters, result and errors are those of
-    ``weighted_gerchberg_saxton``.
+    weakest focus. A few iterations of ``weighted_gerchberg_saxton``, which are our addition to the
+    published method, restore the pressure and never lower it. The parameters, result and errors are
+    those of ``weighted_gerchberg_saxton``.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)

@@ -1,4 +1,4 @@
-"""AUTD3 boards, and a link to boards with older firmware through pyautd3 or its model Audit."""
+"""AUTD3 boards, and a link to boards with older firmware through pyautd3 or its emulator Audit."""
 
 import ctypes
 import importlib.metadata
@@ -30,12 +30,13 @@ PHASE_FADE = 1000
 class AUTD3Boards(Link):
     """A chain of AUTD3 boards, in order.
 
-    The silencer of a board spreads changes of intensity over 0.25 ms and of phase over 1 ms, which
-    avoids audible noise; a sequence with shorter frames shortens these times to one frame.
+    The silencer of a board spreads changes of intensity over 0.25 ms and changes of phase over 1
+    ms, which avoids audible noise. In a sequence with shorter frames, it spreads them over one
+    frame.
 
     Parameters
     ----------
-    poses : pose of each board, from the board's frame to the array's.
+    poses : pose of each board, from the board's frame to the array's frame.
     """
 
     plays_itself = True
@@ -46,7 +47,8 @@ class AUTD3Boards(Link):
             of_kind(pose, Pose, f"pose {index}", "Pose(rotation, translation)")
         super().__init__("autd3", len(poses))
         self.poses = poses
-        # SciPy's import takes longer than a link process takes to start: convert rotations here.
+        # Importing SciPy takes longer than starting a link process, so rotations are converted
+        # here.
         from scipy.spatial.transform import Rotation
 
         self._rotations = [
@@ -58,7 +60,7 @@ class AUTD3Boards(Link):
         self._modulating = False
 
     def check_sequence(self, frames: int, rate: float) -> None:
-        """Check that the boards can hold a sequence and that its rate divides 40 kHz.
+        """Check that the boards can store a sequence and that its rate divides 40 kHz.
 
         Raises
         ------
@@ -71,7 +73,7 @@ class AUTD3Boards(Link):
             raise InvalidInput(
                 f"an AUTD3 board stores 2 to 1024 frames, not {frames}.", code="sizes_differ"
             )
-        # The board counts the periods of a frame in 16 bits.
+        # The board counts the periods of a frame with 16 bits.
         check_rate(rate, PERIODS, 0xFFFF, "AUTD3")
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
@@ -79,8 +81,9 @@ class AUTD3Boards(Link):
 
         Parameters
         ----------
-        envelope : factors on the amplitudes, from 0 to 1, for one period; None for no modulation.
-        rate : factors per second: 40 kHz divided by a whole number.
+        envelope : factors for the amplitudes over one period, from 0 to 1; None ends the
+            modulation.
+        rate : factors per second; 40 kHz divided by a whole number.
         """
         self._envelope = envelope
         if envelope is not None:
@@ -91,19 +94,19 @@ class AUTD3Boards(Link):
 class AUTD3Link(AUTD3Boards):
     """A chain of AUTD3 boards with firmware before 0.10 on EtherCAT, in order.
 
-    Drives contain all phases, so the frames do not depend on pyautd3's speed of sound, which is set
-    for simulators only.
+    Drives contain all phases, so the frames do not depend on the speed of sound in pyautd3, which
+    is set for simulators only.
 
     Parameters
     ----------
-    poses : pose of each board, from the board's frame to the array's, as returned by
+    poses : pose of each board, from the board's frame to the array's frame, as returned by
         ``poses_of_boards``.
-    through : "audit" (no device: the firmware's model in this process), "ethercrab" (boards on an
-        Ethernet port of this computer), "twincat" (Beckhoff's, on this or another computer),
-        "remote" (an AUTD server) or "simulator".
-    address : network interface for ethercrab (by default the first with boards), AMS net id for
-        TwinCAT on another computer, or host:port for remote and simulator.
-    sound_speed : speed of sound in the medium [m/s], for simulators.
+    through : connection to the boards: "audit" (no device; a model of the firmware in this
+        process), "ethercrab" (boards on an Ethernet port of this computer), "twincat" (Beckhoff's
+        TwinCAT, on this or another computer), "remote" (an AUTD server) or "simulator".
+    address : network interface for "ethercrab" (by default the first one with boards), AMS net id
+        for TwinCAT on another computer, or host:port for "remote" and "simulator".
+    sound_speed : speed of sound in the medium [m/s]; only simulators use it.
     """
 
     def __init__(
@@ -133,12 +136,13 @@ class AUTD3Link(AUTD3Boards):
         self._library: Any = None
 
     def played(self, index: int = 0) -> Frame:
-        """Read frame ``index`` of the sequence that the boards play, from the firmware's model.
+        """Read back frame ``index`` of the sequence that the boards play, from the firmware's
+        model.
 
         Raises
         ------
         InvalidInput
-            If the link is not "audit": real boards cannot be read.
+            If the link is not "audit", because real boards cannot be read.
         """
         if self._elsewhere is not None:
             return self._elsewhere("played", index)
@@ -173,7 +177,7 @@ class AUTD3Link(AUTD3Boards):
         self._lost = None
         try:
             self._controller = pyautd3.Controller.open(devices, self._way())
-        except Exception as error:  # of pyautd3, or a standard one
+        except Exception as error:  # an error of pyautd3 or a standard one
             raise InvalidInput(
                 f"{self.boards} AUTD3 boards cannot be opened through {self.name}: "
                 f"{str(error).rstrip('.')}.",
@@ -182,7 +186,7 @@ class AUTD3Link(AUTD3Boards):
         if self.sound_speed is not None:
             self._controller.environment.sound_speed = 1e3 * self.sound_speed
         self._check_firmware()
-        # Looking up a table takes less time than starting threads.
+        # Looking up a table takes less time than starting threads does.
         option = pyautd3.SenderOption(parallel=pyautd3.ParallelMode.Off)
         self._sender = self._controller.sender(option, pyautd3.FixedSchedule())
         self._silence()
@@ -193,7 +197,7 @@ class AUTD3Link(AUTD3Boards):
         latest = FirmwareInfo.latest_version()
         for index, info in enumerate(self._controller.firmware_version()):
             text = str(info)
-            # A board has two versions: of its CPU and of its FPGA.
+            # A board has two firmware versions, one for its CPU and one for its FPGA.
             if text.count(latest) < 2:
                 self._controller.close()
                 raise InvalidInput(
@@ -217,7 +221,7 @@ class AUTD3Link(AUTD3Boards):
         return remote.Remote(address) if self.name == "remote" else simulator.Simulator(address)
 
     def _note(self, board: int, status: object) -> None:
-        """Store EtherCAT's report of a board for the next frame; called from another thread."""
+        """Store the EtherCAT report of a board for the next frame; called from another thread."""
         self._lost = f"board {board}: {status}"
 
     def _transmit(self, frame: Frame) -> None:
@@ -255,7 +259,7 @@ class AUTD3Link(AUTD3Boards):
     def _silence(self) -> None:
         self._modulating = False
         self._smoothed = None
-        # Wait until the boards acknowledge silence, and only then slow down the silencer again.
+        # Wait until the boards acknowledge silence, and only then make the silencer slower again.
         self._sender.send((self._library.Static(), self._library.Null()))
         self._sender.send(self._silencer(INTENSITY_FADE, PHASE_FADE))
 
@@ -275,7 +279,7 @@ class AUTD3Link(AUTD3Boards):
         self._controller.close()
 
     def _words(self, frame: Frame) -> UInt16[np.ndarray, "boards elements"]:
-        """Phase in the low byte and intensity in the high byte, as the boards hold them."""
+        """Phase in the low byte and intensity in the high byte, as the boards store them."""
         words = frame.phase.astype(np.uint16) | frame.amplitude.astype(np.uint16) << 8
         return words.reshape(self.boards, -1)
 
@@ -284,7 +288,7 @@ def _library() -> Any:
     with extra("autd3-legacy", "AUTD3 boards with older firmware need pyautd3"):
         import pyautd3
     version = importlib.metadata.version("pyautd3")
-    # The tests run with this version only.
+    # The tests use this version only.
     if version != "36.0.2":
         raise InvalidInput(
             f"pyautd3 {version} is not the tested version 36.0.2: run pip install "
@@ -295,8 +299,8 @@ def _library() -> Any:
 
 
 def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Return a gain that passes a compiled look-up to pyautd3's entry for ``Custom``."""
-    # 996 calls of a Python function take 0.3 ms.
+    """Return a gain that passes a compiled table look-up to the ``Custom`` entry of pyautd3."""
+    # 996 calls of a Python function would take 0.3 ms.
     from pyautd3.driver.datagram.gain import Gain
     from pyautd3.native_methods.autd3capi import NativeMethods
 

@@ -1,11 +1,12 @@
 """Messages of boards: frames in each board's levels, channels and phase convention.
 
-On every board here, a larger phase number delays the pulse of an element, like the phase of a drive
-d in Re[d e^{−iωt}]. Therefore no codec conjugates the drive. The evidence is as follows. The tests
-compare AUTD3 with its emulator in the time domain. SonicSurface: ``PhaseLine.vhd`` starts the pulse
-when a rising counter reaches the number. Nano16: ``ArduinoNano.java`` puts the first high step at
-the number, and ``DriverNano16.ino`` plays the steps in order. OpenMPD: its driver shifts the number
-of a shorter pulse by half of the difference, which keeps the middle of the pulse in place.
+On all of these boards, a larger phase number delays the pulse of an element, like the phase of a
+drive d in Re[d e^{−iωt}]. Therefore no codec conjugates the drive. This follows from these sources.
+For AUTD3, the tests compare it with its emulator in the time domain. For SonicSurface,
+``PhaseLine.vhd`` starts the pulse when a rising counter reaches the number. For Nano16,
+``ArduinoNano.java`` puts the first high step at the number, and ``DriverNano16.ino`` plays the
+steps in order. For OpenMPD, the driver adds half of the missing width to the number of a shorter
+pulse, which keeps the middle of the pulse in place.
 """
 
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from airtact.errors import InvalidInput
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.levels import EIGHT_BITS, Levels
 
-# Bytes of messages, or levels by board and channel
+# Bytes of messages, or levels for each board and channel
 Bytes = UInt8[np.ndarray, "..."]
 
 
@@ -30,12 +31,12 @@ class Codec:
     Attributes
     ----------
     board : the board.
-    levels : amplitudes and phases that it can emit.
-    encoded : writes the message of a frame, see ``encode``.
-    decoded : reads the phase and amplitude of each channel from the messages of a number of boards;
-        returns None for incomplete frames.
-    baud : speed of its serial line [bit/s]; None without a serial line.
-    echo : bytes that it sends back for a frame; empty if it does not answer.
+    levels : amplitudes and phases that the board can emit.
+    encoded : function that writes the message of a frame; see ``encode``.
+    decoded : function that reads the phase and amplitude of each channel from the messages of a
+        number of boards; it returns None for incomplete frames.
+    baud : speed of the board's serial line [bit/s]; None without a serial line.
+    echo : bytes that the board sends back for a frame; empty if it does not answer.
     """
 
     board: Board
@@ -46,15 +47,15 @@ class Codec:
     echo: bytes = b""
 
     def encode(self, frame: Frame) -> bytes:
-        """Return the message that makes the boards play a frame, board by board."""
+        """Return the message that makes the boards play a frame, ordered by board."""
         return self.encoded(self, frame)
 
     def decode(self, message: bytes, boards: int = 1) -> list[Frame]:
-        """Return the frames in messages for a number of boards; none if a frame is incomplete."""
+        """Return the frames in the messages of some boards; none if a frame is incomplete."""
         channels = self.decoded(np.frombuffer(message, dtype=np.uint8), boards)
         if channels is None:
             return []
-        # From (frames × boards, channels) to (frames, elements)
+        # From (frames × boards, channels) to (frames, elements).
         phases, amplitudes = (
             values[:, self.board.channels].reshape(-1, boards * len(self.board))
             for values in channels
@@ -65,11 +66,11 @@ class Codec:
         ]
 
     def fastest_frames(self, boards: int = 1) -> float:
-        """Largest rate of the boards' serial line [frames/s]; infinite without a serial line."""
+        """Largest frame rate of the boards' serial line [frames/s]; infinite without one."""
         if self.baud is None:
             return np.inf
         zeros = np.zeros(boards * len(self.board), dtype=np.uint8)
-        # 10 bits per byte, with start and stop bit.
+        # A byte takes 10 bits, including the start and stop bits.
         return self.baud / 10.0 / len(self.encode(Frame(zeros, zeros, self.levels)))
 
     def channels(
@@ -85,15 +86,15 @@ class Codec:
 def _autd3(codec: Codec, frame: Frame) -> bytes:
     """Encode two bytes per element: phase in 1/256 turn, intensity in 1/255 of full scale.
 
-    The firmware makes the pressure linear: it plays intensity i as a pulse of
-    round(512/π · asin(i/255)) of 512 ticks, whose first harmonic is i/255.
+    The firmware makes the pressure linear in the intensity: it plays intensity i as a pulse of
+    round(512/π · asin(i/255)) out of 512 ticks, whose first harmonic is i/255.
     """
     return np.stack([frame.phase, frame.amplitude], axis=1).tobytes()
 
 
 def _sonicsurface(codec: Codec, frame: Frame) -> bytes:
-    """Encode C0 or C1 for the board, FE, its channels (0 to 31; 32 is off), and FD to swap all."""
-    # The board has no amplitudes: a channel has a phase or is off.
+    """Encode C0 or C1 for the board, FE, one byte per channel (0 to 31; 32 is off), and FD."""
+    # FD swaps all channels. A channel has no amplitude: it either has a phase or is off.
     numbers = np.where(frame.amplitude > 0, frame.phase, 32).astype(np.uint8)
     boards = [
         bytes([0xC0 + index, 0xFE]) + part.tobytes()
@@ -103,10 +104,11 @@ def _sonicsurface(codec: Codec, frame: Frame) -> bytes:
 
 
 def _nano16(codec: Codec, frame: Frame) -> bytes:
-    """Encode 10 to reset, 16 steps of a period as nibbles marked by 1 (two ports), and 00 to swap.
+    """Encode 10 to reset, the 16 steps of a period in nibbles, and 00 to swap.
 
-    An element is high in the 8 steps that begin at its phase. The reset makes the board discard an
-    incomplete frame; the board's own software does not send it.
+    The nibbles are marked by 1 and sent for two ports. An element is high in the 8 steps that begin
+    at its phase. The reset makes the board discard an incomplete frame; the board's own software
+    does not send it.
     """
     start = codec.channels(frame.phase)[0].astype(np.int64)
     steps = np.arange(16)[:, None]
@@ -119,9 +121,9 @@ def _nano16(codec: Codec, frame: Frame) -> bytes:
 def _openmpd(codec: Codec, frame: Frame) -> bytes:
     """Encode 256 phases in 1/128 turn (bit 7 of the first one set), then 256 amplitudes, 0 to 64.
 
-    Amplitude a is a pulse of a/128 of a period that begins at the phase number. (64 − a)/2 is added
-    to the number, which keeps the middle of the pulse in place. Its first harmonic is sin(πa/128).
-    Each board has its own line; its messages follow one another.
+    Amplitude a is a pulse of a/128 of a period that begins at the phase number. Adding (64 − a)/2
+    to the number keeps the middle of the pulse in place. The first harmonic of the pulse is
+    sin(πa/128). Each board has its own line; the messages of the boards follow one another.
     """
     shift = (64 - frame.amplitude.astype(np.int64)) // 2
     phases = codec.channels(((frame.phase + shift) % 128).astype(np.uint8))
@@ -130,7 +132,7 @@ def _openmpd(codec: Codec, frame: Frame) -> bytes:
 
 
 def _whole(message: Bytes, length: int) -> Bytes | None:
-    """Divide a message into parts of a length; return None if a part is missing."""
+    """Divide a message into parts of equal length; return None if the last part is incomplete."""
     return None if len(message) % length or not len(message) else message.reshape(-1, length)
 
 

@@ -1,4 +1,4 @@
-"""Safe emission: ramp, cap, watchdog, and silence at the end in all cases."""
+"""Safe emission: ramp, cap, watchdog, and silence at the end in every case."""
 
 import atexit
 import re
@@ -44,46 +44,47 @@ class Played:
 
 
 class Emission:
-    """Emission of drives by boards; it always ends in silence.
+    """Emission of drives by boards. It always ends in silence.
 
     Use it as ``with Emission(link) as emission:``. A separate process opens the link and raises the
     sound over a ramp. It sends a confirmed frame of zeros when the block is left, when this process
-    ends for any reason, and when half a second passes without ``send``, ``hold``, ``play``,
-    ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. No drive can be sent after
-    that, unless the emission ``resumes`` after late calls. SIGINT, SIGTERM and SIGHUP in the main
-    thread raise ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
+    ends for any reason, and when half a second passes without a call of ``send``, ``hold``,
+    ``play``, ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. After that no
+    drive can be sent, unless the emission ``resumes`` after late calls. SIGINT, SIGTERM and SIGHUP
+    in the main thread raise ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
-    opens the link and silences the boards. A link whose class is defined in the script itself, or
-    any link on a system without POSIX, is opened in this process, with a warning, because the
-    boards then keep emitting if this process is killed.
+    opens the link and silences the boards. Two kinds of links are opened in this process instead:
+    links whose class is defined in the script itself, and all links on a system without POSIX. A
+    warning then states that the boards keep emitting if this process is killed.
 
     Parameters
     ----------
-    link : link to the boards; opened and closed here.
+    link : link to the boards, which the emission opens and closes.
     cap : largest amplitude of an element, as a share of full scale; larger drives are scaled down.
-        By default the level at a head 0.5 m from the array is limited to 110 dB SPL in open air for
-        each drive, which takes about 50 ms for 1,000 elements. A cap of 1 is full scale.
+        By default, each drive is limited to a level of 110 dB SPL at a head 0.5 m from the array in
+        open air. Computing this limit takes about 50 ms for 1,000 elements. A cap of 1 is full
+        scale.
     ramp : duration of the ramp [s].
     patience : time without a call after which the boards are silenced [s].
-    log : file to which the link process writes one line per event: the time on the system's
+    log : file to which the link process writes one line per event: the time of the system's
         monotonic clock (``time.monotonic``) [s], and the event.
-    resumes : whether the next drive is played, over the ramp, after the boards were silenced for
-        lack of calls.
+    resumes : whether the next drive is played over a ramp if the boards were silenced because no
+        call was made in time; otherwise the emission ends.
 
     Attributes
     ----------
     cap : largest amplitude, as above; it may be changed.
-    process : id of the process that holds the link; None if it is this one, or before it is open.
-    share : share of the newest drive's amplitude that the boards played when it was sent; below 1
-        on a ramp.
+    process : id of the process that opened the link; None if it is this one, or before opening.
+    share : share of the latest drive's amplitude that the boards played when it was sent; below 1
+        during a ramp.
 
     Raises
     ------
     InvalidInput
         If the cap is not above 0 and at most 1, or a time is negative or not finite. Without a cap,
-        drives are rejected for boards without amplitude levels, and for links to several boards
-        with unknown poses.
+        drives are rejected for boards without amplitude levels and for links to several boards
+        whose poses are unknown.
     """
 
     link: Link
@@ -105,7 +106,7 @@ class Emission:
             )
         file = None
         if log is not None:
-            # Absolute, because the link process may have another working directory.
+            # The path is absolute because the link process may have another working directory.
             file = Path(of_kind(log, str | Path, "the log", "a path")).absolute()
         self.link = link
         self.share: float = 1.0
@@ -124,8 +125,8 @@ class Emission:
 
     def __enter__(self) -> "Emission":
         if self._settings.log is not None:
-            # Emptied here, so that an unwritable file is rejected before anything is sent; the link
-            # process appends to it.
+            # The file is emptied here, so that an unwritable file is rejected before anything is
+            # sent. The link process appends to it.
             try:
                 with self._settings.log.open("a+b") as log:
                     log.seek(0)
@@ -151,7 +152,7 @@ class Emission:
                 self._unlisten()
                 raise
             if self._link_process.process is None:
-                # A link in this process ends with it; a link process notices the end itself.
+                # A link in this process ends with it; a link process notices the end by itself.
                 atexit.register(self._end)
             else:
                 self.link._elsewhere = lambda name, *arguments: self._ask("ask", name, *arguments)
@@ -173,7 +174,7 @@ class Emission:
                 self._end()
             finally:
                 self._unlisten()
-        # An exception that is being raised must not be replaced by that of a signal.
+        # The exception of a signal must not replace an exception that is already being raised.
         if kind is None:
             self._obey()
 
@@ -195,8 +196,8 @@ class Emission:
                 self._over = process.close() or "it has ended"
             except LinkFailed as error:
                 self._over = "the link process was lost"
-                # If silence was confirmed, an error on closing is irrelevant, unless the link
-                # process was lost. Failed silence is the more serious error.
+                # If silence was confirmed, an error on closing does not matter, unless the link
+                # process was lost. A failure to silence the boards is the more serious error.
                 silenced = failed is None or failed.code != "silence_failed"
                 if error.code != "link_failed" and silenced:
                     failed = error
@@ -205,18 +206,19 @@ class Emission:
 
     @property
     def process(self) -> int | None:
-        """Id of the process that holds the link; None if it is this one or no link is open."""
+        """Id of the process that opened the link; None if it is this one or no link is open."""
         return None if self._link_process is None else self._link_process.process
 
     def send(self, drive: Drive, wait: bool = True, at: float | None = None) -> Frame:
-        """Play a drive from now on; a ramp precedes the first drive, and the first after silence.
+        """Play a drive from now on, after a ramp if it is the first drive or follows silence.
 
         Parameters
         ----------
         drive : amplitude of every element.
-        wait : whether to wait for the end of the ramp; otherwise ``share`` holds its progress.
-        at : time at which the drive takes effect, by ``time.monotonic`` [s], at most the link's
-            ``lead`` from now. On a ramp, and on links without a lead, it acts at once.
+        wait : whether to wait for the end of the ramp; otherwise ``share`` tells its progress.
+        at : time at which the drive takes effect, on the clock of ``time.monotonic`` [s]. It may be
+            at most the link's ``lead`` from now. During a ramp, and on links without a lead, the
+            drive takes effect at once.
 
         Returns
         -------
@@ -236,23 +238,22 @@ class Emission:
     def cycle(self, sequence: Sequence, wait: bool = True) -> None:
         """Repeat the frames of a sequence from now on.
 
-        A sequence of the same length and rate as the previous one continues at the same position.
-        A modulation ends. The first sequence rises over the ramp; if boards repeat it themselves,
-        only its most powerful frame does.
-        ``send`` describes ``wait``.
+        A sequence of the same length and rate as the previous one continues at the same position. A
+        modulation ends. The first sequence rises over the ramp; if boards repeat it themselves,
+        only its most powerful frame is played during the ramp. ``wait`` is described in ``send``.
 
         Raises
         ------
         InvalidInput
-            For the reasons listed in ``play``.
+            Under the conditions listed in ``play``.
         LinkFailed
-            If the link fails, or the emission was ended before.
+            If the link fails, or the emission has already ended.
         """
         self._check_sequence(sequence)
         self._play(sequence.drives, np.ones(len(sequence)), sequence.rate, wait)
 
     def play(self, sequence: Sequence, seconds: float) -> Played:
-        """Repeat a sequence like ``cycle``, and hold it for some time after the ramp.
+        """Repeat a sequence as in ``cycle``, and keep playing it for some time after the ramp.
 
         Parameters
         ----------
@@ -261,15 +262,15 @@ class Emission:
 
         Returns
         -------
-        Statistics of the playback. Boards that repeat a sequence themselves drop no frames;
-        otherwise frames that are late by a whole frame are dropped to keep the rate.
+        Statistics of the playback. Boards that repeat a sequence themselves drop no frames. For
+        other boards, frames that are late by their whole duration are dropped to keep the rate.
 
         Raises
         ------
         InvalidInput
             If the boards or the link cannot play it.
         LinkFailed
-            If the link fails, or the emission has ended or ends meanwhile.
+            If the link fails, or the emission has ended or ends during playback.
         """
         self._check_sequence(sequence)
         return self._played(sequence.drives, np.ones(len(sequence)), sequence.rate, seconds)
@@ -279,9 +280,9 @@ class Emission:
     ) -> Played:
         """Play a drive with amplitude modulation for some time [s].
 
-        Skin only feels a modulated drive. By default the force varies as a cosine of 200 Hz. On
-        boards without amplitude levels, the number of active elements varies. The drive rises over
-        the ramp.
+        Skin only feels a modulated drive. By default the force varies as a cosine at 200 Hz. On
+        boards without amplitude levels, the number of active elements varies instead. The drive
+        rises over the ramp.
 
         Returns
         -------
@@ -292,7 +293,7 @@ class Emission:
         InvalidInput
             If the drive has a different number of elements, or the modulation is too fast.
         LinkFailed
-            For the reasons listed in ``play``.
+            Under the conditions listed in ``play``.
         """
         check_drive(drive, "the drive to emit")
         self.link.check_elements(len(drive))
@@ -306,31 +307,31 @@ class Emission:
         """Modulate the amplitude of all drives sent from now on; None ends the modulation.
 
         The modulation continues without a jump while drives change. AUTD3 boards play the
-        modulation themselves; for other boards, each of its frames is computed from the newest
-        drive.
+        modulation themselves. For other boards, each frame of the modulation is computed from the
+        latest drive.
 
         Raises
         ------
         InvalidInput
             If the modulation is too fast for the boards.
         LinkFailed
-            If the link fails, or the emission was ended before.
+            If the link fails, or the emission has already ended.
         """
         envelope, rate = (None, 0.0) if modulation is None else self._frames_of(modulation)
         self._ask("modulate", envelope, rate)
 
     def silence(self, fade: float = 0.1, wait: bool = True) -> None:
-        """Fade to silence; a ramp precedes the next drive.
+        """Fade to silence. The next drive rises over a ramp.
 
         Parameters
         ----------
         fade : duration of the fade [s].
-        wait : whether to wait for its end.
+        wait : whether to wait for the end of the fade.
 
         Raises
         ------
         LinkFailed
-            If the link fails, or the emission was ended before.
+            If the link fails, or the emission has already ended.
         """
         left = self._ask("silence", positive(fade, "the fade", "s"))
         if wait:
@@ -342,12 +343,12 @@ class Emission:
         Raises
         ------
         LinkFailed
-            If that fails: the boards may still emit.
+            If the boards cannot be silenced; they may still emit.
         """
         self._ask("finish", "it was stopped")
 
     def beat(self) -> None:
-        """Keep the watchdog from silencing the boards.
+        """Reset the watchdog, which would otherwise silence the boards.
 
         Raises
         ------
@@ -362,7 +363,7 @@ class Emission:
         Raises
         ------
         LinkFailed
-            If the emission has ended or ends meanwhile, or the link fails.
+            If the link fails, or the emission has ended or ends during this time.
         """
         self.beat()
         end = time.monotonic() + seconds
@@ -486,7 +487,7 @@ class Emission:
             self._obey()
 
     def _obey(self) -> None:
-        """Handle a signal while nothing is being sent; a signal only ends the main thread."""
+        """Handle a signal while nothing is being sent; only signals in the main thread end it."""
         if self._signal is None or threading.current_thread() is not threading.main_thread():
             return
         kind = self._signal
@@ -496,16 +497,17 @@ class Emission:
                 self._link_process.ask("finish", f"it got the signal {signal.Signals(kind).name}")
         if kind == signal.SIGINT:
             raise KeyboardInterrupt
-        # The exit status of shells for a process that a signal ended.
+        # Shells report this exit status for a process that a signal ended.
         raise SystemExit(128 + kind)
 
 
 def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
     """Choose the number of frames per period of a modulation, and their rate [frames/s].
 
-    On boards without a rate limit, a frame lasts whole periods of the 40 kHz sound. The number from
-    16 to 40 that best matches the frequency is chosen; among equals, it is the number nearest to
-    20. Slower serial lines get an even number of frames, up to 20; 2 frames switch on and off.
+    On boards without a rate limit, a frame lasts a whole number of periods of the 40 kHz sound. Of
+    the numbers from 16 to 40, the one that best matches the frequency is chosen, and among equals
+    the one nearest to 20. Slower serial lines get an even number of frames, up to 20; with 2 frames
+    the sound is switched on and off.
 
     Parameters
     ----------
@@ -515,7 +517,7 @@ def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
     Raises
     ------
     InvalidInput
-        If the boards cannot play the frequency; the message states the nearest possible one.
+        If the boards cannot play the frequency. The message states the nearest possible frequency.
 
     Examples
     --------
@@ -523,7 +525,7 @@ def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
     ((20, 4000.0), (2, 80.0))
     """
     if np.isfinite(fastest):
-        # 1e-9, because rounding may leave a whole quotient slightly too small.
+        # 1e-9 is added because rounding may leave a whole quotient slightly too small.
         count = int(fastest / frequency + 1e-9)
         if count < 2:
             nearest = np.floor(fastest / 2)

@@ -1,4 +1,4 @@
-"""Files of frames, for boards without a link or for inspection, and the reader of drives."""
+"""Files of frames, for boards without a link or for inspection, and the function to read drives."""
 
 from pathlib import Path
 
@@ -34,27 +34,31 @@ def load_drive(
 ) -> Drive | Sequence:
     """Read a drive or a sequence from a file of airtact or another program.
 
-    It reads the .h5 files of ``Drive.save``, ``Sequence.save`` and ``write_frames``, and .csv
-    tables of a drive, in the order of their column ``index``. The saved amplitudes and phases are
-    the computed ones, to 1e-15 (1e-9 in tables); those of ``write_frames`` are rounded to the
-    levels of the boards.
+    The function reads the .h5 files of ``Drive.save``, ``Sequence.save`` and ``write_frames``, and
+    .csv tables of a drive, in the order of their column ``index``. The amplitudes and phases that
+    ``save`` wrote are returned to within 1e-15 (1e-9 from tables); those of ``write_frames`` are
+    rounded to the levels of the boards.
 
-    It also reads tables of phases (.csv, .txt), in radians, or in degrees if the column is named
-    ``phase_degrees`` or the numbers exceed a turn in radians; .csv and .holo of AcousTools, in
-    the order of OpenMPD's boards; simulations of Ultraino (.xml, .xml.gz); arrays of NumPy (.npy):
-    complex amplitudes, phases, or uint8 pairs of phase and intensity as in AUTD3's buffers; and
-    messages of boards (.bin).
+    It also reads the following files of other programs:
+
+    - tables of phases (.csv, .txt), in radians, or in degrees if the column is named
+      ``phase_degrees`` or the numbers exceed a turn in radians;
+    - .csv and .holo files of AcousTools, in the order of OpenMPD's boards;
+    - simulations of Ultraino (.xml, .xml.gz);
+    - NumPy arrays (.npy) of complex amplitudes, of phases, or of uint8 pairs of phase and intensity
+      as in AUTD3's buffers;
+    - messages of boards (.bin).
 
     Parameters
     ----------
     path : the file.
     rate : frames per second, if the file does not contain the rate.
-    board : kind of board that a .bin file is for.
-    elements : number of elements of all boards of a .bin file; those of one board by default.
+    board : kind of board for which a .bin file was written.
+    elements : number of elements of all boards of a .bin file; by default one board.
 
     Returns
     -------
-    A ``Sequence`` if there is a rate, else a ``Drive``.
+    A ``Sequence`` if the rate is known, and otherwise a ``Drive``.
 
     Raises
     ------
@@ -71,7 +75,7 @@ def load_drive(
 
 
 def drive_in(path: Path, board: str | None = None, elements: int | None = None) -> DriveFile:
-    """Read the contents of a drive file of any program; see ``load_drive`` for the errors."""
+    """Read the contents of any program's drive file. The errors are those of ``load_drive``."""
     own = path.suffix.lower() == ".h5"
     if path.suffix.lower() == ".csv":
         first = text_of(path).lstrip().partition("\n")[0].lower()
@@ -80,22 +84,22 @@ def drive_in(path: Path, board: str | None = None, elements: int | None = None) 
 
 
 def drive_for(array: PhasedArray, path: Path, board: str | None = None) -> Drive:
-    """Read the first drive of a file of any program, for this array.
+    """Read the first drive in a file of any program, and check that it fits an array.
 
-    If the file has positions, its elements are matched with those of the array. The array may have
-    been moved since, if the order of the elements is the same.
+    If the file contains positions, its elements are matched with those of the array. The array may
+    have moved since then, if the order of the elements is the same.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``load_drive``, or if the file is for another array.
+        Under the conditions listed in ``load_drive``, or if the file is for another array.
     """
     contents = drive_in(path, board, len(array))
     drive = Drive(contents.drives[0])
     if len(drive) != len(array):
         raise InvalidInput(
             f"{path.name} has {len(drive)} elements, but the array has {len(array)}; use the array "
-            "that the drive was made for.",
+            "for which the drive was computed.",
             code="sizes_differ",
         )
     if contents.positions is not None:
@@ -110,7 +114,7 @@ def drive_for(array: PhasedArray, path: Path, board: str | None = None) -> Drive
         if wrong > 1e-3:
             raise InvalidInput(
                 f"the elements in {path.name} are up to {1e3 * wrong:.0f} mm away from those of "
-                "the array, or in another order; use the array that the drive was made for.",
+                "the array, or in another order; use the array for which the drive was computed.",
                 code="does_not_match",
             )
     return drive
@@ -129,16 +133,16 @@ def write_frames(
 
     Parameters
     ----------
-    path : file that ends in .h5 or .bin (the bytes of the boards' messages).
-    sound : a drive, which is written once or for one period of its modulation, or a sequence.
+    path : file name that ends in .h5 or .bin (the bytes of the boards' messages).
+    sound : a sequence, or a drive, which is written once or for one period of its modulation.
     board : name of the kind of board.
     modulation : amplitude modulation of a drive.
-    seconds : duration of a sequence or a modulated drive [s]; one round or period by default.
-    cap : largest amplitude of an element, as a share of full scale.
+    seconds : duration of a sequence or a modulated drive [s]; by default one round or period.
+    cap : largest amplitude of an element, as a share of full scale; larger drives are scaled down.
 
     Returns
     -------
-    Number of frames, and frames per second; None for a constant drive.
+    The number of frames, and the frames per second, which are None for a constant drive.
 
     Raises
     ------

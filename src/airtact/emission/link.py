@@ -1,4 +1,4 @@
-"""Base class of links to boards, and a link that records frames."""
+"""The base class of links to boards, and a link that records frames."""
 
 import hashlib
 import os
@@ -22,11 +22,11 @@ from airtact.transducers.levels import Levels
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
-    """Failure of an open link; the message describes the last frame sent.
+    """Error of an open link. Its message describes the last frame sent.
 
     Attributes
     ----------
-    code : kind of error, such as "link_failed"; it stays the same when the message changes.
+    code : kind of error, such as "link_failed"; it stays the same if the message changes.
     """
 
     def __init__(self, sentence: str, *, code: str) -> None:
@@ -34,29 +34,29 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
         self.code = code
 
     def __reduce__(self) -> Any:
-        # The default would lose the code, which is a keyword argument.
+        # The default would lose the code, because it is a keyword argument.
         return partial(type(self), code=self.code), (str(self),)
 
 
 class Link(ABC):
-    """Connection to boards of one kind: open it, send frames or play a sequence, stop, close.
+    """Connection to boards of one kind, which can open, send frames, play a sequence and close.
 
-    A link sends every frame unchanged. ``Emission`` adds the safety: ramp, cap, watchdog, and
-    silence at the end.
+    A link sends every frame unchanged. ``Emission`` adds the safety features: ramp, cap,
+    watchdog, and silence at the end.
 
     Attributes
     ----------
-    codec : messages of its boards.
-    name : name in commands.
-    boards, elements : number of boards, and of elements on all boards together.
-    poses : poses of the boards, from the board's frame to the array's; None if unknown.
+    codec : messages of the boards.
+    name : name of the link in commands.
+    boards, elements : number of boards, and total number of elements.
+    poses : poses of the boards, from the board's frame to the array's frame; None if unknown.
     plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves;
         otherwise every frame must be sent in time.
     fastest : largest rate of the link [frames/s].
-    lead : longest time [s] by which a frame can be sent ahead of the time at which it acts; 0 if
-        frames act when they arrive.
+    lead : longest time by which a frame can be sent before it takes effect [s]; 0 if frames take
+        effect when they arrive.
     last : last frame sent, or None.
-    sent : number of frames sent since it was opened.
+    sent : number of frames sent since the link was opened.
     """
 
     name: str
@@ -76,7 +76,7 @@ class Link(ABC):
             )
         self.elements = boards * len(self.codec.board)
         self.boards = boards
-        # The level around a single board does not depend on its pose, so any pose will do.
+        # The level around a single board does not depend on its pose, so any pose is suitable.
         self.poses: Sequence[Pose] | None = [Pose.identity()] if boards == 1 else None
         self.last: Frame | None = None
         self.sent = 0
@@ -98,18 +98,18 @@ class Link(ABC):
 
     @property
     def fastest_frames(self) -> float:
-        """Largest rate [frames/s] of the link and of the boards' serial line."""
+        """Largest frame rate of the link and of the boards' serial line [frames/s]."""
         return min(self.fastest, self.codec.fastest_frames(self.boards))
 
     @property
     def devices(self) -> str:
-        """Number and kind of the boards, in words."""
+        """Number and kind of the boards as text, such as "2 autd3 boards"."""
         return counted(
             self.boards, f"{self.codec.board.name} board", f"{self.codec.board.name} boards"
         )
 
     def open(self) -> None:
-        """Open the link; the boards are silent when this returns.
+        """Open the link. The boards are silent when this returns.
 
         Raises
         ------
@@ -135,15 +135,16 @@ class Link(ABC):
 
         Parameters
         ----------
-        frame : amplitudes and phases.
-        at : time at which the frame takes effect, by ``time.monotonic`` [s], if the link has a
-            ``lead``. By default, and if that time has passed, the frame acts when it arrives.
+        frame : amplitude and phase levels of all elements.
+        at : time at which the frame takes effect, on the clock of ``time.monotonic`` [s], if the
+            link has a ``lead``. By default, or if that time has passed, the frame takes effect when
+            it arrives.
 
         Raises
         ------
         InvalidInput
             If the frame has a different number of elements or different levels, the link is not
-            open, or the time is further ahead than ``lead``.
+            open, or the time is more than ``lead`` from now.
         LinkFailed
             If the link fails.
         """
@@ -157,22 +158,22 @@ class Link(ABC):
         self.sent += 1
 
     def play(self, frames: Sequence[Frame], rate: float) -> None:
-        """Make the boards repeat a sequence at a rate [frames/s], if ``plays_itself``.
+        """Make the boards repeat a sequence at a rate [frames/s], if they can (``plays_itself``).
 
         Raises
         ------
         InvalidInput
-            For the reasons listed in ``send`` and ``check_sequence``, or if the boards cannot
+            Under the conditions listed in ``send`` and ``check_sequence``, or if the boards cannot
             repeat a sequence.
         LinkFailed
             If the link fails.
         """
         if not self.plays_itself:
             raise InvalidInput(
-                f"{self.codec.board.name} boards store no sequences: send the frames one by one.",
+                f"{self.codec.board.name} boards cannot store sequences: send single frames.",
                 code="not_supported",
             )
-        # Check all frames before sending any, so that boards never store half a sequence.
+        # All frames are checked before any is sent, so that boards never store half a sequence.
         for frame in frames:
             self._check(frame)
         self.check_sequence(len(frames), rate)
@@ -187,7 +188,7 @@ class Link(ABC):
         Raises
         ------
         InvalidInput
-            If there is no frame, or the rate is not above zero or exceeds ``fastest``.
+            If there are no frames, or the rate is not above zero or exceeds ``fastest``.
         """
         if frames < 1:
             raise InvalidInput(f"a sequence needs at least 1 frame, not {frames}.", code="empty")
@@ -199,7 +200,7 @@ class Link(ABC):
             )
 
     def check_elements(self, count: int) -> None:
-        """Raise an error if a drive or frame has a different number of elements."""
+        """Raise an error if a drive or frame has the wrong number of elements."""
         if count != self.elements:
             raise InvalidInput(
                 f"a drive for {counted(count, 'element', 'elements')} does not fit {self.devices} "
@@ -213,7 +214,7 @@ class Link(ABC):
         Raises
         ------
         LinkFailed
-            If that fails: the boards may still emit.
+            If the boards cannot be silenced; they may still emit.
         """
         if not self._open:
             return
@@ -223,7 +224,7 @@ class Link(ABC):
         self.sent += 1
 
     def probe(self) -> None:
-        """Check that the boards are still connected, if the link can; they keep emitting.
+        """Check that the boards are still connected, if the link can do so; they keep emitting.
 
         Raises
         ------
@@ -237,7 +238,7 @@ class Link(ABC):
     def close(self) -> None:
         """Close the connection. Boards keep emitting, so call ``stop`` first."""
         if self._open:
-            # Count as closed even if that fails: the operating system frees the port.
+            # Count as closed even if this fails: the operating system frees the port.
             self._open = False
             try:
                 with self._reporting("closing"):
@@ -252,7 +253,8 @@ class Link(ABC):
 
         Parameters
         ----------
-        envelope : factors on the amplitudes, from 0 to 1, for one period; None for no modulation.
+        envelope : factors for the amplitudes over one period, from 0 to 1; None ends the
+            modulation.
         rate : factors per second.
         """
 
@@ -291,7 +293,7 @@ class Link(ABC):
         self._transmit(self.zero())
 
     def _look(self) -> None:  # noqa: B027 (links that cannot check do nothing)
-        """Raise an error if the boards are no longer connected, for ``_reporting``."""
+        """Raise an error inside ``_reporting`` if the boards are no longer connected."""
 
     @abstractmethod
     def _end(self) -> None: ...
@@ -318,7 +320,7 @@ class Link(ABC):
         try:
             yield
         except Exception as error:
-            # A lost terminal raises termios.error, and the libraries of AUTD3 their own errors.
+            # A lost terminal raises termios.error, and the AUTD3 libraries raise their own errors.
             own = type(error).__module__.startswith(("termios", "pyautd3", "autd3"))
             if not isinstance(error, OSError) and not own:
                 raise
@@ -339,7 +341,7 @@ class Link(ABC):
         )
 
     def emission_over(self, why: str) -> LinkFailed:
-        """Return the error of a call after the end of an emission."""
+        """Return the error for a call after the end of an emission."""
         return LinkFailed(
             f"nothing was sent, because the emission is over: {why} ({self.sent} frames sent).",
             code="emission_over",
@@ -352,7 +354,7 @@ class RecordingLink(Link):
     Attributes
     ----------
     frames : frames that were sent.
-    seconds : time at which each frame was sent, since opening [s].
+    seconds : time at which each frame was sent, measured from opening [s].
     """
 
     name = "recording"
@@ -370,12 +372,12 @@ class RecordingLink(Link):
 
     @property
     def seconds(self) -> list[float]:
-        """Time at which each frame was sent, since opening [s]."""
+        """Time at which each frame was sent, measured from opening [s]."""
         self.collect()
         return self._seconds
 
     def collect(self) -> None:
-        """Fetch the record of another process."""
+        """Fetch the recorded frames from the link process."""
         while self._elsewhere is not None:
             frames, seconds = self._elsewhere("recorded", len(self._frames))
             if not frames:
@@ -384,8 +386,8 @@ class RecordingLink(Link):
             self._seconds += seconds
 
     def recorded(self, first: int) -> tuple[list[Frame], list[float]]:
-        """Return up to 64 frames, starting with frame ``first``, and when they were sent."""
-        # At most 64, because a long message would delay the watchdog.
+        """Return up to 64 frames, starting with frame ``first``, and the times they were sent."""
+        # There are at most 64 because a long message would delay the watchdog.
         return self._frames[first : first + 64], self._seconds[first : first + 64]
 
     def _begin(self) -> None:
@@ -402,7 +404,7 @@ class RecordingLink(Link):
 
 
 def lock_boards(resource: str) -> int | None:
-    """Lock a resource until the returned file is closed; return None on systems without locks.
+    """Lock a resource until the returned file is closed; return None if locks are unsupported.
 
     Raises
     ------
@@ -415,13 +417,13 @@ def lock_boards(resource: str) -> int | None:
         return None
     name = f"airtact-{hashlib.sha256(resource.encode()).hexdigest()[:16]}.lock"
     path = Path(tempfile.gettempdir()) / name
-    # A link in the folder that all users share could lead to a file of theirs.
+    # In a folder shared by all users, a symbolic link could point to another user's file.
     options = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
     try:
         try:
             file = os.open(path, options | os.O_CREAT, 0o666)
         except PermissionError:
-            file = os.open(path, options)  # made by another user
+            file = os.open(path, options)  # created by another user
     except OSError as error:
         raise InvalidInput(
             f"{path}, which locks {resource}, cannot be opened: {error.strerror}. Remove it.",

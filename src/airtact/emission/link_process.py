@@ -1,11 +1,11 @@
-"""The process that holds a link, its guard, and the owner's code that starts them.
+"""The process that runs a link, its guard, and the owner's code that starts them.
 
-The owner starts the guard, which forks the link process. The link process plays its owner's drives,
-and silences the boards when the owner, the guard or the connection ends. The guard holds a copy of
+The owner starts the guard, which forks the link process. The link process plays the owner's drives,
+and silences the boards when the owner, the guard or the connection ends. The guard has a copy of
 the link. If the link process ends or stops responding, the guard kills it, opens the link itself,
-and silences the boards. Both processes have their own session and ignore all signals that can be
-ignored. Boards that repeat a frame by themselves only keep emitting if all three processes are
-lost.
+and silences the boards. Both processes have their own session and ignore every signal that can be
+ignored. Only if all three processes are lost do boards that repeat a frame by themselves keep
+emitting.
 """
 
 import copy
@@ -29,13 +29,13 @@ from airtact.emission.player import STALL, Player, Settings
 from airtact.errors import InvalidInput
 from airtact.timing import start_python
 
-# Time that a link process may take to answer before it is killed [s].
+# Time that a link process has to answer before it is killed [s].
 ANSWER_TIMEOUT = 30.0
 
-# Time that a link process may take to open its link before it is killed [s].
+# Time that a link process has to open its link before it is killed [s].
 OPENING_TIMEOUT = 120.0
 
-# Time that a guard may take to silence the boards, or to exit after the link is closed [s].
+# Time that a guard has to silence the boards, or to exit after the link is closed [s].
 ENDING_TIMEOUT = 15.0
 
 # Exit status of a guard that silenced the boards after the link process was lost.
@@ -43,15 +43,15 @@ SILENCED = 3
 
 
 class Channel:
-    """One end of a connection that carries Python objects; an incomplete message never blocks.
+    """One end of a connection that transfers Python objects; incomplete messages never block it.
 
     Parameters
     ----------
-    end : one of a pair of connected sockets.
-    patience : time that the other side may take to accept a message [s].
+    end : one of two connected sockets.
+    patience : time that the other end has to accept a message [s].
     """
 
-    # Header of each message: its length in bytes.
+    # The header of each message is its length in bytes.
     LENGTH = struct.Struct("<Q")
 
     def __init__(self, end: socket.socket, patience: float = 10.0) -> None:
@@ -60,9 +60,9 @@ class Channel:
         self._received = bytearray()
 
     def send(self, message: tuple[object, ...]) -> None:
-        """Send picklable objects, or raise OSError if the other side does not accept them."""
+        """Send picklable objects; raise OSError if the other end does not accept them."""
         data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-        # An owner that does not read must not block the player's watchdog.
+        # An owner that does not read messages must not block the player's watchdog.
         self._socket.settimeout(self._patience)
         self._socket.sendall(self.LENGTH.pack(len(data)) + data)
 
@@ -83,7 +83,7 @@ class Channel:
         return message
 
     def close(self) -> None:
-        """Close this end; the other side notices this at once."""
+        """Close this end, which the other end notices at once."""
         self._socket.close()
 
     def _complete(self) -> tuple[Any, ...] | None:
@@ -102,12 +102,12 @@ class LinkProcess:
 
     Parameters
     ----------
-    link : link, not open yet.
+    link : link that is not open yet.
     settings : settings of the playback.
 
     Attributes
     ----------
-    process : id of the process that holds the link; None if it is this one.
+    process : id of the process that runs the link; None if it is this one.
     """
 
     def __init__(self, link: Link, settings: Settings) -> None:
@@ -125,7 +125,7 @@ class LinkProcess:
                 f"is killed, its {link.elements} elements keep emitting.",
                 stacklevel=4,
             )
-        # A socket instead of a pipe, because both sides notice its end.
+        # A socket is used instead of a pipe, because both ends notice when it is closed.
         ours, theirs = socket.socketpair()
         self._channel = Channel(ours)
         if reason is None:
@@ -150,14 +150,14 @@ class LinkProcess:
             self.process = process
 
     def ask(self, name: str, *arguments: object, seconds: float | None = None) -> Any:
-        """Call a method of the link's player and return its answer, within a time [s].
+        """Call a method of the link's player and return its answer within ``seconds``.
 
-        The time is ``ANSWER_TIMEOUT`` unless given.
+        The default time is ``ANSWER_TIMEOUT``.
 
         Raises
         ------
         InvalidInput, LinkFailed
-            The errors of the link; "link_process_lost" or "silence_failed" if its process has
+            The errors of the link, or "link_process_lost" or "silence_failed" if its process has
             ended.
         """
         seconds = ANSWER_TIMEOUT if seconds is None else seconds
@@ -184,13 +184,13 @@ class LinkProcess:
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             answer = self._channel.receive(left)
-            # Older answers belong to calls that were interrupted.
+            # Answers with lower numbers belong to calls that were interrupted.
             if answer is not None and answer[0] == self._number:
                 return answer
         return None
 
     def _lose(self, event: str) -> LinkFailed:
-        """Wait for the guard to silence the boards, or do so; return the error to raise."""
+        """Wait until the guard has silenced the boards, or silence them; return the error."""
         code = "link_process_lost"
         then = "it had not opened"
         if self._guard is None:
@@ -199,7 +199,7 @@ class LinkProcess:
             status = self._end_guard()
             if self.process is not None:
                 then = "another process has silenced the boards"
-                # The guard was lost, too, or failed.
+                # The guard was lost as well, or it failed.
                 if status not in (0, SILENCED):
                     try:
                         successor = LinkProcess(copy.copy(self._link), self._settings)
@@ -218,12 +218,12 @@ class LinkProcess:
         return self._lost
 
     def close(self) -> str | None:
-        """Close the link; return the reason for the end of the emission.
+        """Close the link, and return the reason for the end of the emission.
 
         Raises
         ------
         LinkFailed
-            If the process was lost.
+            If the link process was lost.
         """
         try:
             return self.ask("close")
@@ -231,13 +231,13 @@ class LinkProcess:
             self.end()
 
     def end(self) -> None:
-        """Close the connection, which ends the process, and wait for its end."""
+        """Close the connection, which ends the link process, and wait for its end."""
         self._channel.close()
         if self._guard is not None:
             self._end_guard()
 
     def _end_guard(self) -> int:
-        """Wait for the end of the guard and return its exit status; kill it if that takes long."""
+        """Wait for the guard to exit and return its status; kill it after ``ENDING_TIMEOUT``."""
         assert self._guard is not None
         try:
             return self._guard.wait(ENDING_TIMEOUT)
@@ -247,7 +247,7 @@ class LinkProcess:
 
 
 def why_here(link: Link) -> str | None:
-    """Return why a link cannot be opened in another process, or None if it can."""
+    """Return the reason why a link cannot be opened in another process, or None if it can."""
     if os.name != "posix":
         return f"link processes need a POSIX system, but this is {sys.platform}"
     if not sys.executable:
@@ -284,7 +284,7 @@ def _start(end: socket.socket) -> "subprocess.Popen[bytes]":
 
 
 class Tether:
-    """The connection of a link process to its guard; its methods never block."""
+    """Connection of a link process to its guard; its methods never block."""
 
     TIME = struct.Struct("<d")
 
@@ -293,14 +293,14 @@ class Tether:
         end.setblocking(False)
 
     def alive(self, seconds: float) -> None:
-        """Tell the guard that the boards are open and how long the next call may take [s]."""
+        """Tell the guard that the boards are open, and how long the next call may take [s]."""
         with suppress(OSError):
             self._socket.send(self.TIME.pack(seconds))
 
     def ended(self) -> bool:
         """Whether the owner or the guard has ended."""
         try:
-            self._socket.recv(1)  # a byte for the owner's end, none for the guard's
+            self._socket.recv(1)  # one byte if the owner ended, none if the guard did
         except BlockingIOError:
             return False
         except OSError:
@@ -314,9 +314,10 @@ def serve(
     here: Link | None = None,
     message: tuple[Any, ...] | None = None,
 ) -> bool:
-    """Run a link, either ``here`` or that of the first message, until its owner closes it or ends.
+    """Run a link until its owner closes it or ends.
 
-    Return whether the owner was answered or the boards are silent.
+    The link is ``here``, or otherwise the link in the first message. Return whether the owner was
+    answered or the boards are silent.
     """
     player: Player | None = None
     closed = True
@@ -334,7 +335,7 @@ def serve(
                         link, settings = arguments
                         opened = Player(here or link, settings)
                         opened.open()
-                        # Set only now: a link that did not open is not silenced.
+                        # Set only now, because a link that did not open is not silenced.
                         player = opened
                         answer = os.getpid()
                         if tether is not None:
@@ -351,7 +352,7 @@ def serve(
             if player is not None:
                 player.alive(STALL)
                 player.step()
-    except (EOFError, OSError):  # the owner has ended: silence the boards below
+    except (EOFError, OSError):  # the owner has ended, so the boards are silenced below
         pass
     finally:
         if player is not None:
@@ -361,7 +362,7 @@ def serve(
 
 
 def _carried(error: BaseException) -> BaseException:
-    """Return an error in a form that another process can raise."""
+    """Return an error in a form that can be raised in another process."""
     if isinstance(error, InvalidInput | LinkFailed):
         error.__cause__ = error.__context__ = None
         return error
@@ -382,14 +383,18 @@ def _silenced(player: Player) -> bool:
 
 
 def guard(process: int, end: socket.socket, owner: int, rescue: Callable[[], bool]) -> int:
-    """Watch the link process until it ends, silence the boards if it did not, and return a status.
+    """Watch the link process until it ends, and silence the boards if it did not.
 
     Parameters
     ----------
     process : id of the link process, a child of this one.
-    end : connection to its ``Tether``.
+    end : connection to the ``Tether`` of the link process.
     owner : id of the process that started this one.
     rescue : opens the link, silences the boards, and returns whether that succeeded.
+
+    Returns
+    -------
+    The exit status of the guard.
     """
     opened = False
     left = OPENING_TIMEOUT
@@ -404,7 +409,7 @@ def guard(process: int, end: socket.socket, owner: int, rescue: Callable[[], boo
             opened = True
             (left,) = Tether.TIME.unpack(times[-Tether.TIME.size :])
         else:
-            # Count waiting instead of time: both processes may have been stopped together.
+            # Waits are counted instead of time, because both processes may have been stopped.
             left -= 0.05
             if left < 0.0:
                 os.kill(process, signal.SIGKILL)
@@ -419,9 +424,9 @@ def guard(process: int, end: socket.socket, owner: int, rescue: Callable[[], boo
 
 
 def main() -> None:
-    """Guard a link process for the owner whose connection and process id are the arguments."""
-    # Ignore all signals but SIGCHLD, needed to wait for child processes, and hardware faults, which
-    # would repeat forever.
+    """Guard a link process; the arguments are its connection and its owner's process id."""
+    # All signals are ignored except SIGCHLD, which is needed to wait for child processes, and
+    # hardware faults, which would repeat forever.
     needed = {
         signal.SIGCHLD,
         signal.SIGSEGV,
@@ -441,7 +446,7 @@ def main() -> None:
     assert message is not None
     link, settings = message[2]
     theirs, ours = socket.socketpair()
-    # Forked, because a second interpreter would take half a second to start.
+    # The process is forked because a second interpreter would take half a second to start.
     process = os.fork()
     if process == 0:
         theirs.close()

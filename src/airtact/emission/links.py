@@ -1,4 +1,4 @@
-"""Table of the links to boards, and their constructor by name."""
+"""Table of the links to boards, and a function that creates a link by its name."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from airtact.emission.udp_link import UDPLink
 from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose
 
-# The boards of each link, in display order.
+# Links of each board, in display order.
 LINKS: dict[str, tuple[str, ...]] = {
     "udp": ("autd3",),
     **dict.fromkeys(THROUGH, ("autd3",)),
@@ -18,22 +18,22 @@ LINKS: dict[str, tuple[str, ...]] = {
 
 
 def links_of(board: str) -> Sequence[str]:
-    """Return the values of ``--link`` for a kind of board; with "file", frames are only written."""
+    """Return the values of ``--link`` for a kind of board; "file" only writes the frames."""
     return [*(name for name, boards in LINKS.items() if board in boards), "file"]
 
 
 def link_to(
     name: str, board: str, poses: Sequence[Pose], sound_speed: float, **settings: str | None
 ) -> Link:
-    """Build a link by its name, not open yet.
+    """Create a link by its name, without opening it.
 
     ``settings`` are the ``address`` of AUTD3 boards (interface, AMS net id, host:port or
-    "emulator") or the serial ``port``.
+    "emulator") or the ``port`` of a serial link.
 
     Raises
     ------
     InvalidInput
-        If the board has no such link, or a setting is missing or does not apply.
+        If the board has no such link, or if a setting is missing or does not apply.
     """
     if board not in LINKS.get(name, ()):
         raise InvalidInput(

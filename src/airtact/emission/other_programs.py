@@ -1,8 +1,9 @@
-"""Drives written by other programs: tables of phases, AcousTools, Ultraino, boards' messages.
+"""Drives written by other programs: tables of phases, AcousTools, Ultraino, and board messages.
 
-All of these use the phasor of airtact, e^{ikr}/r with e^{−iωt}, except tables of unknown origin.
-Sources of the formats: ``Export/CSV.py`` and ``Export/Holo.py`` of AcousTools 1.2; Ultraino's
-``Simulation`` and ``Transducer`` as Java beans, and its ``CalcField.java`` for the unit of phases.
+All of these use the same phasor as airtact, e^{ikr}/r with e^{−iωt}, except tables of unknown
+origin. The formats are defined in ``Export/CSV.py`` and ``Export/Holo.py`` of AcousTools 1.2, and
+in Ultraino's Java beans ``Simulation`` and ``Transducer``; ``CalcField.java`` defines the unit of
+phases.
 """
 
 import gzip
@@ -25,33 +26,32 @@ from airtact.transducers.boards import boards_needed
 Drives = Complex128[np.ndarray, "frames elements"]
 Phases = Float64[np.ndarray, "frames elements"]
 
-# Largest size of an unpacked file [bytes]; small ones can unpack to gigabytes.
+# Largest size of an unpacked file [bytes]; small files can unpack to gigabytes.
 MAX_UNPACKED = 2**28
 
 ENDINGS = (".csv", ".txt", ".holo", ".xml", ".xml.gz", ".npy", ".bin")
 
 
 def read_other(path: Path, board: str | None = None, elements: int | None = None) -> DriveFile:
-    """Read the drives in a file of another program.
+    """Read the drives from a file of another program.
 
     Parameters
     ----------
     path : file with one of ``ENDINGS``.
     board : name of the board whose messages a .bin file contains.
-    elements : number of elements of its boards; one board by default.
+    elements : number of elements of all boards; by default one board.
 
     Raises
     ------
     InvalidInput
-        If the file is missing, unreadable, too large or of an unknown format, or its values are
+        If the file is missing, unreadable, too large or in an unknown format, or if its values are
         invalid.
     """
     name = path.name.lower()
     ending = next((ending for ending in ENDINGS[::-1] if name.endswith(ending)), None)
     if ending is None:
         raise InvalidInput(
-            f"{path.name} is not a drive file that airtact knows: use .h5 or one of "
-            f"{', '.join(ENDINGS)}.",
+            f"the format of {path.name} is unknown: use .h5 or one of {', '.join(ENDINGS)}.",
             code="unknown_format",
         )
     if ending == ".xml":
@@ -90,12 +90,12 @@ def _unpacked(path: Path, read: Callable[[int], bytes]) -> bytes:
 
 
 def _table(path: Path) -> Drives:
-    """Read a table of phases: named columns, or numbers only.
+    """Read a table of phases that has named columns or only numbers.
 
     A table with names has one element per line and a column ``phase``, ``phase_degrees`` or
-    ``phase_radians``, and optionally ``amplitude``. Without names, a single column or line is one
+    ``phase_radians``; ``amplitude`` is optional. Without names, a single column or line is one
     drive; otherwise each line is a frame. AcousTools writes the numbers of frames and elements in
-    the first line, and radians in the order of OpenMPD's boards.
+    the first line, and phases in radians in the order of OpenMPD's boards.
     """
     lines = [line.strip() for line in text_of(path).splitlines()]
     cells = [
@@ -116,7 +116,7 @@ def _table(path: Path) -> Drives:
     if len(widths) != 1 or (names and {len(names)} != widths):
         raise InvalidInput(
             f"the lines of {path.name} have different numbers of cells; write one line per "
-            "element, or one per frame.",
+            "element, or one line per frame.",
             code="wrong_shape",
         )
     try:
@@ -137,12 +137,13 @@ def _table(path: Path) -> Drives:
     column = next((name for name in names if name.startswith(("phase", "angle"))), None)
     if column is None:
         raise InvalidInput(
-            f"{path.name} has no column phase; it has {', '.join(names)}.", code="data_missing"
+            f"{path.name} has no column phase; its columns are {', '.join(names)}.",
+            code="data_missing",
         )
     if "frame" in names or "time" in names:
         raise InvalidInput(
-            f"{path.name} holds several frames, one line per element and frame; save each frame, "
-            "or one line per frame.",
+            f"{path.name} contains several frames, one line per element and frame; save each frame "
+            "separately, or write one line per frame.",
             code="not_supported",
         )
     for numbered in {"index", "element"} & set(names):
@@ -150,7 +151,7 @@ def _table(path: Path) -> Drives:
         numbers = numbers[np.argsort(places)]
         if not np.array_equal(np.sort(places) - places.min(), np.arange(len(places))):
             raise InvalidInput(
-                f"the column {numbered} of {path.name} must number all elements, each once.",
+                f"the column {numbered} of {path.name} must number every element exactly once.",
                 code="out_of_range",
             )
     phases = _radians(path, numbers[None, :, names.index(column)], column)
@@ -161,7 +162,7 @@ def _table(path: Path) -> Drives:
 
 
 def _radians(path: Path, phases: Phases, name: str) -> Phases:
-    """Convert phases to radians; without a unit in the name, a range above a turn means degrees."""
+    """Convert phases to radians; unnamed units are degrees if the range exceeds a radian turn."""
     if "rad" in name or "deg" in name:
         return np.radians(phases) if "deg" in name else phases
     largest = float(np.abs(phases).max())
@@ -192,10 +193,11 @@ def _checked(
 
 
 def _holograms(path: Path) -> Drives:
-    """Read a .holo file: numbers of 5 bytes; phases and amplitudes in 32 levels, separated by 63.
+    """Read a .holo file of 5-byte numbers, with phases and amplitudes in 32 levels.
 
-    AcousTools orders the elements of a board by x, then y. The result is in the order of OpenMPD's
-    boards, as AcousTools writes it to .csv files: the first 256 elements are the upper board.
+    The number 63 separates the frames. AcousTools orders the elements of a board by x, then y. The
+    result is in the order of OpenMPD's boards, as in the .csv files of AcousTools: the first 256
+    elements are the upper board.
     """
     packed = bytes_of(path)
     data = _unpacked(path, lambda size: zlib.decompressobj().decompress(packed, size))
@@ -205,7 +207,7 @@ def _holograms(path: Path) -> Drives:
     numbers = np.where(rows[:, :4].any(axis=1), 64, rows[:, 4]).astype(np.int64)
     ends = np.flatnonzero(numbers == 63)
     parts = np.split(numbers, ends)
-    # Each part but the first begins with its mark; the last one is only a mark.
+    # Each part except the first begins with its mark, and the last part is only a mark.
     parts = [parts[0], *(part[1:] for part in parts[1:])]
     lengths = {len(part) for part in parts[:-1]}
     if len(parts) % 2 == 0 or len(parts[-1]) or len(lengths) != 1 or numbers.max() > 63:
@@ -219,9 +221,9 @@ def _holograms(path: Path) -> Drives:
 
 
 def _openmpd_order(count: int) -> Int64[np.ndarray, "elements"]:
-    """Return AcousTools' index of each element in the order of OpenMPD's boards."""
+    """Return AcousTools' index of each element, in the order of OpenMPD's boards."""
     grid = np.arange(256).reshape(16, 16)
-    # The upper board hangs upside down: turned about y, its x runs backwards.
+    # The upper board hangs upside down. It is turned about y, so its x axis is reversed.
     upper = grid[::-1, ::-1].ravel()
     lower = 256 + grid[:, ::-1].ravel()
     return upper if count == 256 else np.concatenate([upper, lower])
@@ -231,7 +233,7 @@ def _openmpd_order(count: int) -> Int64[np.ndarray, "elements"]:
 
 
 def _ultraino(path: Path, data: bytes) -> DriveFile:
-    """Read the transducers of a simulation: Java beans, which omit default values.
+    """Read the transducers of a simulation from Java beans, which omit default values.
 
     Phases are in half turns. An element radiates along the y axis of its transform. The result is
     in the order of the channels.
@@ -264,7 +266,7 @@ def _ultraino(path: Path, data: bytes) -> DriveFile:
         rotation = node.find(".//void[@property='rot']")
         w = _property(rotation, "w", 1.0)
         x, y, z = (_property(rotation, axis, 0.0) for axis in "xyz")
-        # The second column of the rotation by the quaternion
+        # Second column of the rotation matrix of the quaternion.
         normals.append([2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x)])
     directions = np.array(normals)
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
@@ -274,13 +276,13 @@ def _ultraino(path: Path, data: bytes) -> DriveFile:
 
 
 def _fields(root: ElementTree.Element) -> dict[tuple[str, str], float]:
-    """Return the numbers that are set, by the name of the object and of its field."""
+    """Return the numbers that are set, keyed by the names of the object and its field."""
     fields = {}
     for entry in root.iter("void"):
         setting = entry.find("void[@method='set']")
         if entry.get("method") != "getField" or setting is None or len(setting) < 2:
             continue
-        # Other objects may be defined before the one whose field is set; the number is last.
+        # Other objects may be defined before the one whose field is set. The number comes last.
         target, number = setting[-2], setting[-1]
         name = target.get("idref") or target.get("id") or ""
         if number.tag in ("float", "int"):
@@ -299,7 +301,7 @@ def _property(node: "ElementTree.Element | None", name: str, default: float) -> 
 
 
 def _numpy(path: Path) -> Drives:
-    """Read complex amplitudes, real phases, or bytes of phase and intensity of AUTD3's boards."""
+    """Read complex amplitudes, real phases, or phase and intensity bytes of AUTD3's boards."""
     try:
         values = np.load(io.BytesIO(bytes_of(path)), allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
@@ -323,14 +325,14 @@ def _numpy(path: Path) -> Drives:
 
 
 def _messages(path: Path, board: str | None, elements: int | None) -> Drives:
-    """Read the bytes that a program sends to boards, frame by frame."""
+    """Read the bytes that a program sends to the boards, frame by frame."""
     if board is None:
         raise InvalidInput(
-            f"{path.name} holds the bytes of a board; name the board, such as sonicsurface.",
+            f"{path.name} contains the bytes of a board; name the board, such as sonicsurface.",
             code="key_missing",
         )
     codec = codec_of(board)
     frames = codec.decode(bytes_of(path), boards_needed(codec.board, elements or len(codec.board)))
     if not frames:
-        raise _unreadable(path, f"does not hold whole frames of {codec.board.title} boards")
+        raise _unreadable(path, f"does not contain whole frames of {codec.board.title} boards")
     return np.stack([frame.drive().amplitudes for frame in frames])

@@ -1,4 +1,4 @@
-"""Playback on a link, in its process: ramp, cap, modulation, sequences, watchdog, silence, log."""
+"""Playback in the link process: ramp, cap, modulation, sequences, watchdog, silence and log."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -13,24 +13,24 @@ from airtact.drives.frame import Frame, frame_at, share_under_cap
 from airtact.emission.link import Link, LinkFailed
 
 # Time that a call of a link may take before its process is replaced [s]. The slowest serial board
-# takes 0.5 s for the answers to a frame.
+# needs 0.5 s to answer a frame.
 STALL = 0.6
 
 
 def suspended() -> float:
-    """Return a lower bound of the time for which the computer was suspended [s]; 0 if unknown.
+    """Return a lower bound on the time for which the computer was suspended [s]; 0 if unknown.
 
     ``time.monotonic`` does not count this time.
     """
     if not hasattr(time, "CLOCK_BOOTTIME"):
         return 0.0
-    # In this order, so that a pause between the two calls cannot look like a suspend.
+    # The calls are in this order so that a pause between them cannot look like a suspend.
     return time.clock_gettime(time.CLOCK_BOOTTIME) - time.monotonic()
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Ramp, watchdog timeout and time for which failed silence is retried [s], and the log file."""
+    """Ramp duration, watchdog timeout, time to retry failed silence [s], and the log file."""
 
     ramp: float
     patience: float
@@ -41,7 +41,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Cycle:
-    """Items that repeat at a rate [1/s]: factors of a modulation, or frames with their drives."""
+    """Items that repeat at a rate [1/s]: factors of a modulation, or frames and their drives."""
 
     items: Sequence[Any]
     rate: float
@@ -49,20 +49,20 @@ class Cycle:
 
     def at(self, now: float) -> Any:
         """Return the item that is due at a time [s]."""
-        # 1e-6, so that rounding does not select the previous frame.
+        # 1e-6 is added so that rounding does not select the previous frame.
         return self.items[int((now - self.begun) * self.rate + 1e-6) % len(self.items)]
 
 
 class Player:
-    """Plays on a link in steps; every command returns at once.
+    """Player that works on a link in steps. Every command returns at once.
 
     ``Emission`` calls the methods without an underscore by name. ``step`` does the work that is
     due. If a step fails, the next command that resets the watchdog raises its error.
 
     Parameters
     ----------
-    link, settings : link, not open yet, and settings.
-    alive : called before work with the time that it may take [s].
+    link, settings : a link that is not open yet, and the settings of the playback.
+    alive : called before each piece of work with the time that it may take [s].
     """
 
     def __init__(
@@ -72,11 +72,11 @@ class Player:
         self.alive = alive
         self.over: str | None = None
         self._settings = settings
-        self._failure: LinkFailed | None = None  # failure to silence the boards
+        self._failure: LinkFailed | None = None  # the boards could not be silenced
         self._give_up: float | None = None  # when to stop trying to silence them
         self._trouble: Exception | None = None  # error of a step
         self._log: TextIO | None = None
-        # (drive, factor, frame) of each frame that is played; a single drive is one frame.
+        # (drive, factor, frame) of each frame played; a single drive is one frame.
         self._sound: Cycle | None = None
         self._strongest: tuple[np.ndarray, float, Frame] | None = None
         self._modulation: Cycle | None = None
@@ -97,7 +97,7 @@ class Player:
     def open(self) -> None:
         """Open the link and the log."""
         if self._settings.log is not None:
-            # Append, so that the log continues if this process replaces a lost one.
+            # The log is appended to, so that it continues if this process replaces a lost one.
             self._log = self._settings.log.open("a", buffering=1, encoding="utf-8")
         self.link.open()
         self._write("opened")
@@ -111,18 +111,18 @@ class Player:
         cap: float,
         at: float | None = None,
     ) -> tuple[Frame, float, float]:
-        """Repeat drives, or one drive at several factors, from now on.
+        """Repeat drives, or one drive multiplied by several factors, from now on.
 
         A rate [frames/s] ends a modulation. If the number of frames and the rate stay the same,
         playback continues at the same position.
 
         Parameters
         ----------
-        drives, factors : each frame plays one drive times one factor.
+        drives, factors : each frame is one drive multiplied by one factor.
         rate : frames per second; 0 for a single drive.
         cap : largest amplitude of an element, as a share of full scale.
-        at : time at which a single drive takes effect, see ``Link.send``; on a ramp it acts at
-            once.
+        at : time at which a single drive takes effect, as in ``Link.send``; during a ramp it takes
+            effect at once.
 
         Returns
         -------
@@ -142,7 +142,7 @@ class Player:
         else:
             self._sound = Cycle(items, rate, now)
             self._next_frame = now
-        # If boards repeat frames themselves, only the most powerful one rises and fades.
+        # If boards repeat frames themselves, only the most powerful frame rises and fades.
         powers = factors * np.linalg.norm(drives, axis=1)
         self._strongest = strongest = items[int(powers.argmax())]
         full = strongest[2]
@@ -150,14 +150,14 @@ class Player:
             self._modulation = None
             if link.plays_itself:
                 link.modulate(None, 0.0)
-        # Silence needs no ramp, and the next drive rises again.
+        # Silence needs no ramp, but the next drive rises over one.
         if full.silent:
             self._gain = 0.0
             self._slope = 0.0
         elif self._gain == 0.0 or self._slope < 0.0:
             self._begin_ramp(self._settings.ramp, 1.0)
             self._change_gain()
-        # Paced frames are sent when they are due, but silence must not wait for that.
+        # Paced frames are sent when they are due, but silence must not wait until then.
         if full.silent or self._paced is None:
             self._show(at if self._slope == 0.0 and not full.silent else None)
         self._fed = time.monotonic()
@@ -181,7 +181,7 @@ class Player:
             self._transmit(self._now())
 
     def silence(self, fade: float) -> float:
-        """Fade to silence; return the duration [s]. The next drive rises over the ramp."""
+        """Fade to silence and return the duration [s]. The next drive rises over the ramp."""
         self._feed()
         if self._emitting:
             self._begin_ramp(fade, -1.0)
@@ -203,11 +203,11 @@ class Player:
         self._silence()
 
     def ask(self, name: str, *arguments: object) -> object:
-        """Call a method of the link that does not change what it plays."""
+        """Call a method of the link that does not change its playback."""
         return getattr(self.link, name)(*arguments)
 
     def close(self) -> str | None:
-        """Close the link; return the reason for the end of the emission."""
+        """Close the link, and return the reason for the end of the emission."""
         try:
             self.link.close()
         finally:
@@ -220,7 +220,7 @@ class Player:
     # --- steps ---
 
     def left(self) -> float:
-        """Return the remaining time of a ramp or fade [s]; 0 only when it is complete."""
+        """Return the remaining time of a ramp or fade [s], which is 0 only once it is complete."""
         if self._slope == 0.0:
             return 0.0
         end = 1.0 if self._slope > 0.0 else 0.0
@@ -230,7 +230,7 @@ class Player:
     def wait(self) -> float:
         """Return the time until the next step is due [s]."""
         now = time.monotonic()
-        # At least 20 times a second, to notice when the owner has ended.
+        # Steps follow at least 20 times a second, to notice when the owner has ended.
         due = [now + 0.05]
         if self._emitting:
             due.append(self._fed + self._settings.patience)
@@ -263,12 +263,12 @@ class Player:
             self._ramp_step()
         paced = self._paced
         if paced is not None and self._gain > 0.0 and now >= self._next_frame:
-            # Keep the time grid, so that a late frame does not delay later ones.
+            # Keep the time grid, so that a late frame does not delay the following ones.
             missed = int((now - self._next_frame) * paced.rate)
             self._dropped += missed
             self._next_frame += (1 + missed) / paced.rate
             self._transmit(self._now())
-        # Check ten times a second that boards that play on their own are still connected.
+        # Ten times a second, check the connection to boards that play on their own.
         if self._emitting and now - self._looked > 0.1:
             self._looked = now
             self.link.probe()
@@ -282,7 +282,7 @@ class Player:
             self.finish(why)
 
     def _check_suspend(self) -> None:
-        """Silence the boards after the computer was suspended, during which they kept playing."""
+        """Silence the boards after the computer was suspended, because they kept playing."""
         now = suspended()
         if self._emitting and now - self._suspended > 0.1:
             self._starve("the computer was suspended")
@@ -306,7 +306,7 @@ class Player:
     def _change_gain(self) -> None:
         self._gain = min(max(self._gain + self._slope, 0.0), 1.0)
         self._next_step = time.monotonic() + self._pause
-        # The steps add up to 1 only up to rounding.
+        # The steps add up to 1 only to within rounding.
         if min(self._gain, 1.0 - self._gain) < 1e-6:
             self._gain = float(round(self._gain))
             self._slope = 0.0
@@ -319,7 +319,7 @@ class Player:
             self._show()
 
     def _show(self, at: float | None = None) -> None:
-        """Send the sound at the present gain, to take effect at a time if one is set."""
+        """Send the sound at the present gain, to take effect at the given time if there is one."""
         sound = self._sound
         if sound is not None and sound.rate and self.link.plays_itself and self._gain == 1.0:
             self._upload([item[2] for item in sound.items], sound.rate)
@@ -380,7 +380,7 @@ class Player:
         self._confirm_silence()
 
     def _confirm_silence(self) -> None:
-        # Faults that pass, such as lost packets, must not leave the boards emitting.
+        # Passing faults such as lost packets must not leave the boards emitting.
         while True:
             self.alive(STALL)
             try:
@@ -400,7 +400,7 @@ class Player:
         self._write("silence confirmed")
 
     def _write(self, event: str) -> None:
-        """Write a line of the log: time on the system's monotonic clock [s], and event."""
+        """Write the time of the system's monotonic clock [s] and an event to the log."""
         if self._log is not None:
             try:
                 self._log.write(f"{time.monotonic():.6f} {event}\n")

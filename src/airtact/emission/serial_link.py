@@ -1,4 +1,4 @@
-"""SonicSurface and Ultraino Nano16 over a serial port."""
+"""Link to SonicSurface and Ultraino Nano16 boards over a serial port."""
 
 import os
 import time
@@ -10,10 +10,10 @@ from airtact.drives.frame import Frame
 from airtact.emission.link import Link
 from airtact.errors import InvalidInput, extra, of_kind
 
-# Time that a board may take to accept a frame or to answer it [s].
+# Time that a board has to accept a frame or to answer it [s].
 PATIENCE = 0.5
 
-# Number of times that an unanswered frame is sent.
+# Number of times that a frame is sent if it is not answered.
 TRIES = 3
 
 
@@ -25,18 +25,18 @@ def serial_ports() -> list[str]:
 
 
 class SerialLink(Link):
-    """Boards on one serial port: one or two SonicSurface, or one Nano16.
+    """One or two SonicSurface boards, or one Nano16, on a serial port.
 
     A Nano16 echoes the reset and the swap of a frame; a frame without the echo is sent again. A
-    SonicSurface never answers: a frame counts as sent when the port has sent all its bytes. Both
-    kinds have two buffers, and each swap brings back the previous one, so silence is sent twice.
+    SonicSurface never answers, so a frame counts as sent once the port has sent all its bytes. Both
+    kinds have two buffers. Each swap brings back the previous buffer, so silence is sent twice.
 
     Parameters
     ----------
-    port : device, such as /dev/ttyUSB0 or COM3.
+    port : name of the serial device, such as /dev/ttyUSB0 or COM3.
     board : "sonicsurface" or "nano16".
-    boards : number of boards; the first is the primary, the second the secondary.
-    boot : time limit of the first answer [s]; a Nano16 restarts when its port is opened.
+    boards : number of boards; the first is the primary and the second the secondary.
+    boot : time limit for the first answer [s], because a Nano16 restarts when its port is opened.
     """
 
     name = "serial"
@@ -47,13 +47,13 @@ class SerialLink(Link):
         super().__init__(board, boards)
         if self.codec.baud is None:
             raise InvalidInput(
-                f"{board} has no serial line: sonicsurface and nano16 have one.",
+                f"{board} has no serial line: use sonicsurface or nano16.",
                 code="unknown_name",
             )
         of_kind(port, str, "the port", 'the name of a device, such as "/dev/ttyUSB0"')
         self.port: str = port
         self.boot: float = boot
-        # The baud rate limits the link itself.
+        # The baud rate also limits the link.
         self.fastest = self.fastest_frames
         self._line: Any = None
 
@@ -70,8 +70,8 @@ class SerialLink(Link):
             )
         except (OSError, ValueError) as error:
             raise InvalidInput(
-                f"the port {self.port} cannot be opened: {error}. Close any program that holds it, "
-                "or join the group that owns it, often dialout. The ports are "
+                f"the port {self.port} cannot be opened: {error}. Close any program that uses it, "
+                "or join the group that owns it, often dialout. The available ports are "
                 f"{', '.join(serial_ports()) or 'none'}.",
                 code="link_failed",
             ) from None
@@ -90,7 +90,7 @@ class SerialLink(Link):
         self._deliver(self.zero())
 
     def _look(self) -> None:
-        # Sending the last frame again changes nothing, but fails if the cable is unplugged.
+        # Sending the last frame again changes nothing, but it fails if the cable is unplugged.
         if self.last is not None:
             self._deliver(self.last)
 
@@ -119,9 +119,9 @@ class SerialLink(Link):
         raise self._failed("waiting for an answer", f"{self.port} did not answer {tries} frames")
 
     def _answered(self, message: bytes) -> bool:
-        """Wait for the bytes of the board's answer in order; skip noise between them."""
+        """Wait for the bytes of the board's answer in order, and skip noise between them."""
         waiting = list(self.codec.echo)
-        # The answer follows the last byte of the message, at 10 bits per byte.
+        # The answer follows the last byte of the message and takes 10 bits per byte.
         end = (
             time.monotonic() + PATIENCE / TRIES + 10.0 * len(message) / (self.codec.baud or np.inf)
         )

@@ -1,4 +1,4 @@
-"""Link to AUTD3 boards with firmware 0.12 over UDP, through their makers' package autd3."""
+"""Link to AUTD3 boards with firmware 0.12 over UDP, through the manufacturer's package autd3."""
 
 import asyncio
 import importlib.metadata
@@ -19,15 +19,15 @@ class UDPLink(AUTD3Boards):
     """A chain of AUTD3 boards with firmware 0.12, in order.
 
     The boards silence themselves half a second after the last call of ``send``, ``play`` or
-    ``probe``; ``Emission`` probes them. A frame can be sent before the time at which it takes
-    effect, see ``send``.
+    ``probe``; ``Emission`` probes them in time. A frame can be sent before the time at which it
+    takes effect (see ``send``).
 
     Parameters
     ----------
-    poses : pose of each board, from the board's frame to the array's, as returned by
+    poses : pose of each board, from the board's frame to the array's frame, as returned by
         ``poses_of_boards``.
-    address : network interface of the boards, by default the first with boards; or [::1]:PORT of a
-        simulator, or "emulator": the makers' model of the boards, in the link process.
+    address : network interface of the boards (by default the first one with boards), [::1]:PORT of
+        a simulator, or "emulator" for the manufacturer's model of the boards in the link process.
 
     Examples
     --------
@@ -37,7 +37,7 @@ class UDPLink(AUTD3Boards):
     """
 
     name = "udp"
-    # The boards take frames up to 100 ms ahead. Silence waits for the frames before it.
+    # The boards accept frames up to 100 ms ahead. Silence waits for the frames before it.
     lead = 0.05
 
     def __init__(self, poses: Sequence[Pose], address: str | None = None) -> None:
@@ -51,7 +51,7 @@ class UDPLink(AUTD3Boards):
         self._smoothed = PHASE_FADE
         self._bank = 0
         self._modulated = False  # whether the boards play a modulation
-        self._answer: Any = None  # to the last frame that was sent ahead
+        self._answer: Any = None  # answer to the last frame that was sent ahead
         self._sdk: Any = None
         self._loop: Any = None
         self._client: Any = None
@@ -71,9 +71,9 @@ class UDPLink(AUTD3Boards):
                 for pose, rotation in zip(self.poses or (), self._rotations, strict=True)
             ]
         )
-        # The library's own thread must not keep boards playing that the player has lost: no
-        # heartbeats, and no release of boards that silenced themselves. A board counts as lost
-        # only after all tries.
+        # The library's own thread must not keep boards playing after the player has lost them.
+        # Therefore it sends no heartbeats and does not release boards that silenced themselves. A
+        # board counts as lost only after all tries.
         config = sdk.ClientConfig(
             ack_timeout=milliseconds(50),
             release_failsafe_on_recovery=None,
@@ -135,7 +135,7 @@ class UDPLink(AUTD3Boards):
         sdk = self._sdk
         (frames,) = sdk.Frames.encode(self._geometry, self._pattern(frame))
         before, device_time, after = 0, sdk.value.SysTime.ZERO, 0
-        # Read both clocks again if this process was interrupted in between.
+        # Both clocks are read again if this process was interrupted in between.
         for _ in range(10):
             before = time.monotonic_ns()
             device_time = self._client.device_time_now()
@@ -153,13 +153,13 @@ class UDPLink(AUTD3Boards):
         self._answer = self._done(lambda: self._client.send_frame_at(frames, sdk.ExecAt.At(acts)))
 
     def _prepare(self) -> None:
-        """Make the boards play the present modulation, and check the last frame sent ahead."""
+        """Make the boards play the current modulation, and check the last frame sent ahead."""
         answer = self._answer
         if answer is not None:
             self._answer = None
             self._done(lambda: answer).check()
         if self.last is None or self.last.silent:
-            # The boards silenced themselves if nothing was sent for half a second.
+            # The boards have silenced themselves if nothing was sent for half a second.
             self._deliver(self._sdk.commands.ReleaseFailsafe())
         if self._envelope is not None and not self._modulating:
             self._smooth(self._divide)
@@ -187,7 +187,7 @@ class UDPLink(AUTD3Boards):
                 )
 
     def _check_lost(self) -> None:
-        """Raise an error if a board is lost; the library then sends to the others only."""
+        """Raise an error if a board is lost, because the library then sends only to the others."""
         for index, state in enumerate(self._client.state_checker().check().devices):
             if state == self._sdk.DeviceState.Lost:
                 raise self._failed("sending", f"board {index} did not answer")
@@ -207,7 +207,7 @@ class UDPLink(AUTD3Boards):
     def _silence(self) -> None:
         commands = self._sdk.commands
         self._answer = None
-        # Both banks, so that no earlier frame is left that could sound again.
+        # Both banks are cleared, so that no earlier frame is left that could be played again.
         for _ in range(2):
             self._deliver(self._pattern(self.zero()))
         self._modulate(np.ones(2), 0xFFFF)
@@ -220,8 +220,8 @@ class UDPLink(AUTD3Boards):
     def _smooth(self, divide: int) -> None:
         """Make the boards spread changes over at most one frame of ``divide`` periods."""
         period = divide * (1_000_000 // PERIODS)
-        # Until silence the time only becomes shorter, because boards reject times that are longer
-        # than a frame of what they still play.
+        # The time is only shortened until the boards are silent, because they reject times that are
+        # longer than a frame of the sequence they still play.
         if period < self._smoothed:
             self._smoothed = period
             self._deliver(self._silencer(min(INTENSITY_FADE, period), period))
@@ -259,12 +259,12 @@ class UDPLink(AUTD3Boards):
         return (banks.B0, banks.B1)[self._bank]
 
     def _deliver(self, command: Any) -> None:
-        for left in reversed(range(3)):  # a frame is sent 3 times if a board does not answer
+        for left in reversed(range(3)):  # a frame is sent up to 3 times if a board does not answer
             try:
                 self._done(lambda: self._client.send(command))
                 break
             except self._sdk.Autd3Error as error:
-                # UDP loses packets. A command that boards reject is not sent again.
+                # UDP loses packets. A command that the boards reject is not sent again.
                 lost = error.code in (error.TIMEOUT, error.NETWORK)
                 if not lost or left == 0:
                     raise
