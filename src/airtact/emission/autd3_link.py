@@ -136,8 +136,7 @@ class AUTD3Link(AUTD3Boards):
         self._library: Any = None
 
     def played(self, index: int = 0) -> Frame:
-        """Read back frame ``index`` of the sequence that the boards play, from the firmware's
-        model.
+        """Read back frame ``index`` of the sequence that the boards play from the firmware model.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Location of a hand from echoes of the array's own coded transmissions, and calibration."""
+"""Calibration of the array, and location of a hand from echoes of its coded transmissions."""
 
 from airtact.lazy import attached
 

@@ -1,7 +1,7 @@
-"""Echoes of bodies near an initial pose, and derivatives with respect to the pose, in closed form.
+"""Echoes of bodies near an initial pose, and their derivatives by the pose, in closed form.
 
-The regular waves w_e that element e of unit strength emits toward the bodies also describe its
-reception, by reciprocity: E[r, e] = w_rᵀ T w_e/(4πik). A motion of the bodies multiplies all w_e by
+By reciprocity, the regular waves w_e that element e of unit strength emits toward the bodies also
+describe its reception: E[r, e] = w_rᵀ T w_e/(4πik). A motion of the bodies multiplies all w_e by
 the same matrix D. The array is therefore expanded only once, about the initial pose.
 
 A pose is a twist (6,) of the bodies' frame from the initial pose: translation [m] and rotation
@@ -28,7 +28,7 @@ from airtact.transducers.layout import PhasedArray
 Received = Complex[np.ndarray, "receivers transmissions"]
 Twist = Float64[np.ndarray, "6"]
 
-# The twist of bodies that do not move
+# Twist of bodies that do not move.
 STILL = np.zeros(6)
 
 
@@ -42,8 +42,8 @@ class EchoModel:
     emitted : (W, M) regular waves of each transmission about the initial centre, with additional
         orders, times sensitivity/(4πik), which converts products of waves to pressures [Pa].
     receiving : (W, R) regular waves of each receiver about the same centre.
-    valid : (R, M) whether each pressure was received; echoes and derivatives are 0 where it was
-        not. None if all were received.
+    valid : (R, M) whether each pressure was received; None if all were received. The echoes and
+        derivatives of other pressures are 0.
     """
 
     scattering: ScatteringMatrix
@@ -61,9 +61,9 @@ class EchoModel:
         valid: Bool[np.ndarray, "receivers transmissions"] | None = None,
         spare: int = 0,
     ) -> "EchoModel":
-        """Expand an array in the bodies' frame, with ``spare`` additional orders.
+        """Expand an array in the bodies' frame, with ``spare`` additional orders of waves.
 
-        A translation by 1/k mixes about one additional order.
+        A translation by 1/k mixes waves of about one additional order.
 
         Raises
         ------
@@ -85,17 +85,17 @@ class EchoModel:
         )
 
     def echoes(self, twist: Twist = STILL) -> Received:
-        """Scattered pressure (R, M) [Pa] of the moved bodies."""
+        """Return the scattered pressure (R, M) of the moved bodies [Pa]."""
         return self._received(twist, self._scattered(self._incident(twist)))[0]
 
     def derivatives(self, twist: Twist) -> Complex[np.ndarray, "6 receivers transmissions"]:
-        """Return derivatives with respect to a further translation [Pa/m] and rotation [Pa/rad]."""
+        """Return the derivatives by a further translation [Pa/m] and rotation [Pa/rad]."""
         incident = self._incident(twist)
         # One large matrix product is faster than seven.
         along = np.concatenate([incident, *along_motions(incident, self._wavenumber)], axis=1)
         scattered = self._scattered(along)
         count = self.emitted.shape[1]
-        # − V_i T D w: the motions act on the outgoing waves of the echo.
+        # These are − V_i T D w: the motions act on the outgoing waves of the echo.
         back = along_motions(np.ascontiguousarray(scattered[:, :count]), self._wavenumber)
         return self._received(twist, scattered[:, count:] - np.concatenate(back, axis=1))
 
@@ -104,15 +104,14 @@ class EchoModel:
         return self.scattering.scene.wavenumber.real
 
     def _incident(self, twist: Twist) -> Waves:
-        # Regular waves about the moved centre, with the additional orders that the
-        # translation needs.
-        # A translation by d mixes orders up to about k d apart.
+        # These are regular waves about the moved centre, with the additional orders that the
+        # translation requires. A translation by d mixes orders up to about k d apart.
         spare = 1 + int(np.ceil(self._wavenumber * np.linalg.norm(twist[:3])))
         count = wave_count(self.scattering.order + spare)
         return moved(twist, self.emitted[:count], self._wavenumber)
 
     def _scattered(self, incident: Waves) -> Waves:
-        # Outgoing waves, with zeros for the orders above those of the scattering matrix.
+        # The outgoing waves are zero for orders above those of the scattering matrix.
         out = np.zeros_like(incident)
         count = len(self.scattering.matrix)
         out[:count] = self.scattering.single @ incident[:count]
@@ -131,7 +130,7 @@ class EchoModel:
 def _array_waves(
     scattering: ScatteringMatrix, array: PhasedArray, order: int
 ) -> Complex64[np.ndarray, "waves elements"]:
-    # Regular waves of each element at unit drive about the bodies, without the sensitivity.
+    # Return each element's regular waves about the bodies at unit drive, without the sensitivity.
     faces = array.face_points - scattering.centre
     nearest = np.linalg.norm(faces, axis=2).min(axis=1)
     element = int(nearest.argmin())
@@ -144,7 +143,7 @@ def _array_waves(
             code="bodies_overlap",
         )
     waves = np.zeros((wave_count(order), len(array)), dtype=np.complex64)
-    # Process one point of all faces at a time, to limit the memory.
+    # Process one point of all faces at a time to limit the memory.
     for weight, points in zip(array.element.weights, np.swapaxes(faces, 0, 1), strict=True):
         gains = (weight * array.gains).astype(np.complex64)
         waves += monopole_waves(order, points, scattering.scene.wavenumber) * gains
@@ -156,7 +155,7 @@ def _cross(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
 
 
 def motion_of(twist: Twist) -> Pose:
-    """Exponential of a twist, which is a motion about the centre of the waves."""
+    """Return the exponential of a twist, which is a motion about the centre of the waves."""
     generator = np.zeros((4, 4))
     generator[:3, :3] = _cross(twist[3:])
     generator[:3, 3] = twist[:3]
@@ -165,7 +164,7 @@ def motion_of(twist: Twist) -> Pose:
 
 
 def further_motion(twist: Twist) -> Float64[np.ndarray, "6 6"]:
-    """Jacobian from changes of a twist to further motions of bodies moved by it.
+    """Return the Jacobian from changes of a twist to further motions of bodies moved by it.
 
     It is (1 − exp(−ad))/ad, where ad is the commutator with the twist (K. M. Lynch, F. C. Park,
     Modern Robotics, 2017, section 8.3).

@@ -1,17 +1,17 @@
-"""Received pressures of coded transmissions, and their file.
+"""Received pressures of coded transmissions, and their file format.
 
-Version 2 of the file is HDF5 with these datasets; those in brackets are optional:
+Version 2 of the file is HDF5 with these datasets; those in parentheses are optional:
 
 - ``format_version``: 2, or 1 without ``valid``.
 - ``frequency`` [Hz].
 - ``codes_real``, ``codes_imaginary``: (E, M) emission of each of E elements in each of M
   transmissions, as a fraction of full scale; an element emits Re[c e^{−iωt}].
-- ``pressures_real``, ``pressures_imaginary``: (R, M) pressure at each of R receivers in each
-  transmission [Pa, peak], with the same phasor.
+- ``pressures_real``, ``pressures_imaginary``: (R, M) peak pressure at each of R receivers in each
+  transmission [Pa], with the same phasor.
 - (``receivers``: (R,) indices of the receiving elements, from 0; by default all in order.)
 - (``noise``: rms magnitude of the complex noise of one pressure [Pa], measured without a
-    transmission.)
-- (``valid``: (R, M) 1 for received pressures, else 0; all valid by default.)
+  transmission.)
+- (``valid``: (R, M) 1 for received pressures, 0 for others; by default all are valid.)
 """
 
 from dataclasses import dataclass
@@ -44,26 +44,27 @@ Receivers = Int64[np.ndarray, "receivers"]
 class Echoes:
     """Coded transmissions of an array and the received pressures, at one frequency.
 
-    For ``locate`` the pressures are only the echoes: the received pressures minus those of the
-    empty array.
+    ``locate`` expects only the echoes: the received pressures minus those of the empty array.
 
     Attributes
     ----------
-    codes : (E, M) emission of each of E elements in each of M transmissions, |c| = 1 at full scale.
+    codes : (E, M) complex emission of each of E elements in each of M transmissions; |c| = 1 is
+        full scale.
     pressures : (R, M) mean pressure over the face of each of R receivers in each transmission,
         times the receiver's gain [Pa]; the phasor is Re[p e^{−iωt}].
-    receivers : (R,) indices of the receiving elements; None for all E in order. Stored as indices.
+    receivers : (R,) indices of the receiving elements; None selects all E in order and is replaced
+        by their indices.
     frequency : frequency of the sound [Hz].
     noise : rms magnitude of the complex noise of one pressure [Pa], measured without a
         transmission; None if unknown.
-    valid : (R, M) whether each pressure was received, because elements cannot receive while they
-        ring; None if all were received. Invalid pressures are stored as 0.
+    valid : (R, M) whether each pressure was received; None if all were received. Elements cannot
+        receive while they ring. Invalid pressures are stored as 0.
 
     Raises
     ------
     InvalidInput
         If shapes do not match or are empty, a value is NaN or infinite (omit dead receivers from
-        ``receivers``), a code exceeds full scale, receivers do not exist or are listed twice, a
+        ``receivers``), a code exceeds full scale, a receiver does not exist or is listed twice, a
         transmission is silent, or no pressure is valid.
 
     Examples
@@ -103,7 +104,7 @@ class Echoes:
             element, column = np.unravel_index(magnitude.argmax(), codes.shape)
             raise InvalidInput(
                 f"element {element} has the code {magnitude.max():.4g} in transmission {column}, "
-                "but 1 is full scale; divide all codes by that number.",
+                "but 1 is full scale; divide all codes by this number.",
                 code="over_full_scale",
             )
         silent = np.flatnonzero(~codes.any(axis=0))
@@ -123,13 +124,13 @@ class Echoes:
             checked["noise"] = positive(self.noise, "the noise of echoes", "Pa")
         for name, value in {**checked, "pressures": pressures}.items():
             if isinstance(value, np.ndarray):
-                # Read-only, because several fits share these arrays.
+                # The arrays are read-only because several fits share them.
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
 
     @property
     def receiving(self) -> Receivers:
-        """Indices of the receiving elements (R,)."""
+        """(R,) indices of the receiving elements."""
         assert self.receivers is not None  # the constructor stores them
         return np.asarray(self.receivers, dtype=np.int64)
 
@@ -190,7 +191,7 @@ def load_echoes(path: str | Path) -> Echoes:
     ------
     InvalidInput
         If the file is missing or unreadable, has another format or version, or lacks a dataset; or
-        for the reasons listed in ``Echoes``.
+        under the conditions listed in ``Echoes``.
     """
     path = _checked_path(path)
     raw = datasets_of(path, LAYOUT, newest=2)
@@ -218,7 +219,7 @@ def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
 
 def check_not_clipped(values: Num[np.ndarray, "pressures"]) -> None:
     """Raise an error if more than 5 % of the values equal the largest."""
-    # With noise no two values are equal, unless an amplifier or converter saturates.
+    # With noise, no two values are equal unless an amplifier or converter saturates.
     equal = int(np.sum(values > (1.0 - 1e-6) * values.max())) if len(values) else 0
     if equal > max(0.05 * len(values), 8):
         raise InvalidInput(
@@ -243,7 +244,7 @@ def _table(
     table = complex_numbers(values, name)
     if table.ndim != 2:
         raise InvalidInput(
-            f"{name} have shape {table.shape}, but they are a table with a column for each "
+            f"{name} have shape {table.shape}, but they must be a table with a column for each "
             "transmission.",
             code="wrong_shape",
         )
@@ -259,8 +260,8 @@ def _checked_valid(
     valid = np.array(valid)
     if valid.dtype != np.bool_ or valid.shape != shape:
         raise InvalidInput(
-            f"valid is {valid.dtype} of shape {valid.shape}; use True or False for each pressure, "
-            f"shape {shape}.",
+            f"valid is {valid.dtype} of shape {valid.shape}; pass True or False for each pressure, "
+            f"with shape {shape}.",
             code="sizes_differ",
         )
     if not valid.any():

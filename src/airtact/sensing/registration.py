@@ -1,8 +1,8 @@
 """Pose of the bodies of a scene, and optionally their opening, from echoes of the transmissions.
 
-The pose minimises the difference of modelled and measured echoes by the Levenberg-Marquardt method
-with exact derivatives, first with few receivers and transmissions to save time, then with all. If
-the path to the bodies and back is initially wrong by half a wavelength, the method may find another
+The pose minimises the difference between modelled and measured echoes by the Levenberg-Marquardt
+method with exact derivatives. To save time, the first steps use few receivers and transmissions. If
+the initial path to the bodies and back is wrong by half a wavelength, the method may find another
 minimum. If the resulting pose does not match the echoes, other initial poses around it are tried.
 """
 
@@ -38,7 +38,7 @@ MAX_MISFIT = 0.1
 # Additional orders of waves, for translations by a few millimetres.
 SPARE_ORDERS = 9
 
-# Twist of the bodies from the initial pose [m], [rad], and change of the opening of a family.
+# Twist of the bodies from the initial pose [m, rad], and change of a family's opening.
 Unknowns = Float64[np.ndarray, "unknowns"]
 
 Squares = Float64[np.ndarray, "unknowns unknowns"]
@@ -46,26 +46,27 @@ Squares = Float64[np.ndarray, "unknowns unknowns"]
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """Pose of the bodies with its uncertainty; ``locate`` returns it.
+    """Pose of the bodies and its uncertainty, as returned by ``locate``.
 
     Attributes
     ----------
     pose : pose of the obstacles in the array's frame, as in ``PhasedArray.seen_from``.
     covariance : (6, 6) covariance of the translation of ``centre`` [m] and of a small rotation
-        about it [rad] along the array's axes; a family adds a seventh row and column for
-        ``opening``. It follows from the residual. It is increased if receivers in different places
-        disagree by more than the noise, or if the residual indicates a wrong shape.
-    bound : Cramér-Rao bound, of the same shape: the smallest covariance that is possible with the
-        noise; NaN if the noise is unknown.
+        about it [rad], along the array's axes. A family adds a seventh row and column for
+        ``opening``. The covariance follows from the residual. It is increased if receivers in
+        different places disagree by more than the noise, or if the residual indicates a wrong
+        shape.
+    bound : Cramér-Rao bound, of the same shape: the smallest covariance that the noise allows; NaN
+        if the noise is unknown.
     residual : rms of the residual, including noise, divided by the rms of the echoes.
-    misfit : the same without noise; 0.2 or more for a wrong model, such as another hand.
+    misfit : the same ratio without noise; 0.2 or more for a wrong model, such as another hand.
     converged : whether the iteration converged with a misfit of at most 0.1. Do not use the pose
         otherwise.
     steps : number of steps from the initial pose.
     centre : (3,) centre of the bodies in the array's frame [m].
-    left_out : indices of the receivers that disagree with every pose, such as dead ones.
-    opening : best parameter of the ``ScatteringFamily``, such as the gap of two fingers [m]; None
-        for a scene.
+    left_out : indices of the receivers that disagree with every pose, such as dead receivers.
+    opening : best value of the parameter of a ``ScatteringFamily``, such as the gap of two fingers
+        [m]; None for a scene.
     """
 
     pose: Pose
@@ -103,7 +104,7 @@ class Located:
 
 @lru_cache(maxsize=1)
 def _last_matrix(solver: Solver, scene: Scene) -> ScatteringMatrix:
-    # A scene and its matrix cannot change, so the next calls with the same scene need no solve.
+    # A scene and its matrix cannot change, so further calls with the same scene need no solve.
     return scattering_matrix(solver, scene)
 
 
@@ -125,8 +126,8 @@ def locate(
         parameter, such as the gap of two fingers.
     array : the transducers in their own frame, in the order of the codes.
     start : initial pose of the obstacles in the array's frame, correct to about 5 mm and 8 degrees.
-    scattering : scattering matrix of the scene; by default the solver computes it in the first call
-        with the scene, and the next calls reuse it. Omit it for a family, which contains its
+    scattering : scattering matrix of the scene. By default the solver computes it in the first call
+        with the scene, and later calls reuse it. Omit it for a family, which contains its own
         matrices.
     solver : solver of the scattering matrix; by default
         ``BoundaryElement(accuracy=0.005, estimate=False)``.
@@ -138,10 +139,10 @@ def locate(
     Raises
     ------
     InvalidInput
-        If the echoes or the scattering matrix do not match the scene and the array, the signal is
-        too weak or clipped, the initial pose is impossible, both a family and a scattering matrix
-        are given, or the echoes do not determine a motion or the opening (such as the rotation of a
-        ball), or for the reasons listed in ``scattering_matrix``.
+        If the echoes or the scattering matrix do not match the scene and the array; the signal is
+        too weak or clipped; the initial pose is impossible; both a family and a scattering matrix
+        are given; or the echoes do not determine a motion (such as the rotation of a ball) or the
+        opening. Also under the conditions listed in ``scattering_matrix``.
 
     Examples
     --------
@@ -181,7 +182,7 @@ def locate(
         scattering, seen, np.asarray(echoes.codes), echoes.receiving, echoes.valid, SPARE_ORDERS
     )
     fit = _Fit(model, np.asarray(echoes.pressures), echoes.noise or 0.0, family)
-    # A motion without any effect, such as the rotation of a ball, would send the search far away.
+    # A motion without any effect, such as rotating a ball, would lead the search far away.
     derivatives = fit.derivatives(np.zeros(len(fit.units)))
     _check_determined(derivatives.T @ derivatives, fit.units, 1e-6, start, *fit.measured.shape)
     best = fit.best()
@@ -215,9 +216,10 @@ def locate(
     variance *= max(1.0, disagreement(derivatives, best.fun, inverse, places))
     misfit = fit.misfit(best)
     # The residual of a wrong shape has about 8 degrees of freedom (ends and radii of two fingers,
-    # minus the six of a pose), however many pressures there are. Each unknown of the pose is
+    # minus the six of a pose), whatever the number of pressures. Each unknown of the pose is
     # assumed to have absorbed as much power as one degree of freedom, so the power is divided by 8
-    # and not by the number of pressures. 5 % are attributed to errors of solvers and interpolation.
+    # and not by the number of pressures. 5 % are attributed to errors of the solvers and the
+    # interpolation.
     of_shape = 2.0 * max(misfit**2 - 0.05**2, 0.0) * power(fit.measured) / 8
     return Located(
         pose=pose,
@@ -243,7 +245,7 @@ class _Fit:
     family: ScatteringFamily | None = None
 
     def best(self) -> OptimizeResult:
-        """Minimise from the initial pose, and from other poses if that fails."""
+        """Minimise from the initial pose, and from other poses if this fails."""
         receivers, transmissions = self.measured.shape
         chosen = np.random.default_rng(0).permutation(receivers)[:160]
         few = self.part(np.sort(chosen), min(transmissions, 8))
@@ -268,7 +270,7 @@ class _Fit:
         return _parts(model.echoes(unknowns[:6]) - self.measured)
 
     def derivatives(self, unknowns: Unknowns) -> Float64[np.ndarray, "parts unknowns"]:
-        """Differentiate the residual with respect to motions [Pa/m], [Pa/rad] and opening."""
+        """Differentiate the residual by motions [Pa/m], [Pa/rad] and by the opening."""
         twist = unknowns[:6]
         if self.family is None:
             by = self.model.derivatives(twist)
@@ -300,7 +302,7 @@ class _Fit:
 
     @property
     def units(self) -> Unknowns:
-        """Steps of motion [m], [rad] and opening that change the echoes by similar amounts."""
+        """Steps of motion [m], [rad] and of opening that change the echoes by similar amounts."""
         of_opening = [] if self.family is None else [1.0 / self.family.effect]
         return np.array([1.0] * 3 + [1.0 / self.model.scattering.radius] * 3 + of_opening)
 
@@ -313,7 +315,7 @@ class _Fit:
             reach = np.append(reach, 0.5 * span)
             middle = np.append(middle, self.family.low + 0.5 * span - self.family.start)
         starts = 2.0 * qmc.Sobol(len(reach), rng=0).random(512) - 1.0
-        # 128 points inside the unit balls of translation and rotation.
+        # These are 128 points inside the unit balls of translation and rotation.
         lengths = np.linalg.norm(starts[:, :6].reshape(-1, 2, 3), axis=2).max(axis=1)
         tried = middle + reach * starts[lengths <= 1.0][:128]
         for start in sorted(tried, key=lambda start: power(self.residual(start)))[:16]:
@@ -328,13 +330,13 @@ class _Fit:
         return _Fit(self.model.part(receivers, transmissions), measured, self.noise, self.family)
 
     def left(self, pose: OptimizeResult) -> Received:
-        """Residual of a pose [Pa]."""
+        """Return the residual of a pose [Pa]."""
         return pose.fun.view(np.complex128).reshape(self.measured.shape)
 
     def misfit(
         self, pose: OptimizeResult, without: Int64[np.ndarray, "rows"] | None = None
     ) -> float:
-        """Ratio of the rms residual to the rms of the echoes, both without noise."""
+        """Return the ratio of the rms residual to the rms of the echoes, both without noise."""
         rows = np.delete(np.arange(len(self.measured)), [] if without is None else without)
         measured = self.measured[rows]
         of_noise = self.noise**2 * np.count_nonzero(measured)  # invalid pressures are 0
@@ -346,7 +348,7 @@ class _Fit:
         return self.misfit(pose, self.missing(pose)) <= MAX_MISFIT
 
     def missing(self, pose: OptimizeResult) -> Receivers:
-        """Rows of the receivers that disagree with every pose, at most a fifth of them."""
+        """Return the rows of receivers that disagree with every pose, at most a fifth of all."""
         left = self.left(pose)
         residual, measured, expected = (
             np.sqrt(np.mean(np.abs(pressures) ** 2, axis=1))
@@ -415,18 +417,18 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
     rms = float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
     if rms == 0.0 or (echoes.noise is not None and rms < 1.05 * echoes.noise):
         raise InvalidInput(
-            f"the echoes have {rms:.3g} Pa rms, hardly more than the noise of "
+            f"the echoes have an rms of {rms:.3g} Pa, hardly more than the noise of "
             f"{echoes.noise or 0.0:.3g} Pa; transmit more, or closer to the bodies.",
             code="signal_unusable",
         )
-    # Clipping is visible in the magnitudes or, with two converters, in the quadratures.
+    # Clipping shows in the magnitudes or, with two converters, in the quadratures.
     for values in (np.abs(pressures), np.abs(np.real(pressures)), np.abs(np.imag(pressures))):
         check_not_clipped(values.reshape(-1))
     return seen
 
 
 def power(pressures: Num[np.ndarray, "..."]) -> float:
-    """Sum of squares [Pa²]."""
+    """Return the sum of squares [Pa²]."""
     return float(np.sum(np.abs(pressures) ** 2))
 
 
@@ -436,17 +438,17 @@ def disagreement(
     inverse: Squares,
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
-    """Ratio of the pose's variance from groups of receivers to that from single receivers.
+    """Return the ratio of the pose's variance from groups of receivers to that from single ones.
 
-    It is 1 if the residual is noise. The residual of a wrong shape is correlated at neighbouring
-    receivers, so more receivers do not improve the pose. Only groups of neighbours are therefore
-    treated as independent (K.-Y. Liang, S. L. Zeger, Biometrika 73, 13 (1986)). The result is the
-    mean ratio over all unknowns.
+    The ratio is 1 if the residual is noise. The residual of a wrong shape is correlated between
+    neighbouring receivers, so more receivers do not improve the pose. Therefore only groups of
+    neighbours count as independent (K.-Y. Liang, S. L. Zeger, Biometrika 73, 13 (1986)). The result
+    is the mean ratio over all unknowns.
     """
     count = min(16, len(places) // 4)
     if count < 2:
         return 1.0
-    # Fewer groups estimate the variance poorly, and smaller groups are correlated.
+    # Fewer groups would estimate the variance poorly, and smaller groups are correlated.
     groups = kmeans2(places, count, rng=0, minit="++")[1]
     scores = derivatives * residual[:, None]
     scores = scores.reshape(len(places), -1, len(inverse)).sum(axis=1)
@@ -458,7 +460,9 @@ def disagreement(
 def unexplained(
     echoes: Echoes, scattering: ScatteringMatrix, array: PhasedArray, pose: Pose
 ) -> Float64[np.ndarray, "receivers"]:
-    """Residual of the model at each receiver, including noise, relative to the rms of all echoes.
+    """Return the residual of the model at each receiver, relative to the rms of all echoes.
+
+    The residual includes the noise.
 
     Parameters
     ----------
@@ -469,8 +473,8 @@ def unexplained(
 
     Returns
     -------
-    (R,) root mean square over the transmissions; NaN for receivers without valid pressures. The
-    misfit is about 1.4 for an unrelated pose, and equals the relative noise for a correct pose.
+    (R,) rms ratio over the transmissions; NaN for receivers without valid pressures. The misfit is
+    about 1.4 for an unrelated pose, and equals the relative noise for a correct pose.
 
     Raises
     ------

@@ -1,11 +1,11 @@
 """The scattering matrix (T-matrix) of the bodies of a scene, in spherical waves.
 
-A single solve of the bodies covers all regular waves. A layer of monopoles of density Z_nm on a
-sphere around them generates the regular wave j_n(kr) Z_nm inside. Its quadrature also generates
-waves of aliased orders, which decay inwards. The solver's monopoles that radiate the scattered
-pressure are projected onto outgoing waves. If a solver has no such monopoles, the scattered
-pressure on the same sphere is projected instead. See P. C. Waterman, J. Acoust. Soc. Am. 45, 1417
-(1969), and P. A. Martin, Multiple Scattering (2006), chapter 7.
+A single solve covers all regular waves. A layer of monopoles of density Z_nm on a sphere around the
+bodies generates the regular wave j_n(kr) Z_nm inside. Its quadrature also generates waves of
+aliased orders, which decay inwards. The solver's monopoles that radiate the scattered pressure are
+projected onto outgoing waves. If a solver has no such monopoles, the scattered pressure on the same
+sphere is projected instead. See P. C. Waterman, J. Acoust. Soc. Am. 45, 1417 (1969), and
+P. A. Martin, Multiple Scattering (2006), chapter 7.
 """
 
 from collections.abc import Callable
@@ -38,11 +38,11 @@ from airtact.sensing.waves import (
 
 @dataclass(frozen=True, eq=False)
 class ScatteringMatrix:
-    """Scattering matrix of the bodies of a scene; the result of ``scattering_matrix``.
+    """Scattering matrix (T-matrix) of a scene's bodies, as returned by ``scattering_matrix``.
 
-    For an incident field Σ a_nm j_n(kr) Z_nm the scattered field is Σ b_nm h_n(kr) Z_nm with b = T
-    a. Z_nm are the real, orthonormal spherical harmonics (m > 0: cos mφ, m < 0: sin |m|φ, without
-    the sign of Condon and Shortley), and wave (n, m) has the index n² + n + m.
+    For an incident field Σ a_nm j_n(kr) Z_nm, the scattered field is Σ b_nm h_n(kr) Z_nm with
+    b = T a. Z_nm are the real, orthonormal spherical harmonics (m > 0: cos mφ, m < 0: sin |m|φ)
+    without the Condon-Shortley sign, and wave (n, m) has the index n² + n + m.
 
     Attributes
     ----------
@@ -51,8 +51,8 @@ class ScatteringMatrix:
     radius : radius of a ball about the centre that contains the bodies [m]; transducers must be
         outside the ball.
     scene : the bodies, their medium and the frequency.
-    asymmetry : relative difference of the matrix from its transpose before symmetrisation.
-    report : report of the solve.
+    asymmetry : relative difference between the matrix and its transpose before symmetrisation.
+    report : the solver's report of the solve.
     """
 
     matrix: Complex128[np.ndarray, "waves waves"]
@@ -72,7 +72,7 @@ class ScatteringMatrix:
 
     @cached_property
     def single(self) -> Complex64[np.ndarray, "waves waves"]:
-        """The matrix (W, W) in single precision."""
+        """(W, W) scattering matrix in single precision."""
         return self.matrix.astype(np.complex64)
 
     @property
@@ -89,24 +89,24 @@ def scattering_matrix(
 ) -> ScatteringMatrix:
     """Solve for the response of the bodies of a scene to all regular spherical waves.
 
-    A single block solve has several hundred excitations; ``Stored(solver, folder)`` stores its
-    result. Echoes for any rigid pose then take milliseconds, see ``simulate_echoes`` and
-    ``locate``.
+    A single block solve covers several hundred excitations; ``Stored(solver, folder)`` stores the
+    result. Afterwards ``simulate_echoes`` and ``locate`` compute the echoes of any rigid pose in
+    milliseconds.
 
     Parameters
     ----------
     solver : solver of the bodies, such as ``BoundaryElement(accuracy=0.01, estimate=False)``.
     scene : the bodies, in their own frame.
     accuracy : relative error due to the truncation of the waves, 0.0001 to 0.1; it determines the
-        order.
-    ball : centre (3,) of the waves and radius of a ball that contains the bodies [m]; by default
+        highest order.
+    ball : (3,) centre of the waves, and radius of a ball that contains the bodies [m]; by default
         nearly the smallest such ball.
 
     Raises
     ------
     InvalidInput
         If there are no bodies, ``accuracy`` is out of range, the bodies need orders above 80, or
-        the solver has no field around them; or for the reasons listed in the solver.
+        the solver has no field around them; or under the conditions listed in the solver.
 
     Examples
     --------
@@ -133,10 +133,11 @@ def scattering_matrix(
     patterns = reaching_patterns(scene, centre, order, accuracy)
     amplitudes = 1.0 / (4j * np.pi * scene.wavenumber * radial)
     amplitudes = np.diag(amplitudes[:, 0]) if patterns is None else amplitudes * patterns
-    # The field inside a layer of density Z_nm is 4πik h_n(k R) j_n(kr) Z_nm, hence the amplitudes.
+    # The amplitudes follow from the field inside a layer of density Z_nm, 4πik h_n(kR) j_n(kr)
+    # Z_nm.
     layer = mixed((weights * waves).T, amplitudes)
     field = solver.radiate(scene, Monopoles(centre + outer * directions, layer))
-    # Projected monopoles need neither a quadrature nor the field close to the bodies.
+    # Projecting monopoles requires neither a quadrature nor the field close to the bodies.
     sources = field.scattering_sources
     if sources is not None:
         offsets = sources.positions - centre
@@ -146,7 +147,7 @@ def scattering_matrix(
         if not np.isfinite(pressures).all():
             raise InvalidInput(
                 f"the solver has no field {1e3 * outer:.3g} mm from the centre of the bodies; use "
-                "a solver with a field all around them.",
+                "a solver that computes the field all around them.",
                 code="data_missing",
             )
         scattered = (weights * waves) @ pressures / radial
@@ -163,8 +164,9 @@ def _symmetric(
 ) -> Complex128[np.ndarray, "waves waves"]:
     """Return the symmetric matrix from its product with patterns.
 
-    Reciprocity also determines its product with all other waves, projected onto the patterns. The
-    remaining block is neglected; it is of second order in the small waves at the bodies.
+    By reciprocity, this product also determines the product with all other waves, projected onto
+    the patterns. The remaining block is neglected; it is of second order in the waves that are
+    small at the bodies.
     """
     if patterns is None:
         return 0.5 * (scattered + scattered.T)
@@ -191,7 +193,7 @@ def _order(reach: float, accuracy: float) -> int:
     determined on pairs of capsules.
     """
     order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
-    if order > 80:  # 6,561 waves take 0.7 GB
+    if order > 80:  # 6,561 waves need 0.7 GB
         raise InvalidInput(
             f"the bodies need waves up to order {order}, more than 80; use smaller bodies, such "
             "as the fingers without the hand, or a lower accuracy.",
@@ -203,7 +205,7 @@ def _order(reach: float, accuracy: float) -> int:
 def _quadrature(
     order: int,
 ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points"]]:
-    # Return a quadrature on the unit sphere that is exact for products of two waves up to an order:
+    # Return a quadrature on the unit sphere that is exact for products of two waves up to an order.
     # Gauss-Legendre in cos θ and equal steps in φ are exact up to the order 2 order + 1.
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
@@ -218,11 +220,11 @@ def _quadrature(
 def reaching_patterns(
     scene: Scene, centre: Float64[np.ndarray, "3"], order: int, smallest: float
 ) -> Float64[np.ndarray, "waves patterns"] | None:
-    """Orthonormal patterns of regular waves that reach the bodies; None if nearly all of them do.
+    """Return orthonormal patterns of regular waves that reach the bodies, or None if most do.
 
-    Bodies only fill a part of the ball of the waves, so most patterns hardly reach the bodies. The
+    Bodies fill only a part of the ball of the waves, so most patterns hardly reach the bodies. The
     patterns are eigenvectors of the mean square pressure of the waves on and below the surfaces.
-    The points below the surfaces retain waves that vanish on the surfaces, as at an interior
+    The points below the surfaces keep waves that vanish on the surfaces, as at an interior
     resonance. Patterns with an rms pressure below ``smallest`` times the largest are omitted.
     """
     points = _points_of(scene) - centre
@@ -239,7 +241,7 @@ def reaching_patterns(
 
 
 def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
-    # Return random points on the triangles of the surfaces, and as many below them [m].
+    # Return random points on the triangles of the surfaces, and the same number below them [m].
     random = np.random.default_rng(0)
     corners = np.concatenate([body.surface.corners for body in scene.obstacles])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -256,17 +258,17 @@ def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
 
 @dataclass(frozen=True, eq=False)
 class ScatteringFamily:
-    """Scattering matrices of bodies with one shape parameter; the result of ``scattering_family``.
+    """Scattering matrices for one shape parameter, as returned by ``scattering_family``.
 
     Each entry of the matrix is interpolated by the polynomial through Chebyshev points, which is
     nearly optimal for smooth functions (L. N. Trefethen, Approximation Theory and Approximation
-    Practice (2013), chapters 3 and 4). The derivative is taken from the polynomial.
+    Practice (2013), chapters 3 and 4). The polynomial also yields the derivative.
 
     Attributes
     ----------
     low, high : smallest and largest value of the parameter.
     start : initial value for ``locate``.
-    matrices : matrices of the N solved values, all about one centre.
+    matrices : the matrices at the N solved values, all about the same centre.
     """
 
     low: float
@@ -286,11 +288,11 @@ class ScatteringFamily:
 
     @property
     def scene(self) -> Scene:
-        """The bodies at the first value; medium and frequency are the same for all."""
+        """Scene at the first value; the medium and frequency are the same at all values."""
         return self.matrices[0].scene
 
     def at(self, value: float) -> ScatteringMatrix:
-        """Return the matrix at a value; its report and scene are those of the first value."""
+        """Return the matrix at a value, with the report and scene of the first value."""
         return replace(self.matrices[0], matrix=self._polynomial(value))
 
     def derivative(self, value: float) -> ScatteringMatrix:
@@ -304,7 +306,7 @@ class ScatteringFamily:
 
     @cached_property
     def error(self) -> float:
-        """Relative error of the interpolation, from the decay of the Chebyshev coefficients."""
+        """Relative interpolation error, estimated from the decay of the Chebyshev coefficients."""
         matrices = np.stack([solved.matrix for solved in self.matrices])
         count = len(matrices)
         coefficients = chebyshev.chebfit(
@@ -343,28 +345,28 @@ def scattering_family(
     values: int = 5,
     accuracy: float = 0.005,
 ) -> ScatteringFamily:
-    """Solve for the scattering matrices of a few values of one shape parameter, such as a gap.
+    """Solve for the scattering matrices at a few values of one shape parameter, such as a gap.
 
     ``locate`` finds the parameter together with the pose. Each value needs its own scattering
-    matrix, which ``Stored(solver, folder)`` stores. Between the values the matrix is interpolated;
+    matrix; ``Stored(solver, folder)`` stores them. Between the values the matrix is interpolated;
     five values cover ±2 mm at 40 kHz.
 
     Parameters
     ----------
-    solver : solver for the bodies, see ``scattering_matrix``.
+    solver : solver for the bodies, as in ``scattering_matrix``.
     scene_of : function that returns the scene for a value of the parameter. The number of bodies,
         the frame, the medium and the frequency must not depend on the value.
     low, high : smallest and largest value of the parameter.
-    start : initial value for ``locate``; the middle by default.
+    start : initial value for ``locate``; by default the middle of the range.
     values : number of solved values, 3 to 12.
-    accuracy : see ``scattering_matrix``.
+    accuracy : truncation error of the waves, as in ``scattering_matrix``.
 
     Raises
     ------
     InvalidInput
         If the values are invalid, the scenes have different media, frequencies or numbers of
         bodies, the bodies do not depend on the parameter, or the interpolation error exceeds 2 %;
-        or for the reasons listed in ``scattering_matrix``.
+        or under the conditions listed in ``scattering_matrix``.
 
     Examples
     --------
@@ -399,12 +401,12 @@ def scattering_family(
             )
     balls = [ball_of(scene) for scene in scenes]
     centre = np.mean([middle for middle, _ in balls], axis=0)
-    # One ball for all values, so that the waves of all matrices are the same.
+    # One ball is used for all values, so that all matrices have the same waves.
     radius = max(float(np.linalg.norm(middle - centre)) + size for middle, size in balls)
     ball = (centre, radius)
     matrices = tuple(scattering_matrix(solver, scene, accuracy, ball) for scene in scenes)
     family = ScatteringFamily(low, high, start, matrices)
-    # The translation that changes the matrix as much as half the range does.
+    # This translation changes the matrix as much as half the range does.
     shift = 0.5 * (high - low) * family.effect
     if shift < 1e-7:
         raise InvalidInput(

@@ -1,17 +1,17 @@
-"""Poses of an array's boards, gains of its elements and sound speed, from direct sound.
+"""Poses of an array's boards, gains of its elements and sound speed from direct sound.
 
-Elements of boards that face each other receive each other's transmissions. Codes such as Hadamard
-codes separate the emitters. Element r receives p_re = ρ_r τ_e T_re from element e. T is the direct
-sound between elements of unit gain, τ are the gains of emission, and ρ the gains of reception; they
-differ because of the electronics. For given positions the gains follow from alternating least
-squares for ρ and τ. Motions of the boards and the sound speed are found by the Levenberg-Marquardt
-method on the residual of the optimal gains (variable projection: G. Golub and V. Pereyra, SIAM J.
+Elements on boards that face each other receive each other's transmissions. Codes such as Hadamard
+codes separate the emitters. Element r receives p_re = ρ_r τ_e T_re from element e, where T is the
+direct sound between elements of unit gain, τ are the emission gains and ρ the reception gains. The
+two gains of an element differ because of the electronics. For given positions, alternating least
+squares yield ρ and τ. The Levenberg-Marquardt method finds the motions of the boards and the sound
+speed from the residual with optimal gains (variable projection: G. Golub and V. Pereyra, SIAM J.
 Numer. Anal. 10, 413, 1973), with exact derivatives.
 
 Board 0 is fixed, because a motion of the whole array changes nothing. Multiplying all ρ and
 dividing all τ by a common factor changes nothing either, so both are scaled to the same mean (with
-two boards, in each direction separately). The scale of the array follows from the positions of the
-elements on their boards, which are taken as exact.
+two boards, separately for each direction). The scale of the array follows from the positions of the
+elements on their boards, which are assumed to be exact.
 """
 
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ from airtact.transducers.layout import PhasedArray, join
 # Largest misfit of a converged calibration: the relative residual in excess of the noise.
 MAX_MISFIT = 0.1
 
-# Whether each pair of receiver and emitter is used
+# Whether each pair of receiver and emitter is used.
 CountedPairs = Bool[np.ndarray, "elements elements"]
 
 Gains = Complex128[np.ndarray, "elements"]
@@ -48,27 +48,28 @@ Squares = Float64[np.ndarray, "unknowns unknowns"]
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """Calibration of an array; the result of ``calibrate``.
+    """Calibration of an array, as returned by ``calibrate``.
 
     Attributes
     ----------
-    array : the array with corrected boards and the gains of emission.
+    array : the array with the corrected boards and the emission gains.
     sound_speed : speed of sound [m/s].
-    motions : motion of each board from its given to its true pose, in the array's frame; that of
-        board 0 is zero.
-    emission, reception : (E,) gains of emission and reception; 0 for dead elements, and 1 in
+    motions : motion of each board from its given to its true pose, in the array's frame; zero for
+        board 0.
+    emission, reception : (E,) emission and reception gains; 0 for dead elements, and 1 in
         ``reception`` for elements that do not receive. Their common factor is a convention.
     covariance : (6 B − 5, 6 B − 5) covariance of the translation of the centre of boards 1 to B − 1
-        [m] and of a small rotation about it [rad], board by board along the array's axes, and of
-        the sound speed [m/s].
-    gain_deviation : relative rms standard deviation of the gains, and of their phases [rad].
+        [m], of a small rotation about it [rad], ordered by board along the array's axes, and of the
+        sound speed [m/s].
+    gain_deviation : relative rms standard deviation of the gains, equal to that of their phases
+        [rad].
     residual : rms of the residual, including noise, divided by the rms of the direct sound.
-    misfit : the same without noise.
+    misfit : the same ratio without noise.
     converged : whether the iteration converged with a misfit of at most 0.1. Do not use the result
         otherwise.
-    steps : number of steps.
-    believed : the given array.
-    dead : indices of elements without a received signal.
+    steps : number of iteration steps.
+    believed : the array that was given.
+    dead : indices of the elements without a received signal.
     """
 
     array: PhasedArray
@@ -104,18 +105,18 @@ class Calibrated:
 
     @property
     def shifts(self) -> Float64[np.ndarray, "boards 3"]:
-        """Displacement of the centre of each board from its given position (B, 3) [m]."""
+        """(B, 3) displacement of the centre of each board from its given position [m]."""
         boards = len(self.motions)
         here = self.array.positions.reshape(boards, -1, 3).mean(axis=1)
         return here - self.believed.positions.reshape(boards, -1, 3).mean(axis=1)
 
     def as_emitted(self, echoes: Echoes) -> Echoes:
-        """Scale echoes as if each element received with its emission gain, like ``locate``.
+        """Scale echoes as if each element received with its emission gain, as ``locate`` assumes.
 
         Raises
         ------
         InvalidInput
-            If the echoes belong to another array, or receivers are dead.
+            If the echoes belong to another array, or if receivers are dead.
         """
         check_elements(echoes, self.array, "echoes")
         received = self.reception[echoes.receiving]
@@ -129,7 +130,7 @@ class Calibrated:
         return replace(echoes, pressures=np.asarray(echoes.pressures) * factor[:, None])
 
     def save(self, path: str | Path) -> None:
-        """Write a table of elements (.csv) for ``calibration`` in a scene file.
+        """Write a table of the elements (.csv) for ``calibration`` in a scene file.
 
         Raises
         ------
@@ -143,18 +144,18 @@ class Calibrated:
 
 @dataclass(frozen=True, eq=False)
 class ArrayState:
-    """Boards, wavenumber and gains, with the residual that they leave.
+    """Boards, wavenumber and gains, with the remaining residual.
 
     Attributes
     ----------
-    boards : B boards, of unit gain.
+    boards : B boards with unit gains.
     wavenumber : wavenumber of the sound [1/m].
     reception, emission : (E,) gains.
     slopes : derivatives of the direct sound of each pair of boards (first, second), first < second.
-    model : (E, E) pressure at the receivers from the emitters for unit gains [Pa], 0 for unused
+    model : (E, E) pressure at the receivers from the emitters for unit gains [Pa]; 0 for unused
         pairs.
     cost : sum of squares of the residual [Pa²].
-    steps : number of steps.
+    steps : number of iteration steps.
     settled : whether the iteration converged.
     """
 
@@ -171,7 +172,7 @@ class ArrayState:
 
 @dataclass(frozen=True, eq=False)
 class ArrayFit:
-    """Pressures (E, E) at each receiver from each emitter, and a mask of used pairs."""
+    """(E, E) pressures at each receiver from each emitter, and a mask of the pairs used."""
 
     measured: Pairs
     counted: CountedPairs
@@ -180,7 +181,7 @@ class ArrayFit:
     def groups(self) -> Int32[np.ndarray, "2 elements"]:
         """Group of each receiver and each emitter; gains of different groups are independent.
 
-        Two boards have two groups: emission of the first with reception of the second, and the
+        Two boards form two groups: emission of the first with reception of the second, and the
         reverse.
         """
         none = np.zeros_like(self.counted)
@@ -190,14 +191,14 @@ class ArrayFit:
     def best(
         self, boards: tuple[PhasedArray, ...], wavenumber: complex, enough: float
     ) -> ArrayState:
-        """Fit several starts with a few elements per board, then the best one with all elements.
+        """Fit several starts with a few elements per board, and the best one with all elements.
 
         Phases are ambiguous by 2π, so a start with an error of half a wavelength may lead to a
         wrong minimum.
         """
         random = np.random.default_rng(0)
         size = len(boards[0])
-        # Starts are compared with 48 elements per board; 48 starts suffice for boards 2 mm off.
+        # The starts are compared with 48 elements per board; 48 starts suffice for errors of 2 mm.
         chosen = [np.sort(random.permutation(size)[:48]) for _ in boards]
         rows = np.concatenate([size * board + each for board, each in enumerate(chosen)])
         few = ArrayFit(self.measured[np.ix_(rows, rows)], self.counted[np.ix_(rows, rows)])
@@ -270,7 +271,7 @@ class ArrayFit:
         return ArrayState(boards, wavenumber, reception, emission, slopes, model, cost)
 
     def _gains(self, model: Pairs, reception: Gains, emission: Gains) -> tuple[Gains, Gains]:
-        # Compute the gains by alternating least squares; unused gains stay the same.
+        # The gains follow from alternating least squares; unused gains stay the same.
         turned = model.conj() * self.measured
         power = np.abs(model) ** 2
         for _ in range(40):
@@ -283,7 +284,7 @@ class ArrayFit:
         return reception, emission
 
     def equations(self, here: ArrayState, units: Step) -> tuple[Squares, Step]:
-        """Set up the normal equations with the gains eliminated, and half the gradient.
+        """Set up the normal equations without the gains, and half of the gradient.
 
         The unknowns are the motions of all boards except the first and the wavenumber, in
         ``units``.
@@ -296,7 +297,7 @@ class ArrayFit:
         residual = model - self.measured
         squares = np.zeros((unknowns, unknowns))
         slope = np.zeros(unknowns)
-        # Coupling of the logarithms of the gains to the unknowns, reception first
+        # Coupling of the logarithms of the gains to the unknowns, reception first.
         mixed = np.zeros((2, elements, unknowns), dtype=np.complex128)
         for (first, second), between in here.slopes.items():
             indices = np.r_[6 * first : 6 * first + 6, 6 * second : 6 * second + 6, unknowns - 1]
@@ -314,7 +315,7 @@ class ArrayFit:
                 mixed[0][rows][:, indices] += along.sum(axis=2).T
                 mixed[1][columns][:, indices] += along.sum(axis=1).T
         of_gains = np.concatenate([np.sum(model.conj() * residual, axis=axis) for axis in (1, 0)])
-        # Board 0 is fixed: omit its six unknowns.
+        # Board 0 is fixed, so its six unknowns are omitted.
         mixed = np.column_stack([mixed.reshape(2 * elements, unknowns)[:, 6:] * units, of_gains])
         # Log magnitudes use the real parts, and phases the imaginary parts, in equal equations.
         parts = np.concatenate([mixed.real, mixed.imag], axis=1)
@@ -328,8 +329,8 @@ class ArrayFit:
     def _gain_equations(
         self, power: Float64[np.ndarray, "elements elements"]
     ) -> Float64[np.ndarray, "gains gains"]:
-        # Set up the equations of log magnitudes, or phases, of all gains, reception
-        # first.
+        # These are the equations of the log magnitudes, or of the phases, of all gains, with
+        # reception first.
         diagonal = np.concatenate([power.sum(axis=1), power.sum(axis=0)])
         typical = diagonal.mean()
         squares = np.block([[np.zeros_like(power), power], [power.T, np.zeros_like(power)]])
@@ -349,23 +350,23 @@ def calibrate(
     """Estimate the poses of boards, the gains of elements and the sound speed from direct sound.
 
     The space between the boards must be empty, and the echoes must include the direct sound. Only
-    elements on different boards that face each other within 60 degrees are used. The poses of the
-    boards may be wrong by 2 mm and 1 degree, and the sound speed by 4 m/s (7 °C).
+    pairs of elements on different boards that face each other within 60 degrees are used. The given
+    poses may be wrong by 2 mm and 1 degree, and the sound speed by 4 m/s (7 °C).
 
     Parameters
     ----------
     echoes : transmissions of the empty array, with codes that separate all elements.
     array : array with the assumed poses of its boards; its gains are ignored.
-    medium : assumed air; its absorption is not corrected.
-    boards : number of boards, all with the same number of elements, listed one after another; by
-        default it is inferred from the known kinds of boards.
+    medium : the assumed air; its absorption is not corrected.
+    boards : number of boards, listed one after another with equal numbers of elements; by default
+        it is inferred from the known kinds of boards.
 
     Raises
     ------
     InvalidInput
         If the array does not match the echoes, the codes do not separate the elements, elements or
-        boards face no others, the signal is unusable, or the transmissions do not determine a
-        combination of unknowns.
+        boards do not face any others, the signal is unusable, or the transmissions do not determine
+        a combination of unknowns.
 
     Examples
     --------
@@ -413,7 +414,7 @@ def calibrate(
     # Convert the unknowns to metres and radians, and the wavenumber to the sound speed.
     scale = np.append(units[:-1], -units[-1] * speed / best.wavenumber.real)
     emission, reception = _same_mean(fit, best, dead)
-    # Fisher information of each gain with the other unknowns fixed; they hardly matter.
+    # Fisher information of each gain with the other unknowns fixed, which have little influence.
     emitted = np.sum(np.abs(best.reception[:, None] * best.emission * best.model) ** 2, axis=0)
     calibrated = join(best.boards).calibrated(emission)
     return Calibrated(
@@ -437,7 +438,7 @@ def calibrate(
 
 
 def _separated(echoes: Echoes) -> tuple[Pairs, float]:
-    # Pressures (E, E) at each receiver from each element alone, and their rms noise [Pa].
+    # Return the (E, E) pressures at each receiver from each element alone, and their noise [Pa].
     codes = np.asarray(echoes.codes)
     values, vectors = np.linalg.eigh(codes @ codes.conj().T)
     separated = int(np.sum(values > 1e-6 * values.max()))
@@ -455,7 +456,7 @@ def _separated(echoes: Echoes) -> tuple[Pairs, float]:
 
 
 def _facing_pairs(echoes: Echoes, boards: list[PhasedArray]) -> CountedPairs:
-    # Find which receivers face which emitters on another board; raise "signal_unusable".
+    # Return which receivers face which emitters on another board.
     size = len(boards[0])
     total = len(echoes.codes)
     pairs = np.zeros((total, total), dtype=bool)
@@ -469,7 +470,7 @@ def _facing_pairs(echoes: Echoes, boards: list[PhasedArray]) -> CountedPairs:
 
 
 def _dead(alone: Pairs, pairs: CountedPairs, noise: float) -> Int64[np.ndarray, "dead"]:
-    # Indices of elements that emit, or receive, less than a tenth of the median.
+    # Return the elements that emit, or receive, less than a tenth of the median.
     power = np.where(pairs, np.abs(alone) ** 2, 0.0)
     dead = []
     for axis in (0, 1):
@@ -503,8 +504,8 @@ def _check_linked(
     rms = float(np.sqrt(np.mean(np.abs(alone[pairs]) ** 2)))
     if rms == 0.0 or rms < 1.05 * noise:
         raise InvalidInput(
-            f"the direct sound of one element has {rms:.3g} Pa rms, hardly more than the noise of "
-            f"{noise:.3g} Pa. Do not subtract anything, and transmit more or longer.",
+            f"the direct sound of one element has an rms of {rms:.3g} Pa, hardly more than the "
+            f"noise of {noise:.3g} Pa. Do not subtract anything, and transmit more or longer.",
             code="signal_unusable",
         )
 
@@ -531,7 +532,7 @@ def _check_determined(squares: Squares, variance: float, echoes: Echoes) -> None
 def _same_mean(
     fit: ArrayFit, state: ArrayState, dead: Int64[np.ndarray, "dead"]
 ) -> tuple[Gains, Gains]:
-    # Scale the gains of emission and reception in each group so that their means are equal.
+    # Scale the emission and reception gains of each group to equal means.
     emission = state.emission.copy()
     reception = state.reception.copy()
     receives = fit.counted.any(axis=1)

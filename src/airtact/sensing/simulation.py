@@ -21,8 +21,8 @@ def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
     Parameters
     ----------
     elements : number of elements E.
-    transmissions : number of transmissions M; the default and maximum is the smallest power of 2
-        that is at least E. With the default the elements can be separated, and the noise is as low
+    transmissions : number of transmissions M. The default and maximum is the smallest power of 2
+        that is at least E. With this number the elements can be separated, and the noise is as low
         as if each element emitted alone E times.
 
     Returns
@@ -92,26 +92,26 @@ def simulate_echoes(
 ) -> Echoes:
     """Compute the echoes of coded transmissions, with measurement noise.
 
-    An element receives the mean scattered pressure over its face, times its gain. The array does
-    not reflect.
+    An element receives the mean scattered pressure over its face, times its gain. The array itself
+    does not reflect sound.
 
     Parameters
     ----------
     made_by : a solver, which solves for each code, or the scattering matrix of the scene, which
         needs only milliseconds.
     scene : the bodies.
-    array : the E transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
+    array : the E transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
     codes : (E, M) codes, as in ``Echoes``.
-    receivers : indices of the receiving elements; all by default.
-    noise : level of the echoes (rms) above the added complex noise [dB]; no noise by default.
+    receivers : indices of the receiving elements; by default all elements.
+    noise : level of the echoes (rms) above the added complex noise [dB]; None adds no noise.
     seed : seed of the random numbers, 0 or more.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``Echoes`` and ``transfer_matrix``; or if an element is inside the
-        ball around the bodies, the codes belong to another array, the scattering matrix belongs to
-        another scene, or ``noise`` or ``seed`` is out of range.
+        Under the conditions listed in ``Echoes`` and ``transfer_matrix``; or if an element is
+        inside the ball around the bodies, the codes belong to another array, the scattering matrix
+        belongs to another scene, or ``noise`` or ``seed`` is out of range.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def simulate_echoes(
         gains = (array.element.sensitivity * array.gains)[:, None, None] * weights[:, None]
         strengths = (gains * drives[:, None, :]).reshape(-1, drives.shape[1])
         scattered = made_by.radiate(scene, Monopoles(faces, strengths)).scattered_at(faces)
-        # By reciprocity an element receives with the weights with which it emits.
+        # By reciprocity an element receives with the same weights with which it emits.
         over_faces = scattered.reshape(len(array), len(weights), -1)
         received = array.gains[:, None] * np.einsum("q,rqm->rm", weights, over_faces)
         pressures = received[receiving]
@@ -159,7 +159,7 @@ def simulate_echoes(
 def noisy(
     pressures: Num[np.ndarray, "receivers transmissions"], decibels: float, seed: int
 ) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float]:
-    """Add complex normal noise at a level below the pressures [dB]; also return its rms [Pa]."""
+    """Add complex normal noise ``decibels`` below the pressures; also return its rms [Pa]."""
     decibels = between(decibels, -300.0, 300.0, "the noise", "dB", "it is echoes over noise.")
     deviation = 10.0 ** (-decibels / 20.0) * float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
     random = np.random.default_rng(seed)

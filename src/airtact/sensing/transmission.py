@@ -1,4 +1,4 @@
-"""Direct sound between elements of an array, and its derivatives for motions of the boards.
+"""Direct sound between elements of an array, and its derivatives by motions of the boards.
 
 An element of unit gain emits s Σ_q w_q e^{ikR}/R over the points of its face, where s is the
 sensitivity, and receives the mean over its face with the same weights. A small rigid motion of a
@@ -25,14 +25,14 @@ Pairs = Complex128[np.ndarray, "receivers emitters"]
 def transmission(
     receiving: PhasedArray, emitting: PhasedArray, wavenumber: complex
 ) -> tuple[Pairs, Complex128[np.ndarray, "13 receivers emitters"]]:
-    """Sum the direct sound over the faces of all elements of two boards; also differentiate it.
+    """Sum the direct sound over the faces of all elements of two boards, with derivatives.
 
     Returns
     -------
-    Pressures (R, E) at receiver r from emitter e [Pa], both of unit gain, the same in both
-    directions. Then their derivatives (13, R, E) with respect to a translation of the receiving
-    board [Pa/m] and a rotation about its centre [Pa/rad], the same motions of the emitting board,
-    and the wavenumber [Pa·m].
+    The (R, E) pressures at receiver r from emitter e [Pa], both with unit gain; they are the same
+    in both directions. Then their (13, R, E) derivatives by a translation of the receiving board
+    [Pa/m] and a rotation about its centre [Pa/rad], by the same motions of the emitting board, and
+    by the wavenumber [Pa·m].
     """
     weights = receiving.element.weights
     faces = receiving.face_points
@@ -54,7 +54,7 @@ def transmission(
         )
         wave = wave.reshape(distance.shape)
         slopes[12, block] = 1j * _summed(wave, count, emitters)
-        # The derivative by k, above, lacks the factor 1/R.
+        # The derivative by k, computed above, lacks the factor 1/R.
         wave /= distance
         pressures[block] = _summed(wave, count, emitters)
         slope = (wave * (1j * wavenumber - 1.0 / distance) / distance)[..., None] * away
@@ -83,8 +83,8 @@ def facing(
 ) -> Bool[np.ndarray, "receivers emitters"]:
     """Whether elements of two boards face each other and are not neighbours at a common edge.
 
-    The default limits are 20 mm and 60 degrees; at larger angles real transducers deviate from
-    pistons.
+    The default limits are 60 degrees from the axis and a distance of 20 mm. At larger angles, real
+    transducers deviate from pistons.
     """
     away = receiving.positions[:, None, :] - emitting.positions
     distance = np.linalg.norm(away, axis=2)
@@ -119,7 +119,7 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
 
 
 def elements_of(array: PhasedArray, rows: Int64[np.ndarray, "elements"]) -> PhasedArray:
-    """Select elements of an array, with unit gain."""
+    """Select elements of an array, and set their gains to 1."""
     return PhasedArray(
         array.positions[rows], array.normals[rows], array.element, array.tangents[rows]
     )
@@ -143,21 +143,21 @@ def simulate_transmissions(
 
     Parameters
     ----------
-    array : array with the gains of emission.
+    array : array with the emission gains.
     medium : the air.
-    codes : (E, M), as in ``Echoes``.
-    boards : number of boards, all with the same number of elements, listed one after another; by
-        default it is inferred from the known kinds of boards.
+    codes : (E, M) codes, as in ``Echoes``.
+    boards : number of boards, listed one after another with equal numbers of elements; by default
+        it is inferred from the known kinds of boards.
     frequency : frequency of the sound [Hz].
-    reception : (E,) gains of reception; those of the array by default.
-    noise : level of the pressures (rms) above the added complex noise [dB]; no noise by default.
+    reception : (E,) reception gains; by default those of the array.
+    noise : level of the pressures (rms) above the added complex noise [dB]; None adds no noise.
     seed : seed of the noise, 0 or more.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``Echoes``, or if the number of gains, the number of boards or the
-        noise is invalid.
+        Under the conditions listed in ``Echoes``, or if the number of gains, the number of boards
+        or the noise is invalid.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     parts = boards_of(array, boards)

@@ -1,7 +1,7 @@
 """Spherical waves with real harmonics about one centre, and their rigid motions.
 
-With Z_nm the real, orthonormal spherical harmonics, a field without sources in a ball is Σ a_nm
-j_n(kr) Z_nm and an outgoing one is Σ b_nm h_n(kr) Z_nm; wave (n, m) has the index n² + n + m. A
+Z_nm are the real, orthonormal spherical harmonics. A field without sources in a ball is Σ a_nm
+j_n(kr) Z_nm, and an outgoing field is Σ b_nm h_n(kr) Z_nm; wave (n, m) has the index n² + n + m. A
 monopole e^{ikR}/R at x has a_nm = 4πik h_n(k|x|) Z_nm(x) (DLMF 10.60.1 and 14.30.9). A translation
 τ and rotation ω of a field about the centre is exp(τ·∇ + ω·(r × ∇)). Both operators are sparse:
 r × ∇ couples waves of the same n, and
@@ -33,17 +33,17 @@ def wave_count(order: int) -> int:
 
 
 def order_of(waves: Waves) -> int:
-    """Order of the waves, computed from their number."""
+    """Return the highest order of waves, computed from their number."""
     return round(np.sqrt(len(waves))) - 1
 
 
 def harmonics(
     order: int, offsets: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "waves points"]:
-    """Real harmonics (waves, P) in the directions of offsets (P, 3) from the centre.
+    """Return real harmonics (waves, P) in the directions of offsets (P, 3) from the centre.
 
-    The normalised Legendre functions follow from those of the two lower orders, for all degrees m
-    at once (DLMF 14.10.3). The recurrence is stable because the functions grow with n.
+    The normalised Legendre functions are computed from those of the two lower orders, for all
+    degrees m at once (DLMF 14.10.3). The recurrence is stable because the functions grow with n.
     """
     x, y, z = (np.asarray(offsets, dtype=np.float64) / np.linalg.norm(offsets, axis=1)[:, None]).T
     sine = np.hypot(x, y)
@@ -61,7 +61,7 @@ def harmonics(
             grown[:n] = np.sqrt((4 * n**2 - 1) / (n**2 - m**2)) * z * legendre
             factor = ((2 * n + 1) * ((n - 1) ** 2 - m**2)) / (max(2 * n - 3, 1) * (n**2 - m**2))
             grown[: n - 1] -= np.sqrt(factor[: n - 1]) * below[: n - 1]
-            # Degree n has no predecessor two orders below; it follows from degree n − 1.
+            # Degree n has no predecessor two orders below, so it follows from degree n − 1.
             grown[n] = np.sqrt((2 * n + 1) / (2 * n)) * sine * legendre[n - 1]
             below = legendre
             legendre = grown
@@ -74,7 +74,7 @@ def harmonics(
 def outgoing_radial(
     order: int, radii: Real[np.ndarray, "points"], wavenumber: complex
 ) -> Complex128[np.ndarray, "orders points"]:
-    """Hankel functions h_n(kr) of all orders, (order + 1, P)."""
+    """Return the Hankel functions h_n(kr) of all orders, (order + 1, P)."""
     argument = wavenumber * np.asarray(radii, dtype=np.complex128)
     hankel = np.empty((order + 2, len(argument)), dtype=np.complex128)
     hankel[0] = -1j * np.exp(1j * argument) / argument
@@ -97,13 +97,13 @@ def projected(
     strengths: Complex128[np.ndarray, "points columns"],
     wavenumber: complex,
 ) -> Waves:
-    """Outgoing waves (waves, S) of monopoles at offsets (P, 3) with strengths (P, S) [Pa·m].
+    """Return the outgoing waves (waves, S) of monopoles of strengths (P, S) at offsets (P, 3).
 
     The sums are in single precision, which is finer than the accuracy of the solvers.
     """
     waves = regular_waves(order, offsets, wavenumber)
     strengths = np.ascontiguousarray(strengths, dtype=np.complex64)
-    real = not wavenumber.imag  # real waves halve the work
+    real = not wavenumber.imag  # real waves take half the work
     summed = mixed(waves, strengths) if real else waves.astype(np.complex64) @ strengths
     return 4j * np.pi * wavenumber * summed.astype(np.complex128)
 
@@ -111,7 +111,7 @@ def projected(
 def regular_waves(
     order: int, offsets: Real[np.ndarray, "points 3"], wavenumber: complex
 ) -> Shaped[np.ndarray, "waves points"]:
-    """Regular waves j_n(kr) Z_nm (waves, P) at offsets (P, 3); real for a real k."""
+    """Return regular waves j_n(kr) Z_nm (waves, P) at offsets (P, 3); they are real for real k."""
     # A real argument keeps the waves and all products with them real.
     argument = np.linalg.norm(offsets, axis=1) * (
         wavenumber if wavenumber.imag else wavenumber.real
@@ -121,7 +121,7 @@ def regular_waves(
 
 
 def monopole_waves(order: int, offsets: Real[np.ndarray, "points 3"], wavenumber: complex) -> Waves:
-    """Regular waves (waves, P) of monopoles of 1 Pa·m at offsets (P, 3), in single precision."""
+    """Return the regular waves (waves, P) of monopoles of 1 Pa·m at offsets (P, 3)."""
     radial = outgoing_radial(order, np.linalg.norm(offsets, axis=1), wavenumber)
     waves = of_waves(order, (4j * np.pi * wavenumber * radial).astype(np.complex64))
     waves *= harmonics(order, offsets).astype(np.float32)
@@ -130,7 +130,7 @@ def monopole_waves(order: int, offsets: Real[np.ndarray, "points 3"], wavenumber
 
 @lru_cache(maxsize=8)
 def motions(order: int) -> tuple[csr_matrix, ...]:
-    """Antisymmetric matrices on regular waves: ∂x/k, ∂y/k, ∂z/k, and r × ∇ about x, y, z."""
+    """Return antisymmetric matrices on regular waves: ∂x/k, ∂y/k, ∂z/k, and r × ∇ about x, y, z."""
     n = of_waves(order, np.arange(order + 1.0))
     m = np.concatenate([np.arange(-n, n + 1) for n in range(order + 1)])
     index = np.arange(len(n))
@@ -146,7 +146,7 @@ def motions(order: int) -> tuple[csr_matrix, ...]:
     )
     # ∂/∂φ turns cos mφ into sin |m|φ and vice versa.
     about_z = antisymmetric(-np.maximum(m, 0.0), index - 2 * m)
-    # About y, cos mφ couples to cos (m − 1)φ and sin mφ to sin (m − 1)φ.
+    # About y, cos mφ couples to cos (m − 1)φ, and sin mφ to sin (m − 1)φ.
     lowered = 0.5 * np.sqrt(n * (n + 1) - np.abs(m) * (np.abs(m) - 1.0))
     lowered *= np.where(m == 1, np.sqrt(2.0), 1.0) * (m != 0) * (m != -1)
     about_y = antisymmetric(lowered, index - np.sign(m))
@@ -158,21 +158,21 @@ def motions(order: int) -> tuple[csr_matrix, ...]:
         csr_matrix(matrix) for matrix in (along_x, along_y, along_z, about_x, about_y, about_z)
     ]
     for matrix in matrices:
-        # Remove entries that cancel up to rounding; they would double the work of products.
+        # Remove entries that cancel to within rounding; they would double the work of products.
         matrix.data[np.abs(matrix.data) < 1e-13] = 0.0
         matrix.eliminate_zeros()
     return tuple(csr_matrix(matrix, dtype=np.float32) for matrix in matrices)
 
 
 def along_motions(waves: Waves, wavenumber: float) -> Complex[np.ndarray, "6 waves columns"]:
-    """Differentiate regular waves with respect to translations [1/m] and rotations [1/rad]."""
+    """Differentiate regular waves by translations [1/m] and rotations [1/rad]."""
     along = np.stack([matrix @ waves for matrix in motions(order_of(waves))])
     along[:3] *= wavenumber
     return along
 
 
 def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Waves:
-    """Regular waves about a centre moved by a twist (6,), a translation [m] and rotation [rad].
+    """Return regular waves about a centre moved by a twist (6,): translation [m], rotation [rad].
 
     The exponential of an antisymmetric matrix V of norm at most s is summed by the Chebyshev
     expansion Σ (2 − δ_j0) J_j(s) φ_j(V/s), with φ_0 = 1, φ_1 = x, φ_(j+1) = 2x φ_j + φ_(j−1) (DLMF
@@ -184,7 +184,7 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
         return waves
     # J_j falls faster than exponentially once j exceeds its argument by a few cube roots of it.
     bessel = jv(np.arange(int(size + 8 * np.cbrt(size)) + 12), size)
-    # Omit smaller terms, except the first two, which start the recurrence.
+    # Smaller terms are omitted, except the first two, which start the recurrence.
     bessel = bessel[: max(int(np.flatnonzero(np.abs(bessel) > 1e-6)[-1]) + 1, 2)]
     bessel[1:] *= 2.0
     parts = np.concatenate([wavenumber * np.asarray(twist[:3]), twist[3:]]) / size
@@ -203,7 +203,7 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
 def mixed(
     weights: Real[np.ndarray, "mixtures waves"], waves: Waves
 ) -> Complex[np.ndarray, "mixtures columns"]:
-    """Multiply waves by a real matrix in their own precision; this halves the cost."""
+    """Multiply waves by a real matrix in their own precision, which halves the work."""
     real = np.ascontiguousarray(waves).view(np.real(waves).dtype)
     return (weights.astype(real.dtype, copy=False) @ real).view(waves.dtype)
 
@@ -212,7 +212,7 @@ def mixed(
 def _together(
     order: int,
 ) -> tuple[Float32[np.ndarray, "6 entries"], Int[np.ndarray, "entries"], Int[np.ndarray, "ends"]]:
-    # Store the entries of the six ``motions`` in a common sparse pattern, with its columns and
+    # Return the entries of the six ``motions`` in a common sparse pattern, with its columns and
     # rows. A weighted sum of the matrices is then a sum of their values.
     shared = csr_matrix(sum(abs(matrix) for matrix in motions(order)))
     shared.sort_indices()
