@@ -1,4 +1,4 @@
-"""A hand built from its joints: its shape, its skin and its motion."""
+"""A hand computed from its joints: its shape, its skin and its motion."""
 
 from airtact.lazy import attached
 

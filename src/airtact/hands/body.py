@@ -1,8 +1,8 @@
-"""The body of a hand: blended convex hulls, each of two or three balls.
+"""The body of a hand: blended convex hulls of two or three balls each.
 
 Source: A. Tkach, M. Pauly, A. Tagliasacchi, "Sphere-meshes for real-time hand modeling and
-tracking", ACM Trans. Graph. 35, 222 (2016): the hull of balls contains all points that are nearer
-to some point of their simplex than the radius interpolated there.
+tracking", ACM Trans. Graph. 35, 222 (2016). The hull of balls contains every point whose distance
+from some point of the balls' simplex is less than the radius interpolated there.
 """
 
 from dataclasses import dataclass
@@ -31,14 +31,14 @@ HullPairs = Float64[np.ndarray, "hulls hulls"]
 
 
 class Look(NamedTuple):
-    """Distances of points (P, 3) from the skin, and the shape of the nearby skin.
+    """Distances of P points from the skin, and the shape of the skin near them.
 
     Attributes
     ----------
-    distance : (P,) to the skin [m], negative inside.
+    distance : (P,) distance from the skin [m], negative inside.
     gradient : (P, 3) gradient of the distance at constant blend radius.
     bend : (P,) radius of curvature of the skin [m].
-    facing : (P,) distance to the nearest hull among those separate from ``nearest`` [m].
+    facing : (P,) distance from the nearest hull that is separate from ``nearest`` [m].
     nearest : (P,) index of the nearest hull.
     """
 
@@ -51,19 +51,19 @@ class Look(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Hulls:
-    """Convex hulls of balls, with the radii that blend them.
+    """Convex hulls of balls, and the radii that blend them.
 
-    Two hulls with outward normals n, m are blended by the smooth minimum of their distances with a
+    Two hulls with outward normals n, m are blended by the smooth minimum of their distances, with a
     blend radius of ``blend`` (1 - n·m)/2. Skins that face each other merge if their distance is
-    less than half of ``blend``. Skins at a right angle are blended with half that radius, and hulls
-    that share a ball join without a bulge.
+    less than half of ``blend``. Skins at a right angle are blended with half of that radius, and
+    hulls that share a ball join without a bulge.
 
     Attributes
     ----------
     balls : (B, 4) centres and radii [m].
     parts : (H, 3) indices of the two or three balls of each hull; the third is -1 for two balls.
-    blend : (H, H) blend radius of skins that face each other [m]; 0 for none.
-    apart : (H, H) 1 for pairs of separate hulls, else 0.
+    blend : (H, H) blend radius of skins that face each other [m]; 0 for no blending.
+    apart : (H, H) 1 for pairs of separate hulls, and 0 for other pairs.
     """
 
     balls: Float64[np.ndarray, "balls 4"]
@@ -84,10 +84,10 @@ class Hulls:
     def look(
         self, points: Real[np.ndarray, "points 3"], carve: float = 0.0, reach: float = 0.0
     ) -> Look:
-        """Evaluate distance, gradient and surroundings of points (P, 3) [m].
+        """Return the distance of points (P, 3) [m] from the skin, with gradient and surroundings.
 
-        Separate hulls are cut back until they are ``carve`` [m] apart. Hulls are ignored if they
-        are farther than the nearest one by more than ``reach`` [m] plus the largest blend radius.
+        Separate hulls are cut back until they are ``carve`` [m] apart. A hull is ignored if it is
+        farther away than the nearest one by more than ``reach`` [m] plus the largest blend radius.
         """
         reach = max(reach, carve, float(self.blend.max()))
         return Look(
@@ -97,7 +97,7 @@ class Hulls:
         )
 
     def each(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points hulls"]:
-        """Distance (P, H) [m] of points (P, 3) [m] from each hull without blending."""
+        """Return the distance (P, H) [m] of points (P, 3) [m] from each hull without blending."""
         return _kernels.hull_distances(points, self.balls, self.parts)
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Points:
@@ -114,7 +114,7 @@ class Hulls:
             2e-3,  # longest step of an iteration [m]
             1e-9,  # tolerance of the distance from the skin [m]
             0.5e-3,  # range of a bisection if the iteration does not converge [m]
-            24,  # steps of that bisection
+            24,  # number of steps of this bisection
         )
         return points
 
@@ -133,7 +133,7 @@ def _parts() -> Int64[np.ndarray, "hulls 3"]:
     return parts
 
 
-# Balls of each hull: the phalanges of all fingers first, then the palm.
+# Balls of each hull: first the phalanges of all fingers, then the palm.
 PARTS = _parts()
 
 # Number of hulls that are phalanges.
@@ -163,7 +163,7 @@ class Touch:
 
     @property
     def note(self) -> str:
-        """A sentence on the merged parts, their position, and the gap or overlap of the skins."""
+        """A sentence that states the merged parts, their position, and their gap or overlap."""
         apart = "have a gap of" if self.gap > 0.0 else "overlap by"
         return (
             f"the {self.first} and the {self.second} are merged near {in_mm(self.place)}: their "
@@ -172,9 +172,9 @@ class Touch:
 
 
 def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
-    """Build the body of a hand, and list the merged parts that are separate in an open hand."""
+    """Build the body of a hand, and list merged parts that are separate in an open hand."""
     scale = hand_length(joints) / GENERIC_LENGTH
-    # Blend radii were tuned on the generic hand. The ball of the web is thinner than the thumb.
+    # The blend radii were tuned on the generic hand. The ball of the web is thinner than the thumb.
     thumb = np.append(0.5 * (joints[1] + joints[2]), 0.4 * (radii[1] + radii[2]))
     balls = np.ascontiguousarray(np.vstack([np.column_stack([joints, radii]), thumb]))
     blend = scale * _open_hand_blend()
@@ -184,7 +184,7 @@ def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
     touches = []
     for i, j, gap, place in _joined_skins(open_hulls, apart):
         touches.append(Touch(part_name(i), part_name(j), gap, place))
-        # Skins that overlap are blended over a wider radius, by up to 3 mm.
+        # Overlapping skins are blended over a wider radius, by up to 3 mm.
         width = scale * (5e-3 + min(max(-gap, 0.0), 3e-3))
         blend[i, j] = blend[j, i] = max(width, blend[i, j])
         apart[i, j] = apart[j, i] = False
@@ -204,7 +204,7 @@ def part_name(part: int) -> str:
 
 @cache
 def _open_hand_blend() -> HullPairs:
-    """Return the blend radii of parts connected in every pose, for a generic hand [m]."""
+    """Return the blend radii [m] of parts that are connected in every pose, for a generic hand."""
     count = len(PARTS)
     blend = np.zeros((count, count))
     balls = [set(part.tolist()) - {-1} for part in PARTS]
@@ -226,7 +226,7 @@ def _open_hand_blend() -> HullPairs:
 def _joined_skins(
     hulls: Hulls, apart: Bool[np.ndarray, "hulls hulls"]
 ) -> list[tuple[int, int, float, Point]]:
-    """Find phalanges whose skin merges with a separate hull, nearest pairs first.
+    """Find phalanges whose skin merges with a separate hull, with the nearest pairs first.
 
     Skins less than 0.3 mm apart merge. Hulls next to such a pair also merge if they are less than
     2 mm apart, because tiny tunnels would otherwise remain between them.
@@ -238,11 +238,11 @@ def _joined_skins(
     spheres = starts[:, None] + shares[:, None] * bones[:, None]
     gaps = hulls.each(spheres[..., :3].reshape(-1, 3)).reshape(FREE, samples, -1)
     gaps -= spheres[..., 3:]
-    # Candidates: a coarse sample overestimates the gap, hence 20 % more than the 2 mm used below.
+    # The coarse sample overestimates the gap, so candidates may exceed the 2 mm used below by 20 %.
     phalanx, hull = np.nonzero((gaps.min(axis=1) < 1.2 * 2e-3) & apart[:FREE])
     if len(phalanx) == 0:
         return []
-    # Refine the nearest sphere along each phalanx, on finer and finer grids around the best one.
+    # The nearest sphere along each phalanx is refined on ever finer grids around the best one.
     middle = shares[gaps.argmin(axis=1)[phalanx, hull]]
     width = 1.0 / (samples - 1)
     rows = np.arange(len(phalanx))
@@ -262,18 +262,18 @@ def _joined_skins(
     near = gap < 0.3e-3
     touching = np.zeros(hulls.blend.shape, dtype=bool)
     touching[tuple(pairs[near].T)] = True
-    # Pairs next to a touching pair: each hull belongs to that pair or is connected to it.
+    # In a pair next to a touching pair, each hull belongs to that pair or is connected to it.
     joined = (hulls.blend > 0.0).astype(np.int64) + np.eye(len(PARTS), dtype=np.int64)
     beside = joined @ (touching | touching.T).astype(np.int64) @ joined > 0
     order = np.argsort(gap, kind="stable")
     order = order[(near | (beside[tuple(pairs.T)] & (gap < 2e-3)))[order]]
-    # Pairs of phalanges occur twice, once from each side: keep the nearer one.
+    # Pairs of phalanges occur twice, once from each side, and the nearer one is kept.
     order = order[np.sort(np.unique(pairs[order], axis=0, return_index=True)[1])]
     joints = []
     for index in order:
         towards = Hulls.unblended(hulls.balls, PARTS[hull[index], None])
         away = towards.look(sphere[index, None, :3]).gradient[0]
-        # Halfway between the two skins, along the shortest line from the sphere to the hull.
+        # The position is halfway between the skins, on the shortest line from sphere to hull.
         place = sphere[index, :3] - (sphere[index, 3] + 0.5 * gap[index]) * away
         joints.append((int(pairs[index, 0]), int(pairs[index, 1]), float(gap[index]), place))
     return joints

@@ -1,4 +1,4 @@
-"""Readers of hands from JSON files and rigged meshes, of tracker landmarks and of point clouds."""
+"""Reading of hands from JSON files and rigged meshes, of landmarks and of point clouds."""
 
 import io
 import re
@@ -15,7 +15,7 @@ from airtact.files.meshes import read_node_positions, read_vertices
 from airtact.hands.hand import Hand, hand_from_joints
 from airtact.hands.joints import NAMES, Points, Side, side_named
 
-# Largest distance of a focus from a named position of a hand [m].
+# Largest distance of a focus from a named position on a hand [m].
 ROOM = 0.2
 
 # File name extensions of point clouds.
@@ -23,7 +23,7 @@ CLOUD_ENDINGS = (".ply", ".xyz")
 
 
 class Pose(msgspec.Struct, forbid_unknown_fields=True):
-    """A pose in a JSON file; ``joints`` are the names of the positions in the order of WebXR."""
+    """A pose in a JSON file; ``joints`` are the names of the positions in WebXR order."""
 
     positions_m: list[tuple[float, float, float]]
     joints: list[str] | None = None
@@ -36,17 +36,21 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
 
     Parameters
     ----------
-    path : a file with ``positions_m``, 25 points in the order of WebXR, 26 in that of OpenXR or 21
-        in that of MediaPipe [m]. Optional are ``radii_m``, one for each point [m], ``side``, and
-        ``joints``, the 25 names of WebXR in its order.
+    path : a JSON file with the key ``positions_m``, an array of 25 points in WebXR order, 26 in
+        OpenXR order or 21 in MediaPipe order [m]. Optional keys are ``radii_m``, one radius for
+        each point [m], ``side``, and ``joints``, the 25 names of WebXR in order.
     gap : gap to set between the last phalanges of thumb and index finger [m], above 0 and at most
         0.15; both fingers are turned to reach it. None leaves the pose unchanged.
+
+    Returns
+    -------
+    The hand in the pose of the file.
 
     Raises
     ------
     InvalidInput
-        If the file is unreadable or not a pose, the joints are not those of a plausible hand, or
-        the gap cannot be reached. The message begins with the name of the file.
+        If the file is unreadable or does not contain a pose, the joints are not those of a
+        plausible hand, or the gap cannot be reached. The message begins with the name of the file.
     """
     path = Path(path)
     with about(path.name or str(path)):
@@ -57,20 +61,21 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
 
 
 def load_landmarks(path: str | Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | None]:
-    """Read the inaccurate joints of a tracker.
+    """Read inaccurate joint positions from a tracker.
 
     Parameters
     ----------
-    path : a JSON file of a pose, see ``load_hand``; radii are ignored.
+    path : a JSON file of a pose, as in ``load_hand``; its radii are ignored.
 
     Returns
     -------
-    (25, 3), (26, 3) or (21, 3) joints [m], and ``"right"``, ``"left"`` or None.
+    The joints (25, 3), (26, 3) or (21, 3) [m], and the side: ``"right"``, ``"left"`` or None.
 
     Raises
     ------
     InvalidInput
-        If the file is unreadable or not a pose. The message begins with the name of the file.
+        If the file is unreadable or does not contain a pose. The message begins with the name of
+        the file.
     """
     path = Path(path)
     with about(path.name or str(path)):
@@ -83,14 +88,14 @@ def _read_pose(path: Path) -> Pose:
     try:
         pose = msgspec.convert(json_of(text), Pose)
     # Deep nesting must not cause a traceback.
-    except (ValueError, RecursionError) as error:  # msgspec's errors are of ValueError
+    except (ValueError, RecursionError) as error:  # msgspec raises subclasses of ValueError
         raise InvalidInput(
             f"it is not a pose of a hand: {error or 'its brackets are nested too deeply'}.",
             code="wrong_kind",
         ) from None
     if not pose.positions_m or (pose.joints is not None and tuple(pose.joints) != NAMES):
         raise InvalidInput(
-            f"use positions_m, and the 25 names of WebXR in its order as joints, not "
+            f"use positions_m, and as joints the 25 names of WebXR in order, not "
             f"{len(pose.positions_m)} positions and {len(pose.joints or ())} names.",
             code="hand_implausible",
         )
@@ -104,15 +109,15 @@ def _read_pose(path: Path) -> Pose:
 
 
 def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = None) -> Hand:
-    """Read a hand from the joints of the rig in a mesh file.
+    """Build a hand from the joints of the rig in a mesh file.
 
-    The nodes and their transforms are those of *glTF 2.0* (Khronos Group), section 3.5.
+    The nodes and their transforms are defined in *glTF 2.0* (Khronos Group), section 3.5.
 
     Parameters
     ----------
     path : a GLB file whose nodes have the 25 names of WebXR, in the rest pose of its mesh.
-    scale : metres per unit of the file, see ``load_surface``.
-    side : ``"right"`` or ``"left"``; by default it follows from the bends of the fingers.
+    scale : metres per unit of the file, as in ``load_surface``.
+    side : ``"right"`` or ``"left"``; by default it is inferred from the bends of the fingers.
 
     Raises
     ------
@@ -136,16 +141,16 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
 
 
 def load_cloud(path: str | Path) -> Points:
-    """Read a point cloud.
+    """Read the points (P, 3) of a point cloud [m].
 
     Parameters
     ----------
-    path : a PLY file (vertices only) or an XYZ text file [m].
+    path : a PLY file (only its vertices are used) or an XYZ text file, in metres.
 
     Raises
     ------
     InvalidInput
-        If the file is missing, unreadable or has no points.
+        If the file is missing or unreadable, or contains no points.
     """
     path = Path(path)
     suffix = path.suffix.lower()

@@ -1,4 +1,4 @@
-"""A hand in a pose: its closed skin for solvers and its pads, computed from a tracker's joints."""
+"""A hand in a pose, computed from a tracker's joints: its closed skin for solvers and its pads."""
 
 import math
 from collections.abc import Mapping
@@ -53,14 +53,15 @@ class HasFront(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """A hand in a pose; ``hand_from_joints`` builds it.
+    """A hand in a pose, as returned by ``hand_from_joints``.
 
     Attributes
     ----------
-    joints : (25, 3) in the order of WebXR [m].
+    joints : (25, 3) positions of the joints in WebXR order [m].
     radii : (25,) radius of the skin around each joint [m].
     side : ``"right"`` or ``"left"``.
-    follows : keyframe of a sequence whose meshes are deformed to this hand if it is near, or None.
+    follows : keyframe of a sequence, or None. If this hand is similar to it, its meshes are
+        deformed to this hand.
     """
 
     joints: Joints
@@ -89,7 +90,7 @@ class Hand:
     def surface(self) -> Surface:
         """The closed skin, with exact midpoints of the edges.
 
-        Edges are 7 mm long, and 2.5 mm long near the pads. Solvers make their own panels.
+        The edges are 7 mm long, and 2.5 mm near the pads. Solvers generate their own panels.
         """
         hulls = self.shape.hulls
         skin = graded(hulls, even_skin(hulls, 7e-3), 7e-3, 2.5e-3, self.pads)
@@ -99,12 +100,12 @@ class Hand:
 
     @cached_property
     def pads(self) -> Float64[np.ndarray, "5 3"]:
-        """Centre of the pad of each fingertip on the skin, thumb to little finger (5, 3) [m]."""
+        """(5, 3) centre of each fingertip's pad on the skin [m], from thumb to little finger."""
         return fixed(np.array([self._pad(finger)[0] for finger in range(5)]))
 
     @cached_property
     def places(self) -> Mapping[str, Place]:
-        """Named positions (3,) [m] for targets, with the outward unit normals there (3,).
+        """Named positions (3,) for targets [m], with the outward unit normals (3,) of the skin.
 
         The names are ``"thumb.pad"``, ``"index.pad"``, ``"middle.pad"``, ``"ring.pad"``,
         ``"pinky.pad"``, ``"palm"``.
@@ -112,7 +113,7 @@ class Hand:
         return {name: self.position(name) for name in PLACES}
 
     def position(self, name: str) -> Place:
-        """Return one of ``places`` with its normal, even if the place lies inside the body.
+        """Return one of ``places`` with its normal, even if it lies inside the body.
 
         Raises
         ------
@@ -139,7 +140,7 @@ class Hand:
             If the name is unknown, or the position is inside the body because a finger touches it.
         """
         point, normal = self.position(name)
-        # Exact places are on the skin up to rounding; deeper than 1 µm counts as inside.
+        # Exact places are on the skin to within rounding; deeper than 1 µm counts as inside.
         depth = float(self.shape.depth(point[None])[0])
         if depth > 1e-6:
             raise InvalidInput(
@@ -152,12 +153,12 @@ class Hand:
         return point, normal
 
     def focus(self, name: str, offset: float = 0.5e-3) -> Float64[np.ndarray, "3"]:
-        """Return a point (3,) [m] in front of a named position, ``offset`` metres from the skin.
+        """Return the point (3,) that lies ``offset`` metres in front of a named position [m].
 
         Raises
         ------
         InvalidInput
-            For the reasons listed in ``place``, or if the offset is negative or above 0.1 m.
+            Under the conditions listed in ``place``, or if the offset is negative or above 0.1 m.
         """
         point, normal = self.place(name)
         slip = "is it in millimetres? Use metres."
@@ -174,20 +175,20 @@ class Hand:
         Parameters
         ----------
         array : elements that radiate to one side, such as a board.
-        height : distance of the position from the centre of the array, along its mean normal [m].
+        height : distance of the position from the array's centre, along its mean normal [m].
         place : one of ``places``.
 
         Raises
         ------
         InvalidInput
-            For the reasons listed in ``place``, or if the height is not from 0 to 1 m, or the
+            Under the conditions listed in ``place``; or if the height is not from 0 to 1 m, or the
             elements radiate in all directions, so that the array has no front.
         """
         slip = "is it in millimetres? Use metres."
         height = within(height, 0.0, 1.0, "the height of a hand", "m", slip)
         point, normal = self.place(place)
         front = array.normals.mean(axis=0)
-        # Small if the unit normals mostly cancel: 0 for a box, 0.5 for a hemispherical bowl.
+        # The mean is small if the unit normals mostly cancel: 0 for a box, 0.5 for a hemisphere.
         if np.linalg.norm(front) < 0.3:
             raise InvalidInput(
                 "the elements radiate in all directions, so the array has no front; use "
@@ -200,11 +201,11 @@ class Hand:
         return self.moved(Pose(turned.rotation, goal - turned.apply(point)))
 
     def open_to(self, gap: float, first: str = "thumb", second: str = "index") -> "Hand":
-        """Return the hand with two fingers turned about their roots until they have a given gap.
+        """Return the hand with two fingers turned at their roots until their gap is as given.
 
         Parameters
         ----------
-        gap : distance between the skins of the last phalanges, above 0 and at most 0.15 [m].
+        gap : distance between the skins of the last phalanges [m], above 0 and at most 0.15.
         first, second : "thumb", "index", "middle", "ring" or "pinky".
 
         Raises
@@ -223,10 +224,10 @@ class Hand:
         return hand_from_joints(joints, self.radii, side=self.side)
 
     def posed(self, joints: Real[np.ndarray, "joints 3"]) -> "Hand":
-        """Return the same hand in the pose of the next frame.
+        """Return the same hand in the pose of the next frame of a sequence.
 
-        If the motion is small, its meshes have the same triangles. The meshes depend only on the
-        poses of the sequence.
+        If the motion is small, the meshes keep their triangles. They depend only on the poses of
+        the sequence.
 
         Parameters
         ----------
@@ -235,9 +236,9 @@ class Hand:
         Raises
         ------
         InvalidInput
-            For the reasons listed in ``hand_from_joints``.
+            Under the conditions listed in ``hand_from_joints``.
         """
-        # Keep the radii, because skin does not swell from one frame to the next.
+        # The radii are kept, because skin does not swell from one frame to the next.
         new = hand_from_joints(joints, self.radii, side=self.side)
         return Hand(new.joints, new.radii, new.side, self.shape.keyframe)
 
@@ -247,7 +248,7 @@ class Hand:
         along = self.joints[tip] - self.joints[root]
         bone = unit(along)
         # The pad faces the direction in which the finger bends. The skin of the last bone is a
-        # cone, whose normal leans towards its tip by the taper.
+        # cone, whose normal leans toward the tip by the taper.
         out = unit(cross(bending_axis(self.joints, self.side, finger), bone))
         taper = (self.radii[root] - self.radii[tip]) / float(np.linalg.norm(along))
         normal = math.sqrt(max(1.0 - taper**2, 0.0)) * out + taper * bone
@@ -258,9 +259,9 @@ class Hand:
     def _palm(self) -> Place:
         back = unit(cross(self.joints[11] - self.joints[0], self.joints[6] - self.joints[21]))
         inwards = back if self.side == "right" else -back
-        # Start between the metacarpals of the four fingers, 30 mm outwards, outside the skin.
+        # The search starts between the metacarpals of the four fingers, 30 mm outside the skin.
         point = self.joints[[5, 6, 10, 11, 15, 16, 20, 21]].mean(axis=0) - 0.03 * inwards
-        # Sphere tracing: no step is longer than the distance, so it stops at the skin.
+        # Sphere tracing: no step is longer than the distance, so the search stops at the skin.
         for _ in range(60):
             distance = float(self.shape.hulls.look(point[None]).distance[0])
             if distance < 1e-9:
@@ -279,13 +280,17 @@ def hand_from_joints(
 
     Parameters
     ----------
-    positions : (25, 3) joints in the order of WebXR, (26, 3) in that of OpenXR, or (21, 3) in that
-        of MediaPipe and Leap [m].
-    radii : one radius of the skin around each joint [m]; by default those of a generic
-        hand of the same size.
+    positions : (25, 3) joints in WebXR order, (26, 3) in OpenXR order, or (21, 3) in MediaPipe and
+        Leap order [m].
+    radii : (25,) radius of the skin around each joint [m]; by default the radii of a generic hand
+        of the same size.
     length : length of the hand along the bones, from the wrist to the tip of the middle finger [m].
         It scales the generic radii; by default it is measured from the joints.
-    side : ``"right"`` or ``"left"``; by default it follows from the bends of the fingers.
+    side : ``"right"`` or ``"left"``; by default it is inferred from the bends of the fingers.
+
+    Returns
+    -------
+    The hand, with 25 joints in WebXR order.
 
     Raises
     ------
@@ -294,7 +299,7 @@ def hand_from_joints(
         of order, radii are implausible, or the bends of the fingers contradict the side or do not
         determine it.
     """
-    # The order matters: swapped fingers would be reported as an unclear side.
+    # The order of checks matters: swapped fingers would be reported as an unclear side.
     joints = joints_of(positions)
     check_finger_order(joints)
     skin_radii = radii_of(radii, length, joints)
@@ -311,14 +316,14 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
 
     Returns
     -------
-    The point of the surface (3,) [m] nearest to each of ``hand.places``, and the outward unit
-    normal there (3,).
+    For each name in ``hand.places``, the point (3,) of the surface nearest to that position [m] and
+    the outward unit normal (3,) there.
 
     Raises
     ------
     InvalidInput
-        If a position is farther than 10 mm from the surface, or its normal deviates by more than
-        60 degrees: the joints have other coordinates or another pose, or fingers touch there.
+        If a position is more than 10 mm from the surface or its normal deviates by more than 60
+        degrees. The joints then have other coordinates or another pose, or fingers touch there.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as load_surface(path)")
     of_kind(hand, Hand, "the hand", "one Hand, such as load_rigged_hand(path)")
@@ -330,7 +335,7 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
     cosines = np.einsum("pi,pi->p", normals, expected)
     angles = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
     for index, name in enumerate(hand.places):
-        # In four scanned hands in five poses, places are within 5 mm and 12 degrees.
+        # In four scanned hands in five poses, all places are within 5 mm and 12 degrees.
         if distances[index] > 10e-3:
             fault = f"{1e3 * distances[index]:.3g} mm from the surface, more than 10 mm"
         elif angles[index] > 60.0:

@@ -1,4 +1,4 @@
-"""Joints of a hand: names, order, plausible sizes, and checks of a tracker's joints.
+"""Joints of a hand: their names and order, plausible sizes, and checks of a tracker's joints.
 
 Trackers provide 25 joints (WebXR), 26 (OpenXR, the palm first) or 21 (MediaPipe, Leap).
 
@@ -31,7 +31,7 @@ Side = Literal["right", "left"]
 Joints = Float64[np.ndarray, "25 3"]
 Radii = Float64[np.ndarray, "25"]
 
-# A position [m] or a unit direction.
+# A position [m], or a unit direction.
 Point = Float64[np.ndarray, "3"]
 Points = Float64[np.ndarray, "points 3"]
 PerPoint = Float64[np.ndarray, "points"]
@@ -43,7 +43,7 @@ FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
 _PHALANGES = ("proximal", "intermediate", "distal")
 
-# The 25 joints of WebXR, in its order.
+# Names of the 25 joints of WebXR, in its order.
 NAMES = (
     *("wrist", "thumb-metacarpal"),
     *("thumb-phalanx-proximal", "thumb-phalanx-distal", "thumb-tip"),
@@ -63,8 +63,9 @@ BONES = (
     *(bone for chain in CHAINS for bone in pairwise(chain)),
 )
 
-# Shortest and longest bones [mm] of hands of 0.5 to 1.5 of the adult's size: wrist to metacarpal,
-# metacarpal, proximal, intermediate and last phalanx; the thumb has no intermediate phalanx.
+# Shortest and longest bones [mm] of hands that are 0.5 to 1.5 times as large as an adult's: wrist
+# to metacarpal, metacarpal, proximal, intermediate and last phalanx (no intermediate for the
+# thumb).
 _BONE_LIMITS = 1e-3 * np.array([[8, 13, 12, 7, 6], [80, 110, 80, 60, 50]])
 _BONE_LIMITS = _BONE_LIMITS[:, [0] * 5 + [1, 2, 4] + 4 * [1, 2, 3, 4]]
 
@@ -88,19 +89,19 @@ GENERIC_LENGTH = 0.1942
 def joints_of(
     joints: Real[np.ndarray, "joints 3"], tolerance: float = 0.0, word: str = "joint"
 ) -> Joints:
-    """Check 25, 26 or 21 joints of a tracker and return the 25 of WebXR [m].
+    """Check 25, 26 or 21 joints of a tracker, and return the 25 joints of WebXR [m].
 
     Parameters
     ----------
-    joints : (25, 3) in the order of WebXR, (26, 3) in that of OpenXR, whose first is the palm, or
-        (21, 3) in that of MediaPipe and Leap [m].
-    tolerance : tolerance of the lengths of bones between inaccurate joints [m].
-    word : name of a joint in error messages.
+    joints : (25, 3) joints in WebXR order, (26, 3) in OpenXR order, where the palm comes first, or
+        (21, 3) in MediaPipe and Leap order [m].
+    tolerance : tolerance of the bone lengths between inaccurate joints [m].
+    word : word for a joint in error messages.
     """
     points = real_numbers(joints, f"{word}s of a hand")
     if points.shape == (26, 3):
         points = points[1:]
-    # Trackers mark lost joints with NaN: name the first of them.
+    # Trackers mark lost joints with NaN. The message names the first of them.
     lost = np.flatnonzero(~np.isfinite(points).all(axis=-1)) if points.ndim == 2 else []
     if points.shape in ((21, 3), (25, 3)) and len(lost):
         name = NAMES[lost[0] if len(points) == 25 else TRACKED[lost[0]]]
@@ -147,17 +148,17 @@ def _check_bone_lengths(joints: Joints, tolerance: float) -> None:
         f"the bone from {NAMES[start]} to {NAMES[end]} is {1e3 * lengths[first]:.4g} mm long, but "
         f"such bones are {1e3 * low[first]:g} to {1e3 * high[first]:g} mm"
     )
-    # Size of the hand relative to the middle of the limits, which are those of 0.5 to 1.5 adults.
+    # Size of the hand relative to the middle of the limits, which are 0.5 and 1.5 times an adult's.
     size = float(np.median(lengths / np.sqrt(low * high)))
     together = len(joints) - len(np.unique(joints, axis=0))
-    # OpenXR's 26 joints without the last one: then each joint has the place of the one before.
+    # If OpenXR's 26 joints lack the last one, each joint is in the place of the previous one.
     shifted = np.linalg.norm(joints[1:][ends[:-1, 0]] - joints[1:][ends[:-1, 1]], axis=1)
     code = "bone_length"
     if together > 2:
-        fault = f"{together + 1} joints are at one place"
+        fault = f"{together + 1} joints are at the same position"
         advice = ": were matrices read by rows instead of columns?"
     elif ((shifted >= low[:-1] - tolerance) & (shifted <= high[:-1] + tolerance)).all():
-        advice = ": are these the first 25 of OpenXR's 26? Leave out the palm, the first of them."
+        advice = ": are these the first 25 of OpenXR's 26 joints? Omit the palm, the first of them."
     elif size > 1.8 or size < 0.5:
         fault = f"the bones are {size:.2g} times as long as those of a hand"
         advice = ": are these coordinates in a picture, or in another unit? Use metres."
@@ -175,8 +176,8 @@ def radii_of(
 ) -> Radii:
     """Check (25,) or (21,) radii of the skin [m], or scale those of the generic hand.
 
-    The generic hand is scaled to ``length``, from the wrist to the tip of the middle finger [m], or
-    to the joints if it is None.
+    The generic hand is scaled to ``length``, from the wrist to the tip of the middle finger [m]. If
+    ``length`` is None, the generic hand is scaled to the joints.
     """
     if radii is None and length is not None:
         hint = "is it in millimetres? Use metres."
@@ -202,7 +203,7 @@ def radii_of(
     if len(wrong):
         raise InvalidInput(
             f"the radius at {NAMES[wrong[0]]} is {1e3 * radii[wrong[0]]:.4g} mm, but skin lies "
-            "3 to 35 mm from a joint; use radii in metres.",
+            "3 to 35 mm from a joint; pass the radii in metres.",
             code="out_of_range",
         )
     return radii
@@ -214,7 +215,7 @@ def hand_length(joints: Joints) -> float:
 
 
 def side_named(side: str | None) -> Side | None:
-    """Return "right" or "left" for a side in any case, such as MediaPipe's "Left"."""
+    """Return "right" or "left" for a side in upper or lower case, such as MediaPipe's "Left"."""
     lower = side.lower() if isinstance(side, str) else side
     if lower not in ("right", "left", None):
         raise InvalidInput(
@@ -226,23 +227,24 @@ def side_named(side: str | None) -> Side | None:
 def checked_side(
     joints: Joints, side: str | None, word: str = "joints", min_evidence: float = 0.2
 ) -> Side:
-    """Return the side of a hand, by default from the bends of its fingers.
+    """Return the side of a hand, which by default is inferred from the bends of its fingers.
 
-    It raises ``InvalidInput`` if they contradict ``side``, or if no side is given and the magnitude
-    of ``side_evidence`` is below ``min_evidence``.
+    The function raises ``InvalidInput`` if the bends contradict ``side``. It also does so if no
+    side is given and the magnitude of ``side_evidence`` is below ``min_evidence``.
     """
     known = side_named(side)
     evidence = side_evidence(joints)
     bent_as: Side = "right" if evidence > 0.0 else "left"
     if known is None and abs(evidence) < min_evidence:
         raise InvalidInput(
-            f"the {word} do not distinguish a left from a right hand ({evidence:+.2f}, at least "
-            f"{min_evidence:g} in magnitude is needed): the fingers are too straight; set side.",
+            f"the {word} do not distinguish a left from a right hand (evidence {evidence:+.2f}, "
+            f"but a magnitude of {min_evidence:g} is needed): the fingers are too "
+            "straight; set side.",
             code="side_unclear",
         )
     if known not in (None, bent_as) and abs(evidence) >= min_evidence:
         raise InvalidInput(
-            f"the {word} should be those of a {known} hand, but fingers and thumb bend like those "
+            f"the {word} are labelled as a {known} hand, but fingers and thumb bend like those "
             f"of a {bent_as} hand ({evidence:+.2f}; positive is right): are they mirrored?",
             code="wrong_side",
         )
@@ -250,13 +252,13 @@ def checked_side(
 
 
 def side_evidence(joints: Joints) -> float:
-    """Return how far the fingers and the thumb bend in the way that only a right hand can.
+    """Return how far the fingers and the thumb bend in a way that only a right hand can.
 
-    It is the sum of the sines of all bends and of the thumb's lean, as far as they exceed what
-    fingers bend backwards: 30 degrees at a knuckle, 9 and 17 at the next joints. It is negative for
-    a left hand, and about 0 for straight fingers.
+    The result is the sum of the sines of all bends and of the thumb's lean. Each bend only counts
+    as far as it exceeds what fingers bend backwards: 30 degrees at a knuckle, and 9 and 17 degrees
+    at the next joints. The result is negative for a left hand, and about 0 for straight fingers.
     """
-    # Fingers bend towards the palm. Viewed across the palm from the little finger, all bends of a
+    # Fingers bend toward the palm. Viewed across the palm from the little finger, all bends of a
     # right hand turn one way, and those of a left hand the other way.
     across = unit(joints[6] - joints[21])
     back = unit(cross(joints[11] - joints[0], across))
@@ -272,11 +274,11 @@ def side_evidence(joints: Joints) -> float:
 def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
     """Raise an error if the knuckles are out of order or the thumb is at the little finger.
 
-    ``tolerance`` is the error of rough joints [m].
+    ``tolerance`` is the error of inaccurate joints [m].
     """
     slack = 5e-3 + 0.5 * tolerance
     knuckles = np.array([chain[1] for chain in CHAINS[1:]])
-    # Along the line of the knuckles, from the index finger to the little finger.
+    # The steps are along the line of the knuckles, from the index finger to the little finger.
     from_index = joints[knuckles] - joints[knuckles[0]]
     steps = np.diff(from_index @ unit(from_index[-1]))
     worst = int(steps.argmin())
@@ -306,7 +308,7 @@ def unit(vector: Point) -> Point:
 
 
 def cross(a: Point, b: Point) -> Point:
-    """Return the cross product of two vectors (3,), ten times as fast as ``numpy.cross``."""
+    """Return the cross product of two vectors (3,), ten times faster than ``numpy.cross``."""
     x, y, z = a.tolist()
     u, v, w = b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

@@ -1,4 +1,4 @@
-"""Bending of fingers: the axes of joints, and opening two fingers to a gap."""
+"""Bending of fingers: the axes of the joints, and opening two fingers to a gap."""
 
 import math
 from itertools import pairwise
@@ -13,12 +13,12 @@ from airtact.errors import InvalidInput
 from airtact.hands.body import OWNER, PARTS, Hulls
 from airtact.hands.joints import BONES, CHAINS, FINGERS, Joints, Point, Radii, cross, unit
 
-# Usual ratio of the bends of a finger's last and middle joint, which share a tendon.
+# Usual ratio of the bends of a finger's last joint and middle joint, which share a tendon.
 LAST_BEND_SHARE = 2.0 / 3.0
 
 
 def bending_axis(joints: Joints, side: str, finger: int) -> Point:
-    """Return the unit axis (3,) about which a positive angle bends a finger from 0 (thumb) to 4."""
+    """Return the axis (3,) about which a positive angle bends a finger from 0 (thumb) to 4."""
     sign = 1.0 if side == "right" else -1.0
     across = unit(joints[6] - joints[21])
     bones = np.diff(joints[list(CHAINS[finger][-4:])], axis=0)
@@ -36,7 +36,7 @@ def bending_axis(joints: Joints, side: str, finger: int) -> Point:
 
 
 def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:
-    """Return the joints with a finger straightened at its root by an angle [rad]."""
+    """Return the joints after a finger is straightened at its root by an angle [rad]."""
     root = CHAINS[finger][0 if finger == 0 else 1]
     outer = [joint for joint in CHAINS[finger] if joint > root]
     turn = Rotation.from_rotvec(-angle * bending_axis(joints, side, finger))
@@ -49,16 +49,16 @@ def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: 
     """Bend fingers with bones of given ``lengths`` [m] from inaccurate knuckles to inaccurate tips.
 
     If the errors of the landmarks are as large as a bone, only the distance from knuckle to tip is
-    reliable. The joints in between then bend in their usual ratio.
+    reliable. The joints between them then bend in their usual ratio.
     """
     joints = landmarks.copy()
     across = unit(landmarks[6] - landmarks[21]) * (1.0 if side == "right" else -1.0)
     for finger, chain in enumerate(CHAINS):
         outer = list(chain[-4:] if finger else chain[-3:])
         bones = lengths[[BONES.index(pair) for pair in pairwise(outer)]]
-        angles = np.radians(np.arange(0.0, 111.0, 2.0))  # of the middle joint
+        angles = np.radians(np.arange(0.0, 111.0, 2.0))  # bends of the middle joint
         bends = np.outer(angles, np.cumsum([0.0, 1.0, LAST_BEND_SHARE][: len(bones)]))
-        # position of the tip in the plane of the finger
+        # Position of the tip in the plane of the finger.
         ahead = np.cos(bends) @ bones
         aside = np.sin(bends) @ bones
         reach = landmarks[outer[-1]] - landmarks[outer[0]]
@@ -74,7 +74,7 @@ def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: 
 
 
 def gap_of(joints: Joints, radii: Radii, fingers: tuple[int, int]) -> float:
-    """Return the gap between the last phalanges of two fingers [m], negative if they overlap."""
+    """Return the gap between the last phalanges of two fingers [m]; negative if they overlap."""
     first, second = (int(np.flatnonzero(finger == OWNER)[-1]) for finger in fingers)
     balls = np.column_stack([joints, radii])
     start, end = balls[PARTS[first, :2]]
@@ -90,7 +90,7 @@ def gap_of(joints: Joints, radii: Radii, fingers: tuple[int, int]) -> float:
 
 
 def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: float) -> Joints:
-    """Return the joints with two fingers turned at their roots until they are a gap [m] apart."""
+    """Return the joints after two fingers are turned at their roots to be a gap [m] apart."""
 
     def both_turned(angle: float) -> Joints:
         moved = joints
@@ -101,7 +101,7 @@ def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: 
     def excess(angle: float) -> float:
         return gap_of(both_turned(angle), radii, pair) - gap
 
-    # Find a change of sign while straightening both fingers, then while bending them.
+    # A change of sign is sought first by straightening both fingers, then by bending them.
     straightening = np.radians(np.arange(0.0, 61.0, 3.0))
     bending = -np.radians(np.arange(0.0, 46.0, 3.0))
     excesses = []
@@ -115,6 +115,6 @@ def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: 
     raise InvalidInput(
         f"the {FINGERS[pair[0]]} and the {FINGERS[pair[1]]} cannot be brought {1e3 * gap:g} mm "
         f"apart: turning their roots leaves them {1e3 * (min(excesses) + gap):.3g} to "
-        f"{1e3 * (max(excesses) + gap):.3g} mm apart; use such a gap, or another pose.",
+        f"{1e3 * (max(excesses) + gap):.3g} mm apart; use a gap in this range, or another pose.",
         code="misplaced",
     )

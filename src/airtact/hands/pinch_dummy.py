@@ -1,7 +1,7 @@
-"""The paper's model of a pinching hand: thumb and index finger as two capsules.
+"""The paper's model of a pinching hand, with two capsules for thumb and index finger.
 
-Source: Inoue, Makino and Shinoda (2014), section 4, with the idealisation of
-``docs/architecture.md``.
+Source: Inoue, Makino and Shinoda (2014), section 4, with the simplifications that
+``docs/architecture.md`` describes.
 """
 
 import math
@@ -44,7 +44,7 @@ class Pinch:
     __repr__ = in_short
 
     def foci(self, offset: float = 0.5e-3) -> Float64[np.ndarray, "2 3"]:
-        """Return a point in front of each pad (2, 3) [m].
+        """Return one point in front of each pad, as an array (2, 3) [m].
 
         Parameters
         ----------
@@ -68,8 +68,8 @@ class Pinch:
 def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
     """Build the thumb and the finger of a pinch.
 
-    The centres of the tips are at (∓(gap/2 + 8 mm), 0, 0). The axes run 44 mm downward (-z), 20°
-    outward from the vertical.
+    The centres of the tips are at (∓(gap/2 + 8 mm), 0, 0). The axes run 44 mm downward (-z), tilted
+    outward by 20° from the vertical.
 
     Parameters
     ----------

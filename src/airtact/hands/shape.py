@@ -1,4 +1,4 @@
-"""Shape of a hand for solvers: exact distance, curved panels, meshes that deform with the pose."""
+"""Shape of a hand for solvers: exact distance, curved panels, and meshes that follow the pose."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -17,10 +17,10 @@ from airtact.hands.body import Hulls
 from airtact.hands.joints import PerPoint, Point, Points, unit
 from airtact.hands.skin_mesh import HandMesh, Vertices, even_skin, midpoints, settled
 
-# Largest motion for which a frame keeps the keyframe of the previous frame [m].
+# Largest motion at which a frame keeps the keyframe of the previous frame [m].
 NEAR_KEYFRAME = 2.5e-3
 
-# Longest chain of keyframes: deforming a mesh along it takes no longer than a new mesh.
+# Longest chain of keyframes. Deforming a mesh along it takes no longer than generating a new one.
 MAX_KEYFRAMES = 16
 
 
@@ -64,7 +64,7 @@ class HandShape(Shape):
         """Build a shape that follows the keyframe if the motion is small and contacts persist."""
         if keyframe is not None and np.array_equal(hulls.apart, keyframe.hulls.apart):
             moved = motion(keyframe.hulls, hulls)
-            # Beyond 12 mm a new mesh is made instead.
+            # After a motion of more than 12 mm, a new mesh is generated instead.
             may_chain = moved <= 12e-3 and keyframe.keyframes < MAX_KEYFRAMES
             if moved <= NEAR_KEYFRAME or may_chain:
                 return HandShape(hulls, Pose.identity(), keyframe)
@@ -91,7 +91,7 @@ class HandShape(Shape):
 
     @property
     def least_thickness(self) -> float:
-        """Diameter of the body's smallest ball [m] if no hulls are blended, else 0.
+        """Diameter of the body's smallest ball [m] if no hulls are blended, and 0 otherwise.
 
         An inner ball of that size touches every point of a hull, but not the creases between
         blended hulls.
@@ -105,11 +105,11 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Return ``largest`` (P,) [m] where such an inner ball fits, else a lower bound."""
+        """Return ``largest`` (P,) [m] where an inner ball of that size fits, else a lower bound."""
         smallest = self.least_thickness
         if smallest >= largest:
             return np.full(len(points), smallest)
-        # Panels deviate slightly from the body: a ball may protrude by 5 % of its diameter.
+        # Panels deviate slightly from the body, so a ball may protrude by 5 % of its diameter.
         fits = self.depth(points - 0.5 * largest * normals) >= 0.5 * (1.0 - 0.05) * largest
         return np.where(fits, largest, smallest)
 
@@ -148,7 +148,7 @@ class HandShape(Shape):
 
 
 def curved_panels(hulls: Hulls, skin: HandMesh) -> QuadraticTriangles:
-    """Curve triangles through the points of the skin above the midpoints of their edges."""
+    """Curve triangles so that they pass through the skin above the midpoints of their edges."""
     return np.concatenate([skin.vertices[skin.triangles], midpoints(hulls, skin)], axis=1)
 
 
@@ -165,7 +165,7 @@ def motion(before: Hulls, now: Hulls) -> float:
 def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh | None:
     """Deform a mesh of edge length ``edge`` [m] to another pose in which the same parts touch.
 
-    The triangles stay the same. Return None if a triangle becomes too thin or too long.
+    The triangles stay the same. The function returns None if a triangle becomes too thin or long.
     """
     weights = hull_weights(before, mesh.vertices)
     vertices = moved_with_hulls(before, now, mesh.vertices, weights)
@@ -177,7 +177,7 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
 
 
 def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "vertices hulls"]:
-    """Weight hulls by their proximity to vertices (V, 3) [m]; weights of a vertex sum to 1."""
+    """Weight hulls by their proximity to vertices (V, 3) [m]; each vertex's weights sum to 1."""
     distance = hulls.each(vertices)
     weight = np.exp(-((distance - distance.min(axis=1, keepdims=True)) / 3e-3))
     return weight / weight.sum(axis=1, keepdims=True)

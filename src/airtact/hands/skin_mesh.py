@@ -1,9 +1,9 @@
 """Even triangles on the body of a hand, closed in every pose of the fingers.
 
-Marching cubes on a grid of the distance give a closed mesh. Passes of splitting, collapsing,
-flipping and smoothing make its triangles even; each pass projects the vertices onto the skin. On
-the grid, separate fingers are made thinner, so that a coarse grid resolves the air between them.
-The projection moves their triangles back to the skin.
+Marching cubes on a grid of the distance produce a closed mesh. Passes of splitting, collapsing,
+flipping and smoothing then make its triangles even, and each pass projects the vertices onto the
+skin. On the grid, separate fingers are made thinner, so that a coarse grid resolves the air between
+them. The projection moves their triangles back to the skin.
 """
 
 from dataclasses import dataclass, replace
@@ -25,9 +25,9 @@ Sizes = Float64[np.ndarray, "vertices"]
 Ends = Int64[np.ndarray, "edges 2"]
 
 
-# Level of the distance divided by the grid step, and share of the usual step. The pairs are tried
-# in order until a mesh is good: a tiny tunnel that one grid meshes badly vanishes or is resolved
-# in another.
+# Level of the distance divided by the grid step, and grid step divided by the usual step. The pairs
+# are tried in order until a mesh is good: a tiny tunnel that one grid meshes badly vanishes or is
+# resolved in another grid.
 GRIDS = (
     *((0.0, 1.0), (0.2, 1.0), (-0.2, 1.0), (0.4, 1.0)),
     *((0.0, 0.8), (0.3, 0.8), (0.0, 0.63), (0.4, 0.63), (0.0, 0.5)),
@@ -36,13 +36,13 @@ GRIDS = (
 # Largest increase of the edge length per distance along the skin.
 GRADING = 0.35
 
-# Largest distance of the skin from an edge's midpoint divided by the edge length.
+# Largest distance of the skin from an edge's midpoint, divided by the edge length.
 MAX_BULGE = 0.47
 
 # Smallest target edge length at gaps and bends [m].
 SMALLEST_EDGE = 0.8e-3
 
-# Triangles with a smaller angle are poor, and are collapsed in repairs [degrees].
+# Triangles with a smaller angle are poor and are collapsed during repair [degrees].
 POOR_ANGLE = 22.0
 
 
@@ -52,8 +52,8 @@ class HandMesh:
 
     Attributes
     ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices, counter-clockwise seen from outside.
+    vertices : (V, 3) positions of the vertices [m].
+    triangles : (T, 3) vertex indices, counter-clockwise when seen from outside.
     sizes : (V,) target length of the edges at each vertex [m].
     """
 
@@ -74,7 +74,7 @@ class HandMesh:
 
 
 def even_skin(hulls: Hulls, edge: float) -> HandMesh:
-    """Cover a body with even triangles of edge length ``edge``, less at bends and narrow gaps."""
+    """Cover a body with even triangles of edge length ``edge``, finer at bends and narrow gaps."""
     best = None
     best_fault = np.inf
     # The grid must resolve the smallest ball.
@@ -82,7 +82,7 @@ def even_skin(hulls: Hulls, edge: float) -> HandMesh:
     for level, share in GRIDS:
         step = share * usual_step
         mesh = _projected(hulls, _marching_cubes(hulls, step, level * step), edge)
-        # The edges grow from pass to pass up to the target length.
+        # The edges grow from pass to pass, up to the target length.
         growing = 1.2 * step
         while growing < edge:
             mesh = _evened(hulls, mesh, edge, max_size=growing)
@@ -104,14 +104,14 @@ def graded(hulls: Hulls, mesh: HandMesh, edge: float, fine: float, points: Point
     tree = KDTree(points)
     for _ in range(4):
         away = tree.query(mesh.vertices)[0]
-        # Edges stay fine within a distance of four edge lengths.
+        # Edges stay fine within four edge lengths of the points.
         sizes = np.clip(fine + GRADING * (away - 4.0 * fine), fine, edge)
         mesh = _evened(hulls, replace(mesh, sizes=sizes), edge, hold=True)
     return _repaired(hulls, mesh, edge)[1]
 
 
 def settled(hulls: Hulls, mesh: HandMesh, edge: float) -> HandMesh:
-    """Project triangles onto a nearby body and smooth them, without adding any."""
+    """Project triangles onto a nearby body and smooth them, without adding triangles."""
     mesh = _projected(hulls, mesh, edge)
     for _ in range(2):
         mesh = _evened(hulls, mesh, edge, keep=True)
@@ -119,7 +119,7 @@ def settled(hulls: Hulls, mesh: HandMesh, edge: float) -> HandMesh:
 
 
 def midpoints(hulls: Hulls, mesh: HandMesh) -> Float64[np.ndarray, "triangles 3 3"]:
-    """Return the skin points above the midpoints of edges 01, 12, 20 (T, 3, 3) [m]."""
+    """Return the skin points above the midpoints of edges 01, 12 and 20, (T, 3, 3) [m]."""
     ends, edges = _edges(mesh.triangles)
     return _middles(hulls, mesh, ends)[0][edges]
 
@@ -134,7 +134,7 @@ def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMes
     for attempt in range(6):
         if best_fault <= 0.0 or len(mesh.triangles) > 1.25 * len(best.triangles):
             break
-        # If evening alone did not help, also make poor triangles smaller.
+        # If evening alone does not help, poor triangles are also made smaller.
         if attempt >= 3:
             ends, edges = _edges(mesh.triangles)
             bulging = (_middles(hulls, mesh, ends)[1][edges] > MAX_BULGE).any(axis=1)
@@ -167,13 +167,13 @@ def _fault(hulls: Hulls, mesh: HandMesh) -> float:
 
 
 def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
-    """Extract a closed mesh from a grid of the distance, without cavities and specks."""
+    """Extract a closed mesh, without cavities and specks, from a grid of the distance."""
     with extra("mesh", "the skin of a hand needs scikit-image"):
         from skimage.measure import marching_cubes
 
     distance, low = _distance_grid(hulls, step)
     distance = distance - level
-    distance[np.abs(distance) < 1e-3 * step] = 1e-3 * step  # avoids triangles without an area
+    distance[np.abs(distance) < 1e-3 * step] = 1e-3 * step  # avoids triangles without area
     vertices, triangles, _, _ = marching_cubes(
         distance.astype(np.float32), 0.0, spacing=(step, step, step), gradient_direction="descent"
     )
@@ -182,7 +182,7 @@ def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
     first, second, third = triangles.T
     piece = components(np.r_[first, second], np.r_[second, third], len(vertices))
     if piece.max() > 0:
-        # Drop cavities, whose volume is negative: sound does not reach them.
+        # Cavities, whose volume is negative, are dropped because sound does not reach them.
         volume = np.bincount(piece[first], cone_volumes(vertices[triangles]))
         used = volume[piece] > (2.0 * step) ** 3
         new_index = np.cumsum(used) - 1
@@ -194,7 +194,7 @@ def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
 def _distance_grid(
     hulls: Hulls, step: float
 ) -> tuple[Float64[np.ndarray, "nx ny nz"], Float64[np.ndarray, "3"]]:
-    """Evaluate the distance on a grid with spacing ``step`` [m]; also return its first corner [m].
+    """Return the distance on a grid with spacing ``step`` [m], and the grid's first corner [m].
 
     All points of a block far from the skin get the value at its middle; other blocks are halved.
     """
@@ -209,7 +209,7 @@ def _distance_grid(
     corners = side * _grid_indices(shape // side)
     while True:
         middles = low + step * (corners + (side - 1) / 2)
-        # Cut separate fingers back by slightly more than a grid step.
+        # Separate fingers are cut back by slightly more than a grid step.
         distance = hulls.look(middles, carve=1.15 * step).distance
         blocks = values.reshape(np.stack([shape // side, [side] * 3], axis=1).ravel())
         x, y, z = (corners // side).T
@@ -272,14 +272,14 @@ def _evened(
 def _projected(
     hulls: Hulls, mesh: HandMesh, edge: float, max_sizes: Sizes | float = np.inf
 ) -> HandMesh:
-    """Project the vertices onto the skin; also return edge lengths that bends and gaps allow."""
+    """Project the vertices onto the skin; also set the edge lengths that bends and gaps allow."""
     vertices = hulls.project(mesh.vertices)
     look = hulls.look(vertices, reach=edge)
     smallest = max(0.25 * edge, min(SMALLEST_EDGE, edge))
     gap = np.maximum(look.facing, 0.0)
     allowed = np.minimum(1.1 * look.bend, gap)
     sizes = np.minimum(np.clip(allowed, smallest, edge), max_sizes)
-    rounds = 3  # over all edges
+    rounds = 3  # passes over all edges
     _kernels.grade_sizes(vertices, mesh.triangles, GRADING, rounds, sizes)
     return HandMesh(vertices, mesh.triangles, sizes)
 
@@ -297,8 +297,8 @@ def _middles(
     lengths = np.sqrt(np.einsum("ei,ei->e", edges, edges))
     middles = hulls.project(straight)
     off = np.linalg.norm(middles - straight, axis=1)
-    # Where two skins meet, their flanks are nearer than the crease between them: points on both
-    # sides of the middle are projected as well, and the nearest result is taken.
+    # Where two skins meet, their flanks are nearer than the crease between them. Points on both
+    # sides of the middle are therefore projected as well, and the nearest result is used.
     for share in (0.4, 0.6, 0.3, 0.7):
         poor = np.flatnonzero(off > 0.3 * lengths)
         projected = hulls.project(starts[poor] + share * edges[poor])

@@ -160,7 +160,7 @@ def test_matrices_are_read_by_rows_and_columns_and_relative_to_a_wrist(tmp_path)
     ("name", "fault", "words"),
     [
         ("first_25_of_26.jsonl", "impossible", "palm"),
-        ("read_by_rows.jsonl", "impossible", "25 joints are at one place"),
+        ("read_by_rows.jsonl", "impossible", "25 joints are at the same position"),
         ("image_coordinates.jsonl", "not_in_metres", "picture"),
     ],
 )

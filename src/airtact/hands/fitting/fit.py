@@ -1,4 +1,4 @@
-"""Fit of a hand to the point cloud of a depth camera and to inaccurate tracker landmarks."""
+"""Fit a hand to the point cloud of a depth camera and to inaccurate tracker landmarks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -75,7 +75,7 @@ HAND_RADIUS = 45e-3
 
 @dataclass(frozen=True, eq=False)
 class FittedHand:
-    """A hand fitted to a point cloud; the result of ``fit_hand``.
+    """A hand fitted to a point cloud, as returned by ``fit_hand``.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class FittedHand:
     anatomy : sizes of the person's hand, learned from the frames so far.
     joint_errors : (25,) standard deviation of the position of each joint [m].
     points : (N, 3) points of the cloud near the hand, averaged in cells [m].
-    distances : (N,) distances of these points from the skin, positive outside [m].
+    distances : (N,) distances of these points from the skin [m], positive outside.
     outliers : (N,) mask of the points that had no weight in the fit.
     misfit : root mean square distance of all other points from the skin [m].
     """
@@ -100,26 +100,26 @@ class FittedHand:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """Uncertainty that moves each bone independently by the rms error of the joints."""
+        """Uncertainty in which each bone moves independently, by the rms error of the joints."""
         return Uncertainty(own_position=float(np.sqrt(np.mean(self.joint_errors**2) / 3.0)))
 
     @cached_property
     def surface(self) -> Surface:
         """The closed skin, moved to the points of the cloud."""
-        # Smaller triangles cross less often between close fingers.
+        # Smaller triangles are less likely to cross between close fingers.
         return self.skin(3.5e-3, 2.5e-3)
 
     def skin(self, *edges: float) -> Surface:
-        """Return the skin meshed at the first of these edge lengths [m] that works.
+        """Return the skin, meshed with the first of these edge lengths [m] that works.
 
-        A length fails if triangles would cross. If all fail, return ``hand.surface``, without the
-        offset to the points.
+        An edge length fails if triangles would cross. If all fail, ``hand.surface`` is returned,
+        without the offset to the points.
         """
         moved = with_offset(self.hand.shape.hulls, self.points[~self.outliers], edges)
         return self.hand.surface if moved is None else moved
 
     def place(self, name: str) -> Place:
-        """Return one of ``hand.places`` on ``surface``; see ``Hand.place`` for the errors."""
+        """Return one of ``hand.places`` on ``surface``. The errors are those of ``Hand.place``."""
         point, normal = self.hand.place(name)
         return fixed(self.surface.shape.project(point[None])[0]), normal
 
@@ -137,25 +137,29 @@ def fit_hand(
     """Fit a hand to a point cloud of its skin, measured from one or more directions.
 
     The fit minimises the distances of the points from the skin of a sphere mesh (Tkach, Pauly,
-    Tagliasacchi, ACM Trans. Graph. 35, 222 (2016)) under priors: constant bone lengths, limits of
-    joints and the distribution of hand sizes. Outliers get no weight. The priors determine the
-    parts of the hand that have no points. The sizes of the person's hand are learned from the first
-    8 frames and then stay fixed.
+    Tagliasacchi, ACM Trans. Graph. 35, 222 (2016)) under priors: constant bone lengths, joint
+    limits and the distribution of hand sizes. Outliers get no weight. Parts of the hand without
+    points are determined by the priors. The sizes of the person's hand are learned from the first 8
+    frames and then stay fixed.
 
     Parameters
     ----------
     points : (N, 3) points of the skin, with noise, holes and outliers [m].
-    landmarks : (25, 3) inaccurate joints in the order of WebXR, or (21, 3) in that of MediaPipe and
-        Leap [m].
-    side : ``"right"`` or ``"left"``; by default it follows from the landmarks if the fingers bend
-        enough.
+    landmarks : (25, 3) inaccurate joints in WebXR order, or (21, 3) in MediaPipe and Leap order
+        [m].
+    side : ``"right"`` or ``"left"``; by default it is inferred from the landmarks if the fingers
+        bend enough.
     camera : (3,) position from which all points were seen [m]. Points are then matched only to skin
         that faces the camera, and the hand stays within the observed silhouette.
     before : the fit of the previous frame, whose pose is the initial guess. Its anatomy is used
         unless ``anatomy`` is given.
     anatomy : sizes of the person's hand from an earlier fit. By default they are those of
-        ``before``, or those of the population.
-    progress : called with a description of each step when it begins.
+        ``before``, or the population's sizes if there is no previous frame.
+    progress : function that is called with a description of each step when the step begins.
+
+    Returns
+    -------
+    The fitted hand, with the sizes learned so far.
 
     Raises
     ------
@@ -166,18 +170,20 @@ def fit_hand(
     """
     joints = joints_of(landmarks, LANDMARK_TOLERANCE)
     check_finger_order(joints, LANDMARK_TOLERANCE)
-    # Inaccurate landmarks distinguish left from right only if the fingers bend clearly.
+    # Inaccurate landmarks distinguish a left hand from a right one only if the fingers bend
+    # clearly.
     side = checked_side(joints, side, "landmarks", min_evidence=0.8)
     if before is not None:
         of_kind(before, FittedHand, "the frame before", "a result of fit_hand")
     cloud = _checked_cloud(points, joints)
     eye = None if camera is None else _checked_camera(camera, cloud)
-    # A settled anatomy is the prior; one that is still being learned only provides initial sizes.
+    # A settled anatomy is the prior. An anatomy that is still being learned only sets initial
+    # sizes.
     person = anatomy or (None if before is None else before.anatomy)
     prior = person if person is not None and person.settled else population_prior(joints)
     spread = np.full(25, LANDMARK_SPREAD)
     if len(landmarks) == 21:
-        spread[[5, 10, 15, 20]] = 20e-3  # bases of the metacarpals, which are not tracked
+        spread[[5, 10, 15, 20]] = 20e-3  # bases of the metacarpals, which trackers do not see
     silhouette = None if eye is None else silhouette_of(cloud, eye)
     seen = Observation(cell_means(cloud), joints, spread, side, prior, eye, silhouette)
     start = _start_from(before, joints) if before is not None and before.hand.side == side else None
@@ -190,7 +196,7 @@ def fit_hand(
 
 
 def _start_from(before: FittedHand, joints: Joints) -> Joints | None:
-    """Move the hand of the previous frame to new landmarks, or return None if the pose differs."""
+    """Move the hand of the previous frame to new landmarks; return None if the pose differs."""
     turn, shift = nearest_motion(before.hand.joints, joints)
     moved = before.hand.joints @ turn.T + shift
     return moved if np.linalg.norm(moved - joints, axis=1).max() < 25e-3 else None
@@ -207,7 +213,7 @@ def _solved(
     report_step("fitting a hand to the landmarks")
     no_points = replace(seen, points=np.zeros((0, 3)), camera=None, silhouette=None)
     bent = evenly_bent(seen.landmarks, np.exp(prior.mean[: len(BONES)]), seen.side)
-    # Fit to the landmarks alone first, because the finger of each point is still unknown.
+    # The landmarks alone are fitted first, because the finger of each point is still unknown.
     first, _ = best_hand(no_points, (bent,), prior.mean, hold=prior.settled)
     report_step(f"fitting it to {cloud}")
     starts = (joints_in(first.unknowns), seen.landmarks)
@@ -224,7 +230,7 @@ def _fitted(
     keyframe = None if before is None else before.hand.shape.keyframe
     radii = fixed(np.exp(end.unknowns[RADII]))
     hand = Hand(fixed(joints_in(end.unknowns)), radii, seen.side, keyframe)
-    # The best accuracy of a joint under skin is 1 mm in each coordinate.
+    # No joint under skin is located to better than 1 mm in each coordinate.
     variance = np.diag(covariance)[JOINTS].reshape(25, 3).sum(axis=1) + 3.0 * 1e-3**2
     distances = fixed(end.residuals.distance)
     outliers = end.weights == 0.0
@@ -241,7 +247,7 @@ def _fitted(
 
 def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> None:
     """Raise an error if many points do not match the hand, or a landmark is far from it."""
-    # 2000 points are enough to test for a share of 80 %.
+    # A sample of 2000 points is enough to test for a share of 80 %.
     sampled = cloud[:: max(len(cloud) // 2000, 1)]
     residuals = skin_residuals(sampled, fitted.hand.shape.hulls, seen.camera)
     explained = float((np.abs(residuals.distance) < 6e-3).mean())
@@ -250,11 +256,11 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
         raise InvalidInput(
             f"only {100 * explained:.0f} % of the {len(cloud)} points within "
             f"{1e3 * HAND_RADIUS:g} mm of the landmarks are within 6 mm of the hand: is there a "
-            f"second hand or another body, or do the landmarks belong to another time{hint}?",
+            f"second hand or another body, or are the landmarks from another time{hint}?",
             code="pose_not_found",
         )
     off = np.linalg.norm(fitted.hand.joints - seen.landmarks, axis=1)
-    # Joints that the tracker does not provide were estimated.
+    # Joints that the tracker does not provide were only estimated.
     off[seen.spread > LANDMARK_SPREAD] = 0.0
     worst = int(off.argmax())
     if off[worst] > 30e-3:
@@ -269,7 +275,7 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
 def _checked_camera(camera: Real[np.ndarray, "3"], cloud: Points) -> Point:
     eye = point_of(camera, "the position of the camera")
     sight = np.median(cloud, axis=0) - eye
-    # Depth along the line of sight to the middle of the cloud.
+    # This is the depth along the line of sight to the middle of the cloud.
     ahead = (cloud - eye) @ sight / max(float(np.linalg.norm(sight)), 30e-3)
     if ahead.min() < 30e-3:
         raise InvalidInput(
@@ -304,7 +310,7 @@ def _checked_cloud(
             code="out_of_range",
         )
     distance = _distance_to_bones(cloud, joints)
-    # The model has no forearm: ignore points behind the wrist near its axis.
+    # The model has no forearm, so points behind the wrist near its axis are ignored.
     along = unit(joints[0] - joints[[6, 11, 16, 21]].mean(axis=0))
     behind = (cloud - joints[0]) @ along
     beside = np.linalg.norm(cloud - joints[0] - behind[:, None] * along, axis=1)
@@ -324,7 +330,7 @@ def _checked_cloud(
             code="misplaced",
         )
     elsewhere = ~near & ~forearm
-    if elsewhere.mean() > 0.3:  # more than outliers
+    if elsewhere.mean() > 0.3:  # too many for outliers
         middle = np.median(cloud[elsewhere], axis=0)
         raise InvalidInput(
             f"{elsewhere.sum()} of {len(cloud)} points are more than {1e3 * HAND_RADIUS:g} mm "
@@ -342,19 +348,19 @@ def _distance_to_bones(points: Points, joints: Joints) -> PerPoint:
 
 
 def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer 3"]:
-    """Return the mean of the points (N, 3) in each cube of side ``cell`` [m].
+    """Return the mean of the points (N, 3) in each cube with edges of length ``cell`` [m].
 
-    Sparse cubes are omitted as outliers. The mean only includes points near the central one, to
-    reduce the influence of outliers.
+    Sparse cubes are omitted as outliers. To reduce the influence of outliers, the mean only
+    includes points near the central point.
     """
     cubes = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
-    # Encode each cube as one integer, so that ``unique`` sorts numbers instead of rows.
+    # Each cube is encoded as one integer, so that ``unique`` sorts numbers instead of rows.
     wide = cubes.max(axis=0) + 1
     keys = (cubes[:, 0] * wide[1] + cubes[:, 1]) * wide[2] + cubes[:, 2]
     _, cube, count = np.unique(keys, return_inverse=True, return_counts=True)
     mean = np.column_stack([np.bincount(cube, column) / count for column in points.T])
     off = np.linalg.norm(points - mean[cube], axis=1)
-    # Sort by cube, then by distance from its mean: the first point of each cube is the nearest.
+    # Points are sorted by cube, then by distance from its mean, so the nearest is the first one.
     first = np.lexsort((off, cube))[np.r_[0, np.cumsum(count)[:-1]]]
     close = np.linalg.norm(points - points[first][cube], axis=1) < 3e-3
     sums = [np.bincount(cube[close], column, len(first)) for column in points[close].T]
@@ -366,7 +372,7 @@ def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer
 
 
 def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface | None:
-    """Move the skin of a body to points (N, 3) of the true skin [m], unless triangles cross.
+    """Move the skin of a body to points (N, 3) on the true skin [m], unless triangles cross.
 
     The model and the real hand differ by 0.5 to 2 mm, which matters at a wavelength of 8.6 mm.
     """
@@ -374,7 +380,7 @@ def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface
         skin = even_skin(hulls, edge)
         look = hulls.look(skin.vertices)
         normals = _unit_rows(look.gradient)
-        # Limit the offset to a small share of the gap to other parts and of the radius of bends.
+        # The offset is limited to a small share of the gap to other parts and of the bend radius.
         room = 0.3 * np.minimum(look.facing, np.abs(look.bend))
         limit = np.minimum(1.5e-3, np.maximum(room, 0.0))
         move = np.clip(_mean_offset(hulls, points, skin.vertices, normals), -limit, limit)
@@ -382,7 +388,7 @@ def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface
             surface = Surface(skin.vertices + move[:, None] * normals, skin.triangles)
             if len(surface.crossings) == 0:
                 return surface
-            # Do not move the skin near crossings.
+            # The skin near crossings is not moved.
             crossed = skin.vertices[skin.triangles[surface.crossings.ravel()].ravel()]
             move[KDTree(crossed).query(skin.vertices)[0] < 8e-3] = 0.0
     return None
@@ -394,10 +400,10 @@ def _mean_offset(
     vertices: Float64[np.ndarray, "vertices 3"],
     normals: Float64[np.ndarray, "vertices 3"],
 ) -> Float64[np.ndarray, "vertices"]:
-    """Return the mean distance of the points from the body around each vertex of its skin [m].
+    """Return the mean distance of the points from the body near each vertex of its skin [m].
 
     The kernel average (E. A. Nadaraya, Theory Probab. Appl. 9, 141 (1964)) only includes points
-    with a similar normal, plus an offset of 0 with the weight of one point.
+    with a similar normal, and an offset of 0 with the weight of one point.
     """
     width = 5e-3  # standard deviation of the weights
     look = hulls.look(points)

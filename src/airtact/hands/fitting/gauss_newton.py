@@ -2,13 +2,13 @@
 
 Sources
 -------
-- A. E. Beaton, J. W. Tukey, Technometrics 16, 147 (1974): weights of outliers.
+- A. E. Beaton, J. W. Tukey, Technometrics 16, 147 (1974): weights that reject outliers.
 - F. R. Hampel, J. Am. Stat. Assoc. 69, 383 (1974): scale of the misfit from its median.
 - A. Tkach, M. Pauly, A. Tagliasacchi, ACM Trans. Graph. 35, 222 (2016): the distance of a point x
-  from a hull of balls is the minimum of |x - c(w)| - r(w) for all weights w of its balls. Its
+  from a hull of balls is the minimum of |x - c(w)| - r(w) over all weights w of its balls. Its
   derivatives are -w n with respect to the centres and -w with respect to the radii, where n points
   from c(w) to x. Section 4.2: a point seen by a camera belongs to skin that faces the camera. If
-  the nearest skin of a hull faces away, the distance is taken from the front or the rim.
+  the nearest skin of a hull faces away, the distance from the front or the rim is used.
 """
 
 from collections.abc import Sequence
@@ -54,20 +54,20 @@ Solution = tuple["NormalEquations", UnknownsMatrix]
 # One number for the fingers and one for the palm.
 FingersAndPalm = Float64[np.ndarray, "2"]
 
-# 0 for the hulls of fingers, 1 for those of the palm.
+# Kind of each hull: 0 for fingers, 1 for the palm.
 KIND = (np.arange(len(PARTS)) >= FREE).astype(np.int64)
 
-# Ratio of the misfit to its scale above which a point has no weight.
+# Ratio of misfit to scale above which a point has no weight.
 TUKEY = 4.685
 
 # Largest scale of the misfit [m].
 MAX_SCALE = 4e-3
 
-# Smallest number of points of fingers or palm for a separate scale of their misfit.
+# Smallest number of points at which fingers or palm get their own scale of the misfit.
 MIN_POINTS = 20
 
-# Number of correlated points that count as one, for fingers and palm. The palm deviates more from
-# hulls of balls.
+# Number of correlated points that count as one, for fingers and for the palm. The palm deviates
+# more from hulls of balls.
 POINTS_AS_ONE = np.array([4.0, 12.0])
 
 
@@ -76,18 +76,18 @@ POINTS_AS_ONE = np.array([4.0, 12.0])
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """The observations of a hand in one frame, and the prior distribution of its sizes.
+    """Observations of a hand in one frame, and the prior distribution of its sizes.
 
     Attributes
     ----------
-    points : (N, 3) points of its skin, averaged in cells [m].
+    points : (N, 3) points of the skin, averaged in cells [m].
     landmarks : (25, 3) inaccurate joints [m].
     spread : (25,) standard deviation of each coordinate of the landmarks [m].
     side : "right" or "left".
     anatomy : prior of the sizes.
     camera : (3,) position of the camera [m], or None.
     silhouette : silhouette seen by the camera, or None.
-    each : number of points that each point stands for.
+    each : number of points that each point represents.
     """
 
     points: Points
@@ -111,7 +111,7 @@ class SkinResiduals(NamedTuple):
     Attributes
     ----------
     distance : (N,) signed distances [m].
-    by_balls : (N, 104) derivatives with respect to centre and radius of each ball.
+    by_balls : (N, 104) derivatives with respect to the centre and radius of each ball.
     hull : (N,) index of the nearest hull.
     """
 
@@ -121,11 +121,11 @@ class SkinResiduals(NamedTuple):
 
 
 def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) -> SkinResiduals:
-    """Return distances of points from the skin (three nearest hulls) and their derivatives.
+    """Return the distances of points from the skin of the three nearest hulls, with derivatives.
 
-    With a ``camera`` (3,) [m], only skin that faces it is considered.
+    With a ``camera`` (3,) [m], only skin that faces the camera is considered.
     """
-    facing = -0.05  # limit of the cosine to the line of sight; skin below it faces away
+    facing = -0.05  # smallest cosine to the line of sight at which skin faces the camera
     return SkinResiduals(
         *_kernels.hull_gaps(points, hulls.balls, hulls.parts, hulls.blend, camera, facing)
     )
@@ -133,17 +133,17 @@ def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) ->
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations of one step, and the terms of the cost.
+    """Normal equations of one step, and the terms of its cost.
 
     Attributes
     ----------
     unknowns : (137,) unknowns at which the problem is linearised.
-    matrix, gradient : (137, 137) and (137,).
+    matrix, gradient : (137, 137) matrix and (137,) gradient of the cost.
     squares : sum of squares of the priors.
     residuals : residuals of the points.
-    weights : (N,) weights of the points, 0 for outliers.
-    scale : (2,) scale of the misfit at fingers and at the palm [m].
-    each : number of points that each point stands for.
+    weights : (N,) weights of the points; 0 for outliers.
+    scale : (2,) scale of the misfit at the fingers and at the palm [m].
+    each : number of points that each point represents.
     """
 
     unknowns: Unknowns
@@ -178,7 +178,7 @@ def normal_equations(
         if len(near) < MIN_POINTS:
             near = off[off < 15e-3]
         if len(near):
-            # 1.4826: standard deviation of normal numbers divided by their median magnitude
+            # 1.4826 is the ratio of a normal standard deviation to the median magnitude.
             scale[index] = np.clip(1.4826 * np.median(near), max(min_scale, 0.02e-3), MAX_SCALE)
     weights = np.maximum(1.0 - (off / (TUKEY * scale[kind])) ** 2, 0.0) ** 2
     by_variance = seen.each * weights / (POINTS_AS_ONE * scale**2)[kind]
@@ -224,7 +224,7 @@ def equations_of_rules(
 def _equations_of_points(
     residuals: SkinResiduals, weights: PerPoint, sizes: Sizes
 ) -> tuple[Float64[np.ndarray, "100 100"], Float64[np.ndarray, "100"]]:
-    """Set up the normal equations of weighted points [1/m²] in the unknowns of the body."""
+    """Set up the normal equations of weighted points [1/m²] for the unknowns of the body."""
     used = np.flatnonzero(weights)
     root = np.sqrt(weights[used])
     rows = residuals.by_balls[used] * root[:, None]
@@ -237,14 +237,14 @@ def _equations_of_points(
 
 
 # Lower limit of the scale of the misfit in the first step [m]; it decreases from step to step. With
-# a large scale, points attract fingers that are far away.
+# a large scale, even points far from a finger attract it.
 FIRST_SCALE = 3e-3
 
 
 def best_hand(seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: bool) -> Solution:
-    """Fit the hand from each of several initial joints [m], then continue from the best result.
+    """Fit the hand from several initial sets of joints [m], and continue from the best result.
 
-    ``sizes`` are the initial logarithms of the sizes; ``hold`` fixes them.
+    ``sizes`` are the initial logarithms of the sizes, which ``hold`` keeps fixed.
     """
 
     def search(unknowns: Unknowns) -> NormalEquations:
@@ -260,11 +260,11 @@ def best_hand(seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: b
 
 
 def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> Solution:
-    """Fit the hand, starting from the joints of the previous frame [m]."""
+    """Fit the hand, starting at the joints of the previous frame [m]."""
     unknowns = np.concatenate([joints.ravel(), sizes])
     hulls, _ = hand_hulls(joints, np.exp(sizes[SIZE_RADII]))
     min_scale = FIRST_SCALE
-    # Use every sixth point for up to 8 steps, then all points for up to 4.
+    # Every sixth point is used for up to 8 steps, then all points for up to 4 steps.
     for each, max_steps in ((6, 8), (1, 4)):
         few = replace(seen, points=np.ascontiguousarray(seen.points[::each]), each=each)
         end, min_scale = _descended(few, unknowns, min_scale, max_steps, hold, hulls)
@@ -276,7 +276,7 @@ def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> So
 def _better(first: NormalEquations, second: NormalEquations) -> NormalEquations:
     """Return the search result that matches the points better, at the smaller of the two scales.
 
-    Priors get less weight than in the search, because an unusual pose is more likely than
+    The priors get less weight than in the search, because an unusual pose is more likely than
     unexplained points.
     """
     scale = np.minimum(first.scale, second.scale)
@@ -293,7 +293,7 @@ def _descended(
 ) -> tuple[NormalEquations, float]:
     """Take damped steps until the expected gain is small; return the result and scale limit [m].
 
-    The hulls have the blend radii of the initial hand, or of ``hulls``.
+    The blend radii are those of ``hulls``, or by default those of the initial hand.
     """
     free = JOINTS.stop if hold else SIZES.stop
     damping = 1e-3
@@ -304,7 +304,7 @@ def _descended(
         matrix[np.diag_indices(free)] *= 1.0 + damping
         step = -cho_solve(cho_factor(matrix), here.gradient[:free])
         promised = -0.5 * float(here.gradient[:free] @ step)
-        # No joint moves by more than 10 mm, and no logarithm of a size by more than 0.1.
+        # In one step, no joint moves by more than 10 mm and no log size changes by more than 0.1.
         joint_step = float(np.linalg.norm(step[JOINTS].reshape(25, 3), axis=1).max())
         size_step = float(np.abs(step[SIZES]).max(initial=0.0))
         step *= min(1.0, 10e-3 / max(joint_step, 1e-12), 0.1 / max(size_step, 1e-12))
@@ -316,8 +316,8 @@ def _descended(
         if better:
             here = next_equations
         damping = damping / 5.0 if better else damping * 10.0
-        # A step may fail because points switch from one part of the hand to another. Then stop at a
-        # larger expected gain.
+        # A step may fail because points switch from one part of the hand to another. The search
+        # then stops at a larger expected gain.
         enough = (1e-3 if better else 1e-2) * (1.0 + here.cost(here.scale))
         if promised < enough and min_scale < here.scale.min():
             break
@@ -328,7 +328,7 @@ def _descended(
 
 
 def _covariance(seen: Observation, here: NormalEquations, hold: bool) -> UnknownsMatrix:
-    """Estimate the covariance, with correlated neighbouring points counted as one."""
+    """Estimate the covariance; correlated neighbouring points count as one."""
     kinds = KIND[here.residuals.hull]
     alike = np.ones(2)
     for kind in range(2):

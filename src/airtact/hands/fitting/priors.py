@@ -1,9 +1,9 @@
-"""Unknowns and priors of the fit: sizes, limits of joints, inaccurate landmarks.
+"""Unknowns and priors of the fit: sizes, joint limits and inaccurate landmarks.
 
-The 137 unknowns are the 75 coordinates of the joints [m], then the logarithms of 62 sizes: 37
-lengths [m], in the order of ``SPANS``, and the radii at 25 joints [m]. The 100 unknowns of the body
-are joints and radii. Each prior is a residual divided by its standard deviation, with its exact
-derivatives with respect to the unknowns.
+The 137 unknowns are the 75 coordinates of the joints [m], followed by the logarithms of 62 sizes:
+37 lengths [m], in the order of ``SPANS``, and the radii at 25 joints [m]. The 100 unknowns of the
+body are its joints and radii. Each prior is a residual divided by its standard deviation, with
+exact derivatives with respect to the unknowns.
 
 Sources
 -------
@@ -76,12 +76,12 @@ _BALLS_BY_BODY = _balls_by_body()
 
 
 def joints_in(unknowns: Unknowns) -> Joints:
-    """Return the joints [m] in a vector of unknowns."""
+    """Return the joints [m] from a vector of unknowns."""
     return unknowns[JOINTS].reshape(25, 3)
 
 
 def balls_at(unknowns: Unknowns) -> Balls:
-    """Return centres and radii of the balls of a hand [m]."""
+    """Return the centres and radii of the balls of a hand [m]."""
     body = np.concatenate([unknowns[JOINTS], np.exp(unknowns[RADII])])
     return (_BALLS_BY_BODY @ body).reshape(26, 4)
 
@@ -122,10 +122,10 @@ class HandAnatomy:
         return self.frames >= 8
 
     def learned(self, sizes: Sizes, covariance: SizesMatrix) -> "HandAnatomy":
-        """Add the sizes (62,) of a frame and their ``covariance`` to the mean over frames.
+        """Add the sizes (62,) of a frame and their ``covariance`` to the mean over the frames.
 
-        The covariance is not divided by the number of frames, because the model's shape has the
-        same error in every frame.
+        The covariance is not divided by the number of frames, because the shape of the model has
+        the same error in every frame.
         """
         share = 1.0 / (self.frames + 1)
         mean = (1.0 - share) * self.mean + share * sizes
@@ -148,18 +148,18 @@ def population_prior(joints: Joints) -> HandAnatomy:
     generic = _GENERIC_LENGTHS[1:5] + _GENERIC_LENGTHS[metacarpals]
     scale = float(np.linalg.norm(joints[knuckles] - joints[0], axis=1).sum() / generic.sum())
     # Standard deviation of the logarithm of each size. Last bones vary most, because trackers
-    # define their ends differently. Radii at the wrist and at the bases of the metacarpals are
-    # nearly fixed: free radii would fit the flat side of the palm.
+    # define their ends differently. The radii at the wrist and at the bases of the metacarpals are
+    # nearly fixed; otherwise they would grow to fit the flat side of the palm.
     alone = np.full(62, 0.08)  # bones
     alone[:5] = 0.15  # bones at the wrist
     alone[[SPANS.index((chain[-2], chain[-1])) for chain in CHAINS]] = 0.3  # last bones
     alone[len(BONES) : len(SPANS)] = 0.2  # across the palm
     alone[SIZE_RADII] = 0.05
     alone[SIZE_RADII.start + np.array([0, *(chain[0] for chain in CHAINS)])] = 0.02
-    # Long hands are slender: radii grow with the power 0.6 of the length.
+    # Long hands are slender: radii grow as the length to the power of 0.6.
     growth = np.ones(62)
     growth[SIZE_RADII] = 0.6
-    # Correlations of all sizes, of all radii, and of the radii of a finger.
+    # These are the correlations of all sizes, of all radii, and of the radii of a finger.
     covariance = np.diag(alone**2) + 0.15**2 * np.outer(growth, growth)
     covariance[SIZE_RADII, SIZE_RADII] += 0.05**2
     for chain in CHAINS:
@@ -187,26 +187,26 @@ class Rules(NamedTuple):
 
 _SPAN_ENDS = np.array(SPANS)
 
-# Standard deviations of the lengths of SPANS from frame to frame [m]: bones at the wrist, other
-# bones, and distances across the palm.
+# Standard deviations of the lengths of SPANS between frames [m]: bones at the wrist, other bones,
+# and distances across the palm.
 _SPAN_SPREAD = np.repeat([1.0e-3, 0.5e-3, 2.0e-3], [5, len(BONES) - 5, len(SPANS) - len(BONES)])
 
-# Joints at both ends of the 19 bones of the fingers, the thumb's three first; indices of the first
-# phalanges, except the thumb's; bones on both sides of the 14 joints that bend.
+# Joints at both ends of the 19 bones of the fingers, with the three of the thumb first; indices of
+# the first phalanges without the thumb; and bones on both sides of the 14 joints that bend.
 _FINGER_BONES = np.array([pair for chain in CHAINS for pair in pairwise(chain)])
 _FIRST = np.array([4, 8, 12, 16])
 _BENDS = np.array(
     [(0, 1), (1, 2), *((bone + k - 1, bone + k) for bone in _FIRST for k in range(3))]
 )
 
-# Smallest sines and cosines of these bends: two of the thumb, then knuckle, middle and last joint
-# of each finger. A negative sine is a backward bend.
+# Smallest sines and cosines of these bends: two of the thumb, then the knuckle, middle and last
+# joint of each finger. A negative sine is a backward bend.
 _MIN_SINES = np.array([-0.5, -0.3, *(4 * [-0.5, -0.15, -0.25])])
 _MIN_COSINES = np.array([0.2, 0.0, *(4 * [-0.35, -0.35, 0.0])])
 
 
 def crossed(a: Rows, b: Rows) -> Rows:
-    """Return cross products of short tables, several times as fast as ``np.cross``."""
+    """Return cross products of short tables, several times faster than ``np.cross``."""
     ahead = [1, 2, 0]
     back = [2, 0, 1]
     return a[:, ahead] * b[:, back] - a[:, back] * b[:, ahead]
@@ -238,7 +238,7 @@ def bending_axes(joints: Joints, side: str) -> Axes:
 
 
 def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
-    """Return the usual unit directions (4, 3) of last bones of fingers with bending axes (5, 3)."""
+    """Return the usual directions (4, 3) of the last bones of fingers with bending axes (5, 3)."""
     along = joints[_FINGER_BONES[:, 1]] - joints[_FINGER_BONES[:, 0]]
     ways = along / np.sqrt((along**2).sum(axis=1))[:, None]
     first = ways[_FIRST]
@@ -246,17 +246,17 @@ def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
     axis = axes[1:]
     sine = np.einsum("fi,fi->f", crossed(first, middle), axis)
     bend = np.arctan2(sine, np.einsum("fi,fi->f", first, middle))
-    # outside these limits the last joint does not bend farther
+    # Outside these limits, the last joint does not bend any further.
     turn = LAST_BEND_SHARE * np.clip(bend, -0.3, 2.0)[:, None]
     return np.cos(turn) * middle + np.sin(turn) * crossed(axis, middle)
 
 
 def bend_rules(joints: Joints, axes: Axes, usual: Float64[np.ndarray, "4 3"]) -> Rules:
-    """Return the rules for the planes of fingers, their bends, and the directions of last bones.
+    """Return the rules for the planes and bends of fingers and the directions of last bones.
 
     The 52 residuals are 14 backward bends, 14 excessive bends, 8 middle and last phalanges out of
-    the plane of the first, 4 sideways turns, and 4 last bones (3 each). The axes (5, 3) and the
-    usual directions (4, 3) are constant in the derivatives.
+    the plane of the first, 4 sideways turns, and 4 last bones (3 each). The derivatives treat the
+    axes (5, 3) and the usual directions (4, 3) as constant.
     """
     beyond_limit = 0.05  # standard deviation of sines and cosines beyond their limits
     out_of_plane = 0.08
@@ -303,15 +303,15 @@ def _by_joints(
     length: Float64[np.ndarray, "19"],
     *parts: tuple[Int64[np.ndarray, "rules"], Float64[np.ndarray, "rules 3"]],
 ) -> Float64[np.ndarray, "rules 137"]:
-    """Convert derivatives with respect to unit directions of bones to those of joints.
+    """Convert derivatives with respect to bone directions to derivatives with respect to joints.
 
-    Each of the ``parts`` holds a bone for each rule, and the derivative for its direction.
+    Each of the ``parts`` contains a bone for each rule, and the derivative for its direction.
     """
     rows = np.arange(len(parts[0][0]))
     gradients = np.zeros((len(rows), 137))
     by_joint = gradients[:, JOINTS].reshape(-1, 25, 3)
     for bone, gradient in parts:
-        # only motions of the joints across the bone change its direction
+        # Only motions of the joints perpendicular to the bone change its direction.
         way = ways[bone]
         across = gradient - np.einsum("ri,ri->r", gradient, way)[:, None] * way
         moved = across / length[bone, None]
@@ -326,7 +326,7 @@ def landmark_pull(
     """Return weights [1/m] of landmarks with errors ``off`` (25, 3) [m], and twice their cost.
 
     The errors have a Cauchy distribution of width ``spread`` (25,) [m]. The gradient of twice the
-    cost is twice the squares of the weights times ``off``.
+    cost is twice the squared weights times ``off``.
     """
     excess = np.linalg.norm(off, axis=1) / (3.0 * spread)
     return 1.0 / (spread * np.sqrt(1.0 + excess**2)), 9.0 * float(np.log1p(excess**2).sum())

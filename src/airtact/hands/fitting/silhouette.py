@@ -1,4 +1,4 @@
-"""Silhouette of a hand in a camera image; no part of the hand lies outside it."""
+"""Silhouette of a hand in a camera image; the fitted hand must not protrude from it."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -15,7 +15,7 @@ from airtact.hands.joints import Point, Points
 
 
 def _sample_weights() -> Float64[np.ndarray, "samples 26"]:
-    """Return weights of the 26 balls: one row for each ball and for each middle of a pair."""
+    """Return the weights of the 26 balls, with one row for each ball and each middle of a pair."""
     rods = sorted(
         {pair for part in PARTS.tolist() for pair in combinations(sorted(set(part) - {-1}), 2)}
     )
@@ -36,11 +36,11 @@ class Silhouette:
     Attributes
     ----------
     camera : (3,) position of the camera [m].
-    frame : (3, 3) rows: right and up in the image, and the line of sight.
+    frame : (3, 3) rows with the directions right and up in the image, and the line of sight.
     focal : distance of the image plane from the camera [m].
     corner : (2,) corner of the first pixel [m].
-    pixel : side of a pixel [m].
-    outside : (W, H) distance of each pixel from the silhouette, 0 inside [m].
+    pixel : width of a pixel [m].
+    outside : (W, H) distance of each pixel from the silhouette [m]; 0 inside.
     """
 
     camera: Point
@@ -55,12 +55,13 @@ class Silhouette:
     ) -> tuple[Float64[np.ndarray, "rims"], Float64[np.ndarray, "rims 104"], float]:
         """Compute how far the rims of a hand's balls (26, 4) [m] protrude from the silhouette.
 
-        Return the weighted distances (R,) of protruding rims divided by their standard deviation,
-        the derivatives (R, 104) with respect to the balls at constant weights, and twice the cost.
+        Return the weighted distances (R,) of the protruding rims divided by their standard
+        deviation, their derivatives (R, 104) with respect to the balls at constant weights, and
+        twice the cost.
         """
         tolerated = 0.2e-3
         deviation = 1.0e-3  # standard deviation of the protrusion [m]
-        # Parts that protrude farther are hidden for other reasons and have no weight.
+        # Parts that protrude farther are missing for other reasons and have no weight.
         farthest = 12e-3
         rim_count = 8  # positions on the rim of each ball
         angles = 2.0 * np.pi * np.arange(rim_count) / rim_count
@@ -73,7 +74,7 @@ class Silhouette:
         value, gradient = self._at(positions)
         over = value - tolerated
         out = np.flatnonzero((over > 0.0) & (over < farthest))
-        weight = (1.0 - (over[out] / farthest) ** 2) / deviation  # Tukey's
+        weight = (1.0 - (over[out] / farthest) ** 2) / deviation  # Tukey's weights
         sample = out // rim_count
         by_position = gradient[out] * (weight * scale[sample])[:, None]
         by_ball = np.zeros((len(out), 4))
@@ -88,7 +89,7 @@ class Silhouette:
     def _at(
         self, positions: Float64[np.ndarray, "positions 2"]
     ) -> tuple[Float64[np.ndarray, "positions"], Float64[np.ndarray, "positions 2"]]:
-        """Interpolate the distance from the silhouette between pixels; also return its gradient."""
+        """Interpolate the distance from the silhouette, and its gradient, between pixels."""
         cell = (positions - self.corner) / self.pixel - 0.5
         cell = np.clip(cell, 0.0, np.array(self.outside.shape) - 1.001)
         low = cell.astype(np.int64)
@@ -114,7 +115,7 @@ def silhouette_of(points: Points, camera: Point) -> Silhouette:
     frame = np.stack([right, np.cross(sight, right), sight])
     seen = (points - camera) @ frame.T
     flat = focal * seen[:, :2] / seen[:, 2:]
-    tree = KDTree(flat, balanced_tree=False, compact_nodes=False)  # built in half the time
+    tree = KDTree(flat, balanced_tree=False, compact_nodes=False)  # takes half the time to build
     spacing = float(np.median(tree.query(flat[:: max(len(flat) // 500, 1)], k=2)[0][:, 1]))
     pixel = max(1e-3, 1.2 * spacing)
     margin = 30e-3
@@ -140,6 +141,6 @@ def _closed(
         large[0] = False
         hit = large[parts]
     holes, _ = cast("tuple[Int32[np.ndarray, 'width height'], int]", ndimage.label(~hit))
-    # smaller holes are missing points, not free air [m²]
+    # Smaller holes are missing points and not open air [m²].
     small = np.bincount(holes.ravel()) * pixel**2 < 2e-4
     return hit | small[holes]

@@ -1,13 +1,14 @@
 """Extended Kalman filter of an articulated hand: a rigid palm, and bones of constant lengths.
 
 The state has 86 degrees of freedom: shift and turn of the palm, 7 turns of each finger's joints,
-and the shape, which is 15 lengths of bones and 10 positions of joints in the palm. The shape hardly
-changes, so it is learned from the first second of frames, with any constant error of the tracker's
-landmarks. The palm and the main turns also have rates. The rates are constant except for white
-noise of the acceleration; the rest is constant except for a slow random walk.
+and the shape, which consists of 15 bone lengths and 10 positions of joints in the palm. The shape
+hardly changes, so it is learned from the first second of frames, together with any constant error
+of the tracker's landmarks. The palm and the main turns also have rates. The rates are constant
+except for white noise of the acceleration. All other degrees of freedom are constant except for a
+slow random walk.
 
-The state is stored as the 25 joints and the rates. The covariance is that of small changes of the
-degrees of freedom from there, about the present axes of the joints.
+The state is stored as the 25 joints and the rates. The covariance describes small changes of the
+degrees of freedom from this state, about the present axes of the joints.
 
 Sources
 -------
@@ -28,33 +29,33 @@ from airtact.hands.joints import CHAINS, Joints
 FINGER_JOINTS = np.array([chain[-4:] for chain in CHAINS])
 PALM = np.setdiff1d(np.arange(25), FINGER_JOINTS[:, 1:])
 
-# Degrees of freedom of the fingers' joints (5 fingers, 7), of the lengths of bones (5, 3), and of
-# the joints of the palm (10, 3). The first six are shift and turn of the palm.
+# Degrees of freedom of the finger joints (5 fingers, 7 each), of the bone lengths (5, 3), and of
+# the joints of the palm (10, 3). The first six are the shift and turn of the palm.
 TURNS = slice(6, 41)
 LENGTHS = slice(41, 56)
 PALM_JOINTS = slice(56, 86)
 COUNT = 86
 
-# Joint of its finger about which each of the 7 turns is: bend, spread and twist of the root, bend
-# and spread of the middle and of the last joint.
+# Joint of the finger to which each of its 7 turns belongs: bend, spread and twist of the root, bend
+# and spread of the middle joint and of the last joint.
 LEVELS = np.array([0, 0, 0, 1, 1, 2, 2])
 USED_AXES = [0, 1, 2, 3, 4, 6, 7]
 BENDS = TURNS.start + 7 * np.arange(5)[:, None] + np.array([3, 5])
 
 # Spectral density of the acceleration for an agility of 1 m²/s³: shift of the palm [m²/s³], its
-# turn, and turns of joints [rad²/s³]. Without such noise there is no rate.
+# turn, and turns of joints [rad²/s³]. A degree of freedom without such noise has no rate.
 _FINGER = [10.0, 1.0, 1.0, 3.0, 0.0, 3.0, 0.0]
 _THUMB = [10.0, 3.0, 1.0, 3.0, 0.0, 3.0, 0.0]
 ACCELERATIONS = np.array([1.0] * 3 + [3.0] * 3 + _THUMB + 4 * _FINGER + [0.0] * 45)
 MOVING = np.flatnonzero(ACCELERATIONS)
-# Standard deviation of each rate of a hand that is seen first [m/s, rad/s].
+# Standard deviation of each rate of a hand in its first frame [m/s, rad/s].
 FIRST_RATES = np.where(MOVING < 3, 0.5, 4.0)
 
 # Random walk of the remaining turns [rad²/s] and of the shape [m²/s].
 WALKS = np.where(ACCELERATIONS > 0.0, 0.0, np.where(np.arange(COUNT) < LENGTHS.start, 1e-3, 1e-8))
 
-# Of the fingers' bones: directions, lengths [m], hinges, and the axes of all turns of their joints.
-# A hinge is the axis about which a bone bends, as by ``bending_axis``.
+# Directions and lengths [m] of the finger bones, their hinges, and the axes of all joint turns. A
+# hinge is the axis about which a bone bends, as in ``bending_axis``.
 Bones = tuple[
     Float64[np.ndarray, "5 3 3"],
     Float64[np.ndarray, "5 3"],
@@ -78,7 +79,7 @@ def _moved_joints() -> Float64[np.ndarray, "25 1 dofs"]:
         for bone in range(3):
             moved[joints[bone + 1 :], LENGTHS.start + 3 * finger + bone] = 1.0
     for index, joint in enumerate(PALM):
-        # A finger moves with its root.
+        # A finger moves together with its root.
         roots = joint == FINGER_JOINTS[:, 0]
         start = PALM_JOINTS.start + 3 * index
         moved[[joint, *FINGER_JOINTS[roots].ravel()], start : start + 3] = 1.0
@@ -89,16 +90,16 @@ MOVED = _moved_joints()
 
 
 class ArticulatedHand:
-    """The filter; a copy can be advanced to predict the hand.
+    """The filter; a copy of it can be advanced to predict the hand.
 
     Parameters
     ----------
     time : time of the first frame [s].
-    joints : its joints (25, 3) [m].
+    joints : (25, 3) joints in the first frame [m].
     side : ``"left"`` or ``"right"``.
     noise : standard deviation of each coordinate [m].
-    agility : spectral density of the acceleration of the palm; those of the joints are proportional
-        to it [m²/s³].
+    agility : spectral density of the acceleration of the palm [m²/s³]; the densities of the joints
+        are proportional to it.
 
     Attributes
     ----------
@@ -121,10 +122,10 @@ class ArticulatedHand:
         self.rates = np.zeros(len(MOVING))
         self._across_sign = 1.0 if side == "right" else -1.0
         self._agilities = np.full(6, agility)
-        # Joints of the last call of ``_bones``, and its answer.
+        # Joints of the last call of ``_bones``, and its result.
         self._known: tuple[Joints, Bones] | None = None
-        # The palm's pose and twists of fingers are as in the first frame, by definition. The
-        # remaining 75 degrees of freedom are as uncertain as the 75 coordinates.
+        # By definition, the palm's pose and the twists of the fingers are exact in the first frame.
+        # The remaining 75 degrees of freedom are as uncertain as the 75 coordinates.
         twists = TURNS.start + 7 * np.arange(5) + 2
         free = np.setdiff1d(np.arange(6, COUNT), twists)
         inverse = noise * np.linalg.inv(self._slopes().reshape(75, COUNT)[:, free])
@@ -136,7 +137,7 @@ class ArticulatedHand:
         step = time - self.time
         change = np.zeros(COUNT)
         change[MOVING] = step * self.rates
-        # Middle and last joints bend by -20 to 120 degrees, or as far as they are bent already.
+        # Middle and last joints bend by -20 to 120 degrees, or as far as they already do.
         along, _, hinges, _ = self._bones()
         sines = np.sum(_cross(along[:, :-1], along[:, 1:]) * hinges[:, 1:], axis=2)
         bends = np.arctan2(sines, np.sum(along[:, :-1] * along[:, 1:], axis=2))
@@ -175,7 +176,7 @@ class ArticulatedHand:
         Parameters
         ----------
         landmarks : measured joints [m].
-        seen : indices of these joints.
+        seen : indices of the measured joints.
         noise : standard deviation of the independent error of each coordinate [m].
         common : standard deviation of the error that all joints share [m].
         agility : smallest spectral density of the acceleration of the palm [m²/s³].
@@ -192,7 +193,7 @@ class ArticulatedHand:
         self.covariance = 0.5 * (self.covariance + self.covariance.T)
         self.joints = self._changed(change[:COUNT])
         self.rates = self.rates + change[COUNT:]
-        # A part that surprises more than expected is more agile, and else it calms down.
+        # The agility of a part rises if it surprises more than expected, and otherwise falls.
         excess = (surprise**2 / np.diag(expected)).reshape(-1, 3).mean(axis=1) - 1.0
         of_groups = np.array([excess[GROUPS[seen] == group].mean() for group in range(6)])
         self._agilities *= np.exp(0.1 * np.minimum(of_groups, 4.0))
@@ -221,7 +222,7 @@ class ArticulatedHand:
         back = _unit(_cross(joints[11] - joints[0], palm))
         towards = _unit(0.5 * (joints[6] + joints[7]) - joints[4]) - 0.5 * back
         hinges[0] = _cross(along[0, -1], towards)
-        hinges += 1e-9  # where hinge and bone are parallel, any axis will do
+        hinges += 1e-9  # where hinge and bone are parallel, any axis is suitable
         hinges = hinges[:, None] - np.sum(hinges[:, None] * along, axis=2, keepdims=True) * along
         hinges = _unit(hinges)
         sideways = _cross(along, hinges)
@@ -269,7 +270,7 @@ class ArticulatedHand:
 def _cross(
     first: Float64[np.ndarray, "... 3"], second: Float64[np.ndarray, "... 3"]
 ) -> Float64[np.ndarray, "... 3"]:
-    """Return cross products in a third of the time of ``numpy.cross``."""
+    """Return cross products, three times faster than ``numpy.cross``."""
     after = [1, 2, 0]
     before = [2, 0, 1]
     return first[..., after] * second[..., before] - first[..., before] * second[..., after]

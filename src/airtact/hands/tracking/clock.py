@@ -4,7 +4,7 @@ import time
 
 from airtact.errors import between
 
-# Largest time from a tracker's camera image to the arrival of its frame [s].
+# Longest time between a tracker's camera image and the arrival of its frame [s].
 MAX_LATENCY = 0.5
 
 
@@ -16,27 +16,27 @@ def checked_latency(latency: float) -> float:
 
 
 class FrameClock:
-    """Estimates the tracker's clock from the times and arrivals of its frames.
+    """Estimate of the tracker's clock from the times and arrivals of its frames.
 
-    A tracker that uses a clock of this computer is recognised by its first frame. For any other
-    clock, the offset is the smallest difference so far between arrival and time of a frame, minus
-    ``latency``. The tracker's clock may drift by 0.1 %.
+    A tracker that uses a clock of this computer is recognised from its first frame. For any other
+    clock, the offset is the smallest difference so far between the arrival and the time of a frame,
+    minus ``latency``. The tracker's clock may drift by 0.1 %.
 
     Attributes
     ----------
-    latency : shortest time from the camera image to the frame's arrival, for trackers with their
-        own clock [s].
+    latency : shortest time from the camera image to the frame's arrival [s], for trackers that use
+        their own clock.
     """
 
     def __init__(self, latency: float = 0.0) -> None:
         self.latency = latency
-        # Smallest difference between arrival and time of a frame, and when it was computed.
+        # Smallest difference between arrival and time of a frame, and when it was found.
         self._offset: tuple[float, float] | None = None
-        # Difference of a clock of this computer that the tracker uses to ``time.monotonic``.
+        # Offset to ``time.monotonic`` of the clock of this computer that the tracker uses.
         self._shared: float | None = None
 
     def saw(self, taken: float, arrived: float) -> None:
-        """Update the estimate with a frame's own time and its arrival by ``time.monotonic`` [s]."""
+        """Update the estimate with a frame's time and its arrival on ``time.monotonic`` [s]."""
         offset = arrived - taken
         if self._offset is None:
             for ahead in (0.0, time.time() - time.monotonic()):
@@ -45,7 +45,7 @@ class FrameClock:
         else:
             smallest, then = self._offset
             offset = min(offset, smallest + 1e-3 * (arrived - then))
-        # A frame that arrives before its time shows that the match was a coincidence.
+        # A frame that arrives before its own time shows that the match was a coincidence.
         if self._shared is not None and arrived + self._shared < taken - 1e-3:
             self._shared = None
         self._offset = (offset, arrived)
@@ -59,8 +59,8 @@ class FrameClock:
     def restart(self, now: float) -> float:
         """Return the time for the first frame of a restarted tracker [s].
 
-        Its clock is unknown, so the delay from its image to its arrival is assumed to be the
-        shortest so far.
+        Its clock is unknown, so the delay between image and arrival is assumed to be the shortest
+        one so far.
         """
         self._shared = None
         return self.time(now) - self.latency

@@ -1,9 +1,9 @@
-"""Formats of other programs: their messages and recordings become frames.
+"""Conversion of the messages and recordings of other programs to frames.
 
 Sources
 -------
 - Meta Platforms, Immersive Web Emulation Runtime (IWER), ``ActionRecorder``: action recordings.
-- ``hand-tracking-streamer`` for Meta Quest, ``CONNECTIONS.md``: lines of text by UDP or TCP.
+- ``hand-tracking-streamer`` for Meta Quest, ``CONNECTIONS.md``: lines of text over UDP or TCP.
 - vuer, ``HAND_MOVE``, and VisionProTeleop: matrices of joints.
 - *OpenXR* (Khronos Group), section ``XR_EXT_hand_tracking``: 26 joints.
 """
@@ -22,7 +22,7 @@ from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 
 Points = Float64[np.ndarray, "landmarks 3"]
 
-# Place of a frame in its file, and a function that makes it or raises ``FaultyFrame``.
+# Place of a frame in its file, and a function that creates it or raises ``FaultyFrame``.
 Item = tuple[str, Callable[[], HandFrame]]
 
 # A line of hand-tracking-streamer, such as "Right wrist:, 0.1, 1.0, 0.3, 0, 0, 0, 1".
@@ -30,7 +30,7 @@ STREAMER_LINE = re.compile(r"\s*(left|right) (wrist|landmarks):,?(.*)", re.IGNOR
 
 
 def foreign_format(values: Any) -> str:
-    """Name the format of parsed JSON that is not a frame, with a remedy; "" if it is unknown."""
+    """Return the name of a format of parsed JSON and a remedy, or "" if the format is unknown."""
     keys = set(values) if isinstance(values, dict) else set()
     if {"schema", "frames"} <= keys:
         return "an action recording of IWER: load it as a file"
@@ -47,16 +47,16 @@ def foreign_format(values: Any) -> str:
     if "landmarks" in keys or "cloud" in keys:
         return ""
     for key, value in values.items() if isinstance(values, dict) else ():
-        # Without this, a misspelt key would be a frame of a lost hand.
+        # Without this check, a misspelt key would look like a frame of a lost hand.
         if isinstance(value, list) and (len(value) > 60 or isinstance((value or [0])[0], list)):
             return f"a message with {key!r}, but without landmarks: rename it"
     return ""
 
 
 def points_of_matrices(values: Any) -> Points | None:
-    """Return the positions in 4 x 4 matrices of joints (J, 3) [m], or None for other data.
+    """Return the positions (J, 3) [m] in the 4 x 4 matrices of joints, or None for other data.
 
-    The matrices may be nested, or one list of numbers, row by row (NumPy, Swift) or column by
+    The matrices may be nested or a single list of numbers, row by row (NumPy, Swift) or column by
     column (three.js, vuer).
     """
     matrices = _matrices(values)
@@ -64,7 +64,7 @@ def points_of_matrices(values: Any) -> Points | None:
 
 
 def _matrices(values: Any) -> Float64[np.ndarray, "joints 4 4"] | None:
-    """Return homogeneous matrices with their positions in the last column."""
+    """Return homogeneous matrices whose positions are in the last column."""
     try:
         numbers = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -78,10 +78,10 @@ def _matrices(values: Any) -> Float64[np.ndarray, "joints 4 4"] | None:
 
 
 def frames_of_matrices(messages: Iterable[dict[str, Any]]) -> Iterator[Item]:
-    """Read messages with the matrices of both hands, of vuer or VisionProTeleop.
+    """Read messages with the matrices of both hands, from vuer or VisionProTeleop.
 
-    Joints of VisionProTeleop are relative to its matrix of the wrist. Times count from the first
-    message, 60 per second, if there is no key ``time``.
+    The joints of VisionProTeleop are relative to the matrix of its wrist. Without the key ``time``,
+    the times count from the first message, at 60 messages per second.
     """
     for index, message in enumerate(messages):
         for side in ("left", "right"):
@@ -95,7 +95,7 @@ def frames_of_matrices(messages: Iterable[dict[str, Any]]) -> Iterator[Item]:
 
 
 def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
-    """Read an action recording of IWER; its times are in milliseconds.
+    """Read an action recording of IWER, whose times are in milliseconds.
 
     A frame is [time, 7 numbers of the head, inputs ...]. An input is [index, 7 numbers of its
     pointing ray, lists ...]. The list of a hand has 8 numbers per joint, relative to the ray:
@@ -110,7 +110,7 @@ def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
             values = next((item for item in lists if len(item) == 8 * len(sequence)), None)
             if not schema.get("hasHand") or set(sequence) != set(NAMES):
                 continue
-            points = None  # without the list the hand is lost
+            points = None  # without the list, the hand is lost
             if values is not None:
                 order = [sequence.index(name) for name in NAMES]
                 relative = np.array(values, dtype=np.float64).reshape(-1, 8)[order, :3]
@@ -122,8 +122,8 @@ def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
 def frames_of_streamer(lines: Iterable[str]) -> Iterator[Item]:
     """Read lines of hand-tracking-streamer, which have no times, at 70 frames per second.
 
-    A wrist line contains its position and quaternion, and a landmark line 21 positions relative to
-    the wrist, in the left-handed axes of Unity.
+    A wrist line contains its position and quaternion. A landmark line contains 21 positions
+    relative to the wrist, in the left-handed axes of Unity.
     """
     wrists: dict[str, list[float]] = {}
     counts = {"left": 0, "right": 0}
@@ -149,5 +149,5 @@ def _streamed(side: Any, index: int, wrist: list[float], values: list[float]) ->
         raise FaultyFrame("unreadable", "the line of the wrist or its landmarks is incomplete.")
     turn = Rotation.from_quat(wrist[3:])
     points = turn.apply(np.reshape(values, (-1, 3))) + wrist[:3]
-    # Unity's z points the other way than in right-handed axes.
+    # Unity's z axis points the opposite way to that of right-handed axes.
     return HandFrame(index / 70.0, side, index, points * [1.0, 1.0, -1.0])

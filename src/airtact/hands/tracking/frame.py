@@ -1,7 +1,8 @@
-"""One frame of a tracked hand: time, side, and landmarks or points of its skin.
+"""One frame of a tracked hand: its time, its side, and landmarks or points of its skin.
 
-The time is the tracker's clock when the image was taken; only differences matter. Landmarks and
-cloud are in the tracker's frame of reference, in metres; ``moved`` transforms them to the scene.
+The time is that of the tracker's clock when the image was taken; only differences matter. Landmarks
+and cloud are in the tracker's frame of reference, in metres; ``moved`` transforms them to the
+scene.
 """
 
 from collections.abc import Iterator, Mapping
@@ -54,23 +55,23 @@ class FaultyFrame(InvalidInput):
 
 @dataclass(frozen=True, eq=False)
 class HandFrame:
-    """A hand at one time.
+    """A hand at one instant.
 
     Attributes
     ----------
     time : time of the tracker's clock [s].
-    side : ``"left"`` or ``"right"``, in any case.
+    side : ``"left"`` or ``"right"``, in upper or lower case.
     sequence : number of the frame, which increases by one for each frame of the same hand.
-    landmarks : (25, 3) in the order of WebXR, (26, 3) in that of OpenXR, whose palm is dropped, or
-        (21, 3) in that of MediaPipe and Leap [m]; None if unknown.
+    landmarks : (25, 3) joints in WebXR order, (26, 3) in OpenXR order, whose palm is dropped, or
+        (21, 3) in MediaPipe and Leap order [m]; None if unknown.
     cloud : (P, 3) points of the hand's skin [m], or None.
 
     Raises
     ------
     InvalidInput
-        As a ``FaultyFrame``, if time, side or sequence number are invalid, or the landmarks are not
-        plausible: NaN, millimetres, a wrong count or implausible bones. ``HandStream`` recognises
-        landmarks of the other hand, over many frames.
+        As a ``FaultyFrame``, if the time, side or sequence number is invalid, or the landmarks are
+        not plausible: NaN, in millimetres, a wrong count or implausible bones. ``HandStream``
+        recognises landmarks of the other hand over many frames.
     """
 
     time: float
@@ -87,7 +88,7 @@ class HandFrame:
         if isinstance(self.side, str):
             object.__setattr__(self, "side", self.side.lower())
         if not (
-            # Nanoseconds since 1970 are below 1e19; larger numbers would overflow later.
+            # Nanoseconds since 1970 are below 1e19, and larger numbers would overflow later.
             (real and abs(self.time) < 1e19)
             and self.side in ("left", "right")
             and (integer and 0 <= self.sequence <= MAX_SEQUENCE)
@@ -118,7 +119,7 @@ class HandFrame:
 
     @property
     def lost(self) -> bool:
-        """Whether the tracker lost the hand: the frame has neither landmarks nor cloud."""
+        """Whether the tracker lost the hand, so that the frame has neither landmarks nor cloud."""
         return self.landmarks is None and self.cloud is None
 
     def moved(self, pose: Pose) -> "HandFrame":
@@ -133,7 +134,7 @@ class HandFrame:
         return replace(self, landmarks=landmarks, cloud=cloud)
 
     def hand(self, radii: Real[np.ndarray, "joints"] | None = None) -> Hand:
-        """Build the hand.
+        """Build the hand from the landmarks.
 
         Parameters
         ----------
@@ -143,7 +144,7 @@ class HandFrame:
         Raises
         ------
         InvalidInput
-            If there are no landmarks, or for the reasons listed in ``hand_from_joints``.
+            If there are no landmarks, or under the conditions listed in ``hand_from_joints``.
         """
         if self.landmarks is None:
             raise InvalidInput(
@@ -154,7 +155,7 @@ class HandFrame:
         return hand_from_joints(self.landmarks, radii, side=self.side)
 
 
-# Faults of frames by the error codes of their landmarks.
+# Fault of a frame for each error code of its landmarks.
 _LANDMARK_FAULTS: dict[str, Fault] = {
     "not_finite": "half_lost",
     "joint_count": "unknown_count",

@@ -1,7 +1,7 @@
 """Frames as JSON messages, for websockets and recordings.
 
-A message is one object, such as ``{"time": 1.5, "side": "left", "sequence": 45, "landmarks": [[x,
-y, z], ...]}``, optionally with a ``cloud`` of points. A frame without landmarks and cloud, or with
+A message is an object such as ``{"time": 1.5, "side": "left", "sequence": 45, "landmarks": [[x, y,
+z], ...]}``, optionally with a ``cloud`` of points. A frame without landmarks and cloud, or with
 null for both, means that the hand is lost. A coordinate or landmark that is null is lost. Landmarks
 may also be the 4 x 4 matrices of joints. Other keys are ignored.
 """
@@ -33,7 +33,7 @@ _decoder = msgspec.json.Decoder(Message)
 
 
 def to_json(frame: HandFrame) -> bytes:
-    """Write a frame as one line of JSON; coordinates are rounded to micrometres."""
+    """Write a frame as one line of JSON, with coordinates rounded to micrometres."""
     missing = msgspec.UNSET
     landmarks = missing if frame.landmarks is None else np.round(frame.landmarks, 6).tolist()
     cloud = missing if frame.cloud is None else np.round(frame.cloud, 6).tolist()
@@ -46,7 +46,7 @@ def from_json(text: bytes | str) -> HandFrame:
     Raises
     ------
     InvalidInput
-        As a ``FaultyFrame``, if the text is not such JSON or the frame is faulty.
+        As a ``FaultyFrame``, if the text is not a frame in JSON or the frame is faulty.
     """
     raw = text.encode() if isinstance(text, str) else text
     try:

@@ -1,6 +1,6 @@
 """Prediction of a hand at the time when the sound arrives, with noise reduction.
 
-``ArticulatedHand`` is the filter; the noise of the tracker is estimated from its frames.
+The filter is ``ArticulatedHand``. The noise of the tracker is estimated from its frames.
 """
 
 from collections import deque
@@ -16,18 +16,18 @@ from airtact.hands.tracking.articulated import ArticulatedHand
 from airtact.hands.tracking.frame import HandFrame
 
 # Default spectral density of the acceleration of the palm [m²/s³]. It is nearly optimal for
-# reaching and pinching at 0.5 m/s, at 30 to 90 frames a second and noise of 0.5 to 3 mm
+# reaching and pinching at 0.5 m/s, at 30 to 90 frames per second and noise of 0.5 to 3 mm
 # (``benchmarks/hand_tracking.py``).
 AGILITY = 0.3
 
 
 class NoiseEstimate:
-    """Estimates the white noise of a tracker from its frames.
+    """Estimate of the white noise of a tracker from its frames.
 
     The third difference of four positions at even time steps is insensitive to the motion of a
     hand: at 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes 0.02 mm. White noise
     contributes sqrt(1 + 9 + 9 + 1) times its standard deviation. Medians exclude landmarks that
-    jump. The noise of a tracker that smooths its data is underestimated.
+    jump. For a tracker that smooths its data, the noise is underestimated.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class NoiseEstimate:
             return
         first, second, third, fourth = (positions for _, positions in self._last)
         differences = (fourth - 3.0 * third + 3.0 * second - first) / np.sqrt(20.0)
-        # 1.4826: standard deviation of normal numbers divided by their median magnitude
+        # 1.4826 is the ratio of a normal standard deviation to the median magnitude.
         deviation = 1.4826 * float(np.median(np.abs(differences)))
         shared = float(np.sqrt(np.mean(differences.mean(axis=0) ** 2)))
         self._count += 1
@@ -68,8 +68,8 @@ class Predictor:
     latency : time from a frame to the arrival of the sound computed from it [s].
     noise : standard deviation of each coordinate of the tracker's landmarks [m], or None to
         estimate it from the frames.
-    agility : spectral density of the acceleration of the palm [m²/s³]; those of the joints are
-        proportional to it, and all rise while the hand is more agile.
+    agility : spectral density of the acceleration of the palm [m²/s³]. The densities of the joints
+        are proportional to it, and all rise while the hand is more agile.
     patience : time without frames after which the hand counts as lost and the filter restarts [s].
 
     Raises
@@ -95,7 +95,7 @@ class Predictor:
         self._estimate = NoiseEstimate()
         self._agility = positive(agility, "agility", "m²/s³")
         self._patience = positive(patience, "patience", "s")
-        # Newest frame with landmarks, these, and the hand estimated at its time.
+        # Latest frame with landmarks, these landmarks, and the hand estimated at its time.
         self._newest: tuple[HandFrame, Points, ArticulatedHand] | None = None
         # Mean square distance of a coordinate of the last landmarks from the estimate [m²].
         self._misfit = 0.0
@@ -132,7 +132,7 @@ class Predictor:
         landmarks = np.asarray(frame.landmarks, dtype=np.float64)
         self._estimate.take(frame.time, landmarks)
         seen = TRACKED if len(landmarks) == 21 else np.arange(25)
-        # The mean of independent errors is no common error.
+        # The mean of independent errors is not a common error.
         common = 0.0
         if self._given_noise is None:
             common = np.sqrt(max(self._estimate.common**2 - self.noise**2 / len(seen), 0.0))
@@ -142,7 +142,7 @@ class Predictor:
             if frame.time - hand.time <= self._patience:
                 hand.advance(frame.time)
                 hand.update(landmarks, seen, independent, common, self._agility)
-                # Bones that do not fit for some frames are those of another hand.
+                # Bones that do not fit for some frames belong to another hand.
                 misfit = float(np.mean((hand.joints[seen] - landmarks) ** 2))
                 self._misfit += 0.2 * (misfit - self._misfit)
                 if self._misfit < (2e-3 + 3.0 * self.noise) ** 2:
@@ -159,21 +159,21 @@ class Predictor:
         return self._estimate.noise if self._given_noise is None else self._given_noise
 
     def at(self, time: float) -> HandFrame:
-        """Predict the hand at ``latency`` after a time.
+        """Predict the hand at a time ``latency`` after ``time``.
 
         Parameters
         ----------
-        time : time of the tracker's clock, not before the newest frame [s].
+        time : time of the tracker's clock [s], not before the latest frame.
 
         Returns
         -------
-        The frame at that time, with the number of the newest frame; a lost frame if the hand has
-        not been seen for longer than the patience.
+        The frame at the predicted time, with the number of the latest frame. It is a lost frame if
+        the hand has not been seen for longer than the patience.
 
         Raises
         ------
         InvalidInput
-            If no frame with landmarks was taken yet, or the estimated bones are impossible.
+            If no frame with landmarks was processed yet, or the estimated bones are impossible.
         """
         frame, newest, hand = self._state()
         then = number(time, "time", "s") + self.latency
@@ -186,33 +186,34 @@ class Predictor:
     def spread(self, time: float) -> float:
         """Return the standard deviation of the coordinates [m] at ``latency`` after a time [s].
 
-        It is the root mean square of all joints.
+        The result is the root mean square over all joints.
         """
         covariance = self._advanced(time + self.latency).joint_covariance()
         return float(np.sqrt(np.diag(covariance).mean()))
 
     def velocities(self) -> Float64[np.ndarray, "landmarks 3"]:
-        """Return the velocities of the landmarks at the time of the newest frame [m/s]."""
+        """Return the velocities of the landmarks at the time of the latest frame [m/s]."""
         _, newest, hand = self._state()
         velocities = hand.velocities()
         return velocities[TRACKED] if len(newest) == 21 else velocities
 
     def uncertainty(self, time: float) -> Uncertainty:
-        """Return the uncertainty of the hand at the time ``latency`` after another time [s].
+        """Return the uncertainty of the hand at ``latency`` after a time [s].
 
         The covariance of the joints is divided into the position of the whole hand, its rotation
-        and, as ``own_position``, what its bones add to that. Positions are limited to 0.1 m.
+        and, as ``own_position``, the additional motion of its bones. Positions are limited to 0.1
+        m.
         """
         hand = self._advanced(time + self.latency)
         covariance = hand.joint_covariance()
         about = hand.joints - hand.joints.mean(axis=0)
-        # Shift and turn (6,) of the whole hand that fit errors of all coordinates (75,) best.
+        # Shift and turn (6,) of the whole hand that best fit the errors of all coordinates (75,).
         moves = np.tile(np.eye(3), 25)
         turns = np.cross(np.eye(3)[:, None], about).reshape(3, 75)
         rigid = np.vstack([moves, turns])
         fit = np.linalg.solve(rigid @ rigid.T, rigid)
         variances = np.diag(fit @ covariance @ fit.T)
-        # What is left of the covariance are motions of the bones.
+        # The rest of the covariance is due to motions of the bones.
         own = max(np.trace(covariance) - np.trace(rigid.T @ fit @ covariance), 0.0)
         degrees = float(np.degrees(np.sqrt(variances[3:].mean())))
         return Uncertainty(

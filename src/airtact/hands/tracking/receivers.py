@@ -1,6 +1,6 @@
-"""A server that receives frames of trackers by websocket.
+"""A server that receives frames from trackers over a websocket.
 
-It runs in its own threads and feeds a ``HandStream``. It is meant for trackers on the same
+The server runs in its own threads and feeds a ``HandStream``. It is meant for trackers on the same
 computer: the default address is 127.0.0.1, and web pages of other sites cannot connect.
 """
 
@@ -18,7 +18,7 @@ from airtact.hands.tracking.stream import HandStream
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
 
-# Broken handshakes must not print tracebacks.
+# Failed handshakes must not print tracebacks.
 SILENT = logging.Logger("airtact.receiver")
 SILENT.addHandler(logging.NullHandler())
 
@@ -27,7 +27,7 @@ MAX_MESSAGE = 2**22
 
 
 def bound_socket(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
-    """Open a socket that is bound to a port; 0 selects a free port."""
+    """Open a socket that is bound to a port; port 0 selects a free port."""
     if not 0 <= port <= 65535:
         raise InvalidInput(
             f"port {port} does not exist; use 1 to 65535, or 0 for any free port.",
@@ -56,8 +56,8 @@ class WebSocketReceiver:
 
     Parameters
     ----------
-    stream : stream that gets the frames; a new one by default.
-    port : port to listen on; 0 selects a free one, stored in the attribute ``port``.
+    stream : stream that gets the frames; by default a new one.
+    port : port to listen on; 0 selects a free port, which is stored in the attribute ``port``.
     host : address to listen on.
 
     Raises
@@ -77,13 +77,14 @@ class WebSocketReceiver:
         bound.listen()
         self.port: int = bound.getsockname()[1]
         self._closed = False
-        # Connections, each with the time when it opened or last sent a used frame
+        # Connections, each with the time when it opened or last sent a used frame.
         self._connections: dict[ServerConnection, float] = {}
         self._lock = Lock()
         self._server = serve(
             self._receive,
             sock=bound,
-            # Local pages are allowed, and programs other than browsers, which send no origin.
+            # Local pages are allowed, and so are programs without an origin, which are not
+            # browsers.
             origins=[None, re.compile(r"https?://(localhost|127\.0\.0\.1)(:\d+)?")],
             max_size=MAX_MESSAGE,
             compression=None,
@@ -107,7 +108,7 @@ class WebSocketReceiver:
             connections = list(self._connections)
         for connection in connections:
             connection.close()
-        # Received messages are still processed.
+        # Messages that were already received are still processed.
         while self._connections:
             time.sleep(0.01)
         self._thread.join()
@@ -119,8 +120,8 @@ class WebSocketReceiver:
             if self._closed:
                 return
             if len(self._connections) >= 64:
-                # Idle connections must not keep a tracker out: close the one that has not sent a
-                # used frame for the longest time.
+                # Idle connections must not keep a tracker out, so the one that has not sent a used
+                # frame for the longest time is closed.
                 idle = min(self._connections, key=self._connections.__getitem__)
                 with suppress(OSError):
                     idle.socket.shutdown(socket.SHUT_RDWR)

@@ -21,7 +21,7 @@ from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, to_json
 from airtact.hands.tracking.stream import HandStream, StreamHealth
 
-# File name extension of recordings, and those of recordings of other programs.
+# File name extension of recordings, and extensions of recordings of other programs.
 ENDING = ".jsonl"
 OTHER_ENDINGS = (".json", ".txt")
 
@@ -33,8 +33,8 @@ class Recording:
     Attributes
     ----------
     frames : frames in the order of the file.
-    health : counts of frames and of faults in the file.
-    note : missing data of the file's format, or oddities of its frames; "" if there are none.
+    health : numbers of frames and faults in the file.
+    note : data that the file's format lacks, or oddities of its frames; "" if there are none.
     """
 
     frames: tuple[HandFrame, ...]
@@ -45,15 +45,15 @@ class Recording:
 
 
 def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
-    """Read a recording.
+    """Read a recording of a hand.
 
     Parameters
     ----------
-    path : a file of JSON lines, ``.jsonl``; an action recording of IWER, ``.json``; matrices of
-        both hands, of vuer or VisionProTeleop, ``.json``; or lines of hand-tracking-streamer,
-        ``.txt``.
-    leave_out : whether faulty frames are omitted and counted, as in a stream. Otherwise one faulty
-        frame makes the file invalid.
+    path : a file of JSON lines (``.jsonl``); an action recording of IWER (``.json``); matrices of
+        both hands from vuer or VisionProTeleop (``.json``); or lines of hand-tracking-streamer
+        (``.txt``).
+    leave_out : whether faulty frames are omitted and counted, as in a stream. Otherwise a single
+        faulty frame makes the file invalid.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
         else:
             items, note = _of_other_program(path)
         for place, frame_of in items:
-            # The stream counts faults like in a live run.
+            # The stream counts faults as it does live.
             try:
                 frame = frame_of()
             except FaultyFrame as unreadable:
@@ -95,7 +95,7 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
 
 
 def is_recording(path: Path) -> bool:
-    """Return whether a file is a recording by its name; a ``.json`` file may also be a pose."""
+    """Return whether the file name is that of a recording; a ``.json`` file may also be a pose."""
     if path.suffix != ".json":
         return path.suffix in (ENDING, *OTHER_ENDINGS)
     try:
@@ -106,7 +106,7 @@ def is_recording(path: Path) -> bool:
 
 
 def _of_other_program(path: Path) -> tuple[list[Item], str]:
-    """Read a recording of another program, and say what its format lacks."""
+    """Read a recording of another program, and return what its format lacks."""
     text = text_of(path)
     try:
         if path.suffix == ".txt":
@@ -127,11 +127,11 @@ def _of_other_program(path: Path) -> tuple[list[Item], str]:
 
 
 def save_recording(path: str | Path, frames: Iterable[HandFrame]) -> None:
-    """Write a recording; the file appears only when it is complete.
+    """Write a recording. The file appears only once it is complete.
 
     Parameters
     ----------
-    path : a name that ends in ``.jsonl``; coordinates are rounded to micrometres.
+    path : file name that ends in ``.jsonl``; coordinates are rounded to micrometres.
     frames : frames in the order of their arrival.
 
     Raises
@@ -157,14 +157,14 @@ def replay(
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Iterator[HandFrame]:
-    """Yield frames at the times of their recording.
+    """Yield frames at their recorded times.
 
     Parameters
     ----------
     frames : frames of a recording.
     speed : playback speed; 2 is twice as fast, and infinity does not wait.
-    clock : function that returns the time [s]; by default that of the system.
-    sleep : function that waits for a time [s]; by default that of the system.
+    clock : function that returns the time [s]; by default ``time.monotonic``.
+    sleep : function that waits for a time [s]; by default ``time.sleep``.
 
     Yields
     ------
@@ -182,7 +182,7 @@ def replay(
         if begun is None or start is None:
             begun = clock()
             start = frame.time
-        # Times count from the first frame, so that errors of sleeping do not accumulate.
+        # Times count from the first frame, so that errors of the waits do not accumulate.
         early = (frame.time - start) / speed - (clock() - begun)
         if early > 0.0:
             sleep(early)
@@ -192,7 +192,7 @@ def replay(
 def _lines(path: Path) -> Iterator[Item]:
     try:
         with path.open("rb") as file:
-            # Limit the line length: a file without line breaks would fill the memory.
+            # The line length is limited because a file without line breaks would fill the memory.
             lines = iter(lambda: file.readline(2**26), b"")
             for number, line in enumerate(lines, 1):
                 if line.strip():

@@ -1,4 +1,4 @@
-"""Pose of a tracker in a scene, from touches of known points with a fingertip."""
+"""Pose of a tracker in a scene, found by touching known points with a fingertip."""
 
 from collections import deque
 from contextlib import suppress
@@ -22,18 +22,19 @@ INDEX_TIP = 9
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Pose of a tracker, with its uncertainty.
+    """Pose of a tracker and its uncertainty.
 
     Attributes
     ----------
     tracker : pose of the tracker in the scene.
-    scale : factor on the tracker's lengths, to be applied before the pose; 1 unless fitted.
-    offset : distance of the joint of the fingertip from a touched face [m].
+    scale : factor for the tracker's lengths, to be applied before the pose; 1 unless fitted.
+    offset : distance of the fingertip's joint from a touched face [m].
     residuals : (T,) distance of each touch from its point [m].
-    position_error : standard deviation of the position in the middle of the touched points, in the
+    position_error : standard deviation of the position at the middle of the touched points, in the
         least certain direction [m].
     angle_error : standard deviation of the rotation about the least certain axis [rad].
-    repeat : touch that contradicts all others and is excluded from the fit; None if they agree.
+    repeat : index of the touch that contradicts all others and is excluded from the fit; None if
+        all touches agree.
     """
 
     tracker: Pose
@@ -49,7 +50,7 @@ class Registration:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A least-squares fit; see ``Registration``. ``deviations`` are those of all points (T, 3)."""
+    """A least-squares fit as in ``Registration``; ``deviations`` (T, 3) are those of all points."""
 
     tracker: Pose
     scale: float
@@ -68,19 +69,19 @@ def register(
     offset: float | None = float(GENERIC_RADII[INDEX_TIP]),
     scale: float | None = 1.0,
 ) -> Registration:
-    """Find the pose of a tracker from touches of known points.
+    """Find the pose of a tracker in a scene from touches of known points.
 
-    The fit is that of least squares. A touch is reported and ignored if the others agree much
+    The pose is fitted by least squares. A touch is reported and ignored if the others agree much
     better without it.
 
     Parameters
     ----------
-    touched : (T, 3) positions of the fingertip's joint in the tracker's frame, at least 3 [m].
-    points : (T, 3) touched points in the scene, not in one line [m].
+    touched : (T, 3) positions of the fingertip's joint in the tracker's frame [m], at least 3.
+    points : (T, 3) touched points in the scene [m], not in one line.
     normals : (T, 3) outward unit normals of the touched faces.
-    offset : distance of the joint from a touched face, in the finger [m]; None fits it, which needs
-        faces of different directions.
-    scale : factor on the tracker's lengths; None fits it.
+    offset : distance between the joint and a touched face [m]. None fits it, which requires faces
+        in different directions.
+    scale : factor for the tracker's lengths; None fits it.
 
     Raises
     ------
@@ -115,11 +116,11 @@ def register(
         for index in range(len(points)):
             others = used.copy()
             others[index] = False
-            with suppress(InvalidInput):  # without this touch the others do not suffice
+            with suppress(InvalidInput):  # without this touch, the others are not enough
                 fits[index] = _fitted(touched, points, normals, others, offset, scale)
         best = min(fits, key=lambda index: fits[index].rms)
         distance = float(np.linalg.norm(fits[best].deviations[best]))
-        # A touch that agrees is off by less than 3 times the root mean square of the others.
+        # The error of a touch that agrees is below 3 times the root mean square of the others.
         if distance > max(2e-3, 5.0 * fits[best].rms):
             repeat = best
             fit = fits[best]
@@ -161,8 +162,8 @@ def _fitted(
     first, _ = nearest_motion(touched[used], goals[used])
     start = goals[used].mean(axis=0)
 
-    # Unknowns: small rotation about the middle [rad], its position [m], then the optional scale and
-    # offset [m]. All of them are changes of the start.
+    # The unknowns are a small rotation about the middle [rad], its position [m], and the optional
+    # scale and offset [m]. All of them are changes from the start.
     def unpacked(unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
         rotation = Rotation.from_rotvec(unknowns[:3]).as_matrix() @ first
         fitted_scale = 1.0 + unknowns[6] if scale is None else scale
@@ -177,7 +178,7 @@ def _fitted(
     count = 6 + (scale is None) + (offset is None)
     solved = least_squares(lambda unknowns: deviations(unknowns)[used].ravel(), np.zeros(count))
     jacobian = solved.jac
-    # Columns of rotation and scale are lengths, the others have no unit: scale before comparing.
+    # Columns of rotation and scale are lengths and the others have no unit, so they are scaled.
     lengths = np.linalg.norm(jacobian, axis=0)
     if np.linalg.svd(jacobian / lengths, compute_uv=False)[-1] < 0.05:
         raise InvalidInput(
@@ -202,11 +203,11 @@ def _fitted(
 
 
 class RestingFingertip:
-    """Finds when the tip of the index finger rests for a second, and where.
+    """Detector of a fingertip at rest: it finds when and where the index tip rests for a second.
 
     Attributes
     ----------
-    share : share of the second that the tip has rested so far.
+    share : fraction of the second for which the tip has rested so far.
     """
 
     def __init__(self) -> None:
@@ -232,7 +233,7 @@ class RestingFingertip:
         if self._window and not 0.0 < frame.time - self._window[-1][0] < 0.3:
             self._window.clear()
         self._window.append((frame.time, tip))
-        # Begin anew at the newest frame from which on the tip rests.
+        # Start again at the latest frame after which the tip is at rest.
         while not self._rests():
             self._window.popleft()
         self.share = min(frame.time - self._window[0][0], 1.0)
@@ -245,7 +246,7 @@ class RestingFingertip:
         return place
 
     def _rests(self) -> bool:
-        """Return whether the tip moves no more than noise of 3 mm can explain."""
+        """Return whether noise of 3 mm can explain all motion of the tip."""
         places = np.array([position for _, position in self._window])
         half = len(places) // 2
         if half == 0:

@@ -1,12 +1,12 @@
-"""Streams of received frames; faulty frames are counted and skipped.
+"""Streams of received frames, which count and skip faulty frames.
 
-Any number of threads may feed a ``HandStream``. It stores only the newest valid frame of each hand,
-so a slow reader always gets the newest frame. If the tracker loses a hand or sends nothing for a
-while, the newest frame is a ``lost`` one.
+Any number of threads may feed a ``HandStream``. It stores only the latest valid frame of each hand,
+so even a slow reader always gets the latest frame. If the tracker loses a hand or sends nothing for
+a while, the latest frame is a ``lost`` one.
 
-The times of used frames always increase. If a tracker restarts with another clock or counts
+The times of used frames always increase. If a tracker restarts with another clock or counts in
 milliseconds, its frames are used again after 20 consistent ones, and their times continue from the
-earlier ones. Readers are therefore unaware of restarts.
+earlier times. Readers therefore do not notice restarts.
 """
 
 import time
@@ -26,13 +26,13 @@ from airtact.hands.tracking.clock import MAX_LATENCY, FrameClock
 from airtact.hands.tracking.frame import Fault, FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json
 
-# Number of successive rejected frames, in order, after which the tracker has restarted.
+# Number of successive rejected frames in order after which the tracker counts as restarted.
 MAX_STALE_FRAMES = 20
 
 # Speed of a hand above which a frame is rejected [m/s]; people reach at up to 2 m/s.
 MAX_SPEED = 3.0
 
-# Jump of the sequence number above which the tracker has restarted.
+# Jump of the sequence number above which the tracker counts as restarted.
 MAX_JUMP = 1000
 
 
@@ -59,7 +59,7 @@ class StreamHealth:
     time_leap : frames whose time is over 0.5 s ahead of the computer's clock.
     too_fast : frames in which the hand moved faster than 3 m/s.
     second_tracker : frames of a hand that another connection already sends.
-    skipped : missing frames, by their numbers.
+    skipped : missing frames, counted by their numbers.
     restarted : restarts of a tracker or its clock.
     converted : frames whose time was converted from milli-, micro- or nanoseconds.
     interrupted : connections that ended without being closed.
@@ -86,7 +86,7 @@ class StreamHealth:
     interrupted: int = 0
 
     def rejected_since(self, before: "StreamHealth") -> str:
-        """Return the number of frames rejected since an earlier count, with the main reason."""
+        """Return the number of frames rejected since an earlier count, and the main reason."""
         counts = {name: getattr(self, name) - getattr(before, name) for name in get_args(Fault)}
         main = max(counts, key=counts.__getitem__)
         if not counts[main]:
@@ -111,16 +111,16 @@ class _TrackedHand:
     ----------
     clock : clock of the times of used frames.
     source : connection that sends the frames.
-    newest : newest frame, the time of its arrival, and whether a reader has taken it.
-    seen : newest frame with landmarks.
+    newest : latest frame, the time of its arrival, and whether a reader has fetched it.
+    seen : latest frame with landmarks.
     silent : whether frames have stopped arriving.
     unit, shift : the time of a used frame is the tracker's time multiplied by the unit [s], plus
         the shift [s].
-    recent : numbers and tracker's times of used frames, to distinguish duplicates from frames out
-        of order.
-    stale : numbers, tracker's times and arrivals of successive rejected frames that are in order.
-    evidence : running mean of evidence for the side (``side_evidence``); negative if mirrored.
-    together : whether each of the newest frames arrived together with the one before.
+    recent : numbers and tracker times of used frames, to distinguish duplicates from frames out of
+        order.
+    stale : numbers, tracker times and arrivals of successive rejected frames that are in order.
+    evidence : running mean of the evidence for the side (``side_evidence``); negative if mirrored.
+    together : whether each of the latest frames arrived together with the previous one.
     at_origin : whether the wrist is exactly at the tracker's origin.
     """
 
@@ -141,14 +141,14 @@ class _TrackedHand:
 
 
 class HandStream:
-    """The newest valid frame of each hand.
+    """The latest valid frame of each hand.
 
     Parameters
     ----------
     silence : time without frames after which a hand counts as lost [s].
-    on_frame : called with every used frame, in order, in the thread that received it.
-    tracker : pose of the tracker; frames are moved from its frame of reference to the other one.
-    clock : function that returns the time [s]; the system clock by default.
+    on_frame : function that is called with every used frame, in order, in the receiving thread.
+    tracker : pose of the tracker in another frame of reference, to which frames are transformed.
+    clock : function that returns the time [s]; by default ``time.monotonic``.
 
     Raises
     ------
@@ -174,7 +174,7 @@ class HandStream:
 
     @property
     def health(self) -> StreamHealth:
-        """Counts of frames and faults so far."""
+        """Numbers of frames and faults so far."""
         with self._changed:
             self._notice_silence()
             return StreamHealth(**self._counts)
@@ -185,7 +185,7 @@ class HandStream:
 
     @property
     def idle(self) -> float:
-        """Time since the last message, used or not, or since the stream was made [s]."""
+        """Time since the last message, used or not, or since the stream was created [s]."""
         return self._clock() - self._received
 
     def remark(self) -> str:
@@ -206,18 +206,18 @@ class HandStream:
             return self.feed(fault, source)
 
     def feed(self, frame: HandFrame | FaultyFrame, source: str = "") -> FaultyFrame | None:
-        """Process a frame, or the fault of an unreadable one.
+        """Process a frame, or the fault of an unreadable frame.
 
         Parameters
         ----------
-        frame : frame or fault.
+        frame : a frame or a fault.
         source : connection that sent it. Other connections cannot send the same hand until this one
-            ends, or ``silence`` has passed since its last used frame.
+            ends, or until ``silence`` has passed since its last used frame.
 
         Returns
         -------
-        The fault, such as a frame that is not newer than the last one of its hand, or None if the
-        frame is used.
+        The fault, for example of a frame that is not later than the previous one of its hand, or
+        None if the frame is used.
         """
         with self._changed:
             self._counts["received"] += 1
@@ -251,17 +251,17 @@ class HandStream:
                     hand.silent = True
 
     def latest(self, side: Side) -> HandFrame | None:
-        """Return the newest frame of a hand: a lost frame after silence, None before the first."""
+        """Return the latest frame of a hand: a lost frame after silence, None before the first."""
         with self._changed:
             self._notice_silence()
             return self._hands[side].newest
 
     def wait(self, timeout: float) -> HandFrame | None:
-        """Wait for a new frame, which is the newest of its hand.
+        """Wait for a new frame, which is the latest one of its hand.
 
         Parameters
         ----------
-        timeout : longest wait [s].
+        timeout : longest time to wait [s].
 
         Returns
         -------
@@ -280,13 +280,13 @@ class HandStream:
                 left = end - time.monotonic()
                 if left <= 0.0:
                     return None
-                # Silence does not wake this thread, so check for it.
+                # Silence does not wake this thread, so it is checked for regularly.
                 self._changed.wait(min(left, self._silence / 4))
 
     def _continued(self, frame: HandFrame, source: str) -> tuple[HandFrame, int]:
-        """Return a frame whose time continues from the earlier ones, and the number skipped.
+        """Return a frame whose time continues from earlier frames, and the number skipped.
 
-        It raises the frame's fault.
+        The method raises the frame's fault, if it has one.
         """
         hand = self._hands[frame.side]
         newest = hand.newest
@@ -306,7 +306,7 @@ class HandStream:
         time = hand.unit * frame.time + hand.shift
         later = time > newest.time
         step = frame.sequence - newest.sequence
-        # Difference to the expected time. Late frames are in order, unless the clock stood still
+        # Difference from the expected time. Late frames are in order, unless the clock stopped
         # while no frames came.
         ahead = time - hand.clock.time(now)
         plausible = later and ahead <= MAX_LATENCY and (not gone or ahead >= -MAX_LATENCY)
@@ -338,7 +338,7 @@ class HandStream:
                 hand.shift = time - hand.unit * frame.time
             return replace(frame, time=time), 0
         if step <= 0:
-            # It was already counted as skipped.
+            # The frame was already counted as skipped.
             self._counts["skipped"] = max(self._counts["skipped"] - 1, 0)
             raise FaultyFrame(
                 "out_of_order", f"{name} arrived after frame {newest.sequence}; send them in order."
@@ -351,8 +351,8 @@ class HandStream:
             )
         raise FaultyFrame(
             "backwards",
-            f"the time of {name} is {frame.time:g} s, not later than that of the frame before; use "
-            "increasing times.",
+            f"the time of {name} is {frame.time:g} s, not later than that of the previous frame; "
+            "use increasing times.",
         )
 
     def _check_side(self, frame: HandFrame) -> None:
@@ -363,16 +363,16 @@ class HandStream:
         evidence = side_evidence(joints_of(frame.landmarks))
         if frame.side == "left":
             evidence = -evidence
-        # Straight fingers say nothing, so a judgement lasts until fingers bend again. The limit to
-        # 2 lets the judgement change within some 20 frames.
+        # Straight fingers provide no evidence, so a judgement lasts until fingers bend again. The
+        # limit of 2 lets the judgement change within about 20 frames.
         if abs(evidence) > 0.1:
             hand.evidence += 0.1 * (float(np.clip(evidence, -2.0, 2.0)) - hand.evidence)
         if hand.evidence < -0.15 or evidence < -1.0:
             raise FaultyFrame(
                 "mirrored",
-                f"the landmarks should be those of a {frame.side} hand, but fingers and thumb bend "
+                f"the landmarks are labelled as a {frame.side} hand, but fingers and thumb bend "
                 f"like those of the other hand ({evidence:+.2f} in this frame): swap left and "
-                "right, or if the axes are left-handed, as Unity's, negate z.",
+                "right, or negate z if the axes are left-handed, as in Unity.",
             )
 
     def _check_speed(self, frame: HandFrame) -> None:
