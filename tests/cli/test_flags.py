@@ -29,7 +29,7 @@ def documented_keys(command):
     """Return the keys of a command's result in the table of the page."""
     page = (ROOT / "docs/commands.md").read_text(encoding="utf-8")
     (row,) = re.findall(
-        rf"^\| `{command}`[^|]* \| (.*) \|$", page.split("## Results as JSON")[1], re.MULTILINE
+        rf"^\|`{command}`[^|]*\|(.*)\|$", page.split("## Results as JSON")[1], re.MULTILINE
     )
     return set(re.findall(r"`(\w+)`", re.sub(r"\([^)]*\)", "", row)))
 
