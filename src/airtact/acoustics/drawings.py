@@ -1,4 +1,4 @@
-"""Writing and SVG drawings as points for a ``Target``."""
+"""Text and SVG drawings as points for a ``Target``."""
 
 import io
 import re
@@ -17,10 +17,10 @@ from airtact.files.bounded import bytes_of
 # Largest size of an SVG drawing [bytes]; the reading time grows with the square of the size.
 MAX_DRAWING_BYTES = 500_000
 
-# Largest number of straight and curved parts of a drawing, counted at each use
+# Largest number of straight and curved parts of a drawing, counted at each use.
 MAX_CURVES = 5_000
 
-# Polygonal lines in a plane, with x to the right and y up
+# Polygonal lines in a plane, with x to the right and y up.
 Strokes = list[Float64[np.ndarray, "_ 2"]]
 
 
@@ -32,7 +32,7 @@ def text(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Points (F, 3) [m] of text in Hershey's single-stroke letters (1967).
+    """Return the points (F, 3) of text in Hershey's single-stroke letters (1967) [m].
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def text(
     Raises
     ------
     InvalidInput
-        If the text is empty, a letter is not in the font, or for the reasons listed in
+        If the text is empty or a letter is not in the font, or under the conditions listed in
         ``polyline``.
 
     Examples
@@ -65,9 +65,9 @@ def text(
                 code="unknown_name",
             )
     font = HersheyFonts()
-    # Sans serif, in single strokes instead of outlines
+    # A sans serif font in single strokes instead of outlines.
     font.load_default_font("futural")
-    font.normalize_rendering(1.0)  # otherwise y would run down
+    font.normalize_rendering(1.0)  # otherwise y would point down
     strokes = [np.array(stroke, dtype=np.float64) for stroke in font.strokes_for_text(words)]
     # The height of capitals depends on the font.
     capital = np.concatenate([np.array(stroke) for stroke in font.strokes_for_text("H")])
@@ -84,7 +84,9 @@ def svg_path(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Points (F, 3) [m] on the lines of an SVG drawing: paths, polygons, circles, transforms.
+    """Return points (F, 3) [m] on the lines of an SVG drawing.
+
+    The drawing may contain paths, polygons, circles and transforms.
 
     Parameters
     ----------
@@ -98,7 +100,7 @@ def svg_path(
     Raises
     ------
     InvalidInput
-        If the file cannot be read, is not SVG, or has no lines or too many; or for the reasons
+        If the file cannot be read, is not SVG, or has no lines or too many; or under the conditions
         listed in ``polyline``.
     """
     width = positive(width, "the width of the drawing", "m")
@@ -124,12 +126,12 @@ def svg_path(
     size = extent[0] if extent[0] > 0.0 else extent[1]
     if size < SMALLEST_NUMBER:
         raise InvalidInput(f"{name} has no lines longer than 0.", code="empty")
-    upright = [stroke * [width / size, -width / size] for stroke in strokes]  # y runs down in SVG
+    upright = [stroke * [width / size, -width / size] for stroke in strokes]  # y points down in SVG
     return _laid_out(upright, name, spacing, centre, normal, up)
 
 
 def _strokes_of(drawing: bytes | str, name: str) -> Strokes:
-    """Corners of the strokes of an SVG file, or of the text of one path, in its own units."""
+    """Return the strokes of an SVG file, or of the text of one path, in its own units."""
     import svgelements
 
     try:
@@ -159,9 +161,9 @@ def _corners(line: Any) -> Float64[np.ndarray, "corners 2"]:
 
 
 def _checked_drawing(drawing: bytes, name: str) -> bytes:
-    """Check the size of an SVG file before the reader expands it, and remove its style sheets.
+    """Check the size of an SVG file before it is parsed, and remove its style sheets.
 
-    The reader takes minutes for style sheets, although they do not move any line.
+    The parser takes minutes for style sheets, although they do not move any line.
     """
     try:
         root = ElementTree.fromstring(drawing)
@@ -170,7 +172,7 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
     total = 0
     for element in root.iter():
         kind = element.tag.rpartition("}")[2]
-        # The reader copies an element for every use, up to thousands of times, and copies
+        # The parser copies an element for every use, up to thousands of times, and copies
         # attributes into all children.
         if kind == "use" or len(element.attrib) > 100:
             raise InvalidInput(
@@ -180,7 +182,7 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
             )
         if kind == "style":
             element.text = ""
-        # The reader needs as much time for an empty element as for a curve of six numbers.
+        # An empty element takes the parser as long as a curve of six numbers.
         total += 6 + sum(_numbers_in(value) for value in element.attrib.values())
         total += _letters_in(element.attrib.get("d", ""))
     _check_curves(total, name)
@@ -196,7 +198,7 @@ def _letters_in(path: str) -> int:
 
 
 def _check_curves(numbers: int, name: str) -> None:
-    """Raise an error for too many curves; six numbers or one element count as a curve."""
+    """Raise an error if there are too many curves; six numbers or one element count as a curve."""
     if numbers // 6 > MAX_CURVES:
         raise InvalidInput(
             f"{name} has about {numbers // 6:,} curves, more than {MAX_CURVES:,}; simplify it.",
@@ -232,7 +234,7 @@ def _along(corners: Float64[np.ndarray, "corners 3"], spacing: float) -> Points:
     corners = corners[np.append(True, moving)]
     steps = steps[moving]
     lengths = lengths[moving]
-    # Points spaced evenly over the entire stroke would round off its corners.
+    # Points spaced evenly along the entire stroke would round off its corners.
     cosine = np.einsum("ij,ij->i", steps[1:], steps[:-1]) / (lengths[1:] * lengths[:-1])
     sharp = 1 + np.flatnonzero(cosine < 0.5)  # the stroke bends by more than 60 degrees
     points = []

@@ -1,4 +1,4 @@
-"""The medium: speed of sound, density and absorption, for humid air from its temperature.
+"""The medium: its speed of sound, density and absorption, which ``air`` computes for humid air.
 
 Sources
 -------
@@ -22,7 +22,7 @@ _CARBON_DIOXIDE = 0.0004  # mole fraction, as in CIPM-2007
 
 @dataclass(frozen=True)
 class Medium:
-    """A fluid that carries sound.
+    """A fluid in which sound travels.
 
     Attributes
     ----------
@@ -61,25 +61,25 @@ class Medium:
             object.__setattr__(self, name, number)
 
     def wavenumber(self, frequency: float) -> complex:
-        """Wavenumber k = 2πf/c + i·absorption [1/m] at a frequency [Hz], so that e^{ikr} decays."""
+        """Return the wavenumber k = 2πf/c + i·absorption [1/m] at a frequency [Hz]."""
         angular = 2.0 * math.pi * positive(frequency, "frequency", "Hz")
         return complex(angular / self.sound_speed, self.absorption)
 
     def wavelength(self, frequency: float) -> float:
-        """Wavelength c/f [m] at a frequency [Hz]."""
+        """Return the wavelength c/f [m] at a frequency [Hz]."""
         return self.sound_speed / positive(frequency, "frequency", "Hz")
 
 
 def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -> Medium:
-    """Humid air at one atmosphere (101 325 Pa).
+    """Return the ``Medium`` of humid air at one atmosphere (101 325 Pa).
 
-    The speed of sound follows Cramer (1993, equation 15), the density CIPM-2007, and the absorption
-    at ``frequency`` ISO 9613-1.
+    The speed of sound is that of Cramer (1993, equation 15), the density that of CIPM-2007, and the
+    absorption at ``frequency`` that of ISO 9613-1.
 
     Parameters
     ----------
-    celsius : temperature [°C], -20 to 50 (the range of ISO 9613-1; Cramer and CIPM-2007 were fitted
-        at 0 to 30 °C).
+    celsius : temperature [°C], -20 to 50 (the range of ISO 9613-1; the formulas of Cramer and
+        CIPM-2007 were fitted from 0 to 30 °C).
     humidity : relative humidity, 0 to 1.
     frequency : frequency at which the absorption is computed [Hz].
 
@@ -109,7 +109,7 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
 
 
 def _vapour_fraction(celsius: float, humidity: float) -> float:
-    """Mole fraction of water vapour, CIPM-2007 appendix A1."""
+    """Return the mole fraction of water vapour by CIPM-2007, appendix A1."""
     kelvin = celsius + 273.15
     saturation = math.exp(
         1.2378847e-5 * kelvin**2 - 1.9121316e-2 * kelvin + 33.93711047 - 6.3431645e3 / kelvin
@@ -119,7 +119,10 @@ def _vapour_fraction(celsius: float, humidity: float) -> float:
 
 
 def _sound_speed(t: float, w: float) -> float:
-    """Cramer (1993), equation (15): t in °C, w the mole fraction of water vapour."""
+    """Return the speed of sound [m/s] by Cramer (1993), equation (15).
+
+    t is the temperature in °C, and w the mole fraction of water vapour.
+    """
     p = _PASCAL
     c = _CARBON_DIOXIDE
     return (
@@ -137,7 +140,7 @@ def _sound_speed(t: float, w: float) -> float:
 
 
 def _density(t: float, w: float) -> float:
-    """CIPM-2007, equation (2) with the compressibility of appendix A2."""
+    """Return the density [kg/m³] by CIPM-2007, equation (2) with the compressibility of A2."""
     kelvin = t + 273.15
     ratio = _PASCAL / kelvin
     dry_part = 1.58123e-6 - 2.9331e-8 * t + 1.1043e-10 * t**2
@@ -148,10 +151,10 @@ def _density(t: float, w: float) -> float:
 
 
 def _absorption(celsius: float, humidity: float, frequency: float) -> float:
-    """ISO 9613-1 equations (3) to (5) at one atmosphere, in neper per metre."""
+    """Return the absorption [Np/m] at one atmosphere by ISO 9613-1, equations (3) to (5)."""
     kelvin = celsius + 273.15
     relative = kelvin / 293.15
-    # (B.2), (B.3): saturation pressure divided by one atmosphere
+    # Saturation pressure divided by one atmosphere, (B.2) and (B.3).
     saturation = 10.0 ** (4.6151 - 6.8346 * (273.16 / kelvin) ** 1.261)
     percent = 100.0 * humidity * saturation  # molar concentration of water vapour, (B.1)
     oxygen = 24.0 + 4.04e4 * percent * (0.02 + percent) / (0.391 + percent)

@@ -1,6 +1,6 @@
 """Rigid planes, such as a table or a wall.
 
-Rigid planes; image sources behind a plane produce the field in front of it.
+Image sources behind a plane produce the reflected field in front of it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,17 +15,17 @@ from airtact.geometry.checks import NEAREST
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 
-# Points up to this distance behind a plane count as lying on it [m]
+# Points up to this distance behind a plane count as lying on it [m].
 ON_PLANE = 1e-9
 
-# Smallest distance of a body from a plane [m]; the body and its image are then as far apart as two
+# Smallest distance of a body from a plane [m]. The body and its image are then as far apart as two
 # bodies must be.
 MIN_GAP = 0.5 * NEAREST
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """An infinite rigid plane; the sound is on the side to which its normal points.
+    """An infinite rigid plane. The sound is on the side to which its normal points.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Plane:
         )
 
     def height(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Distance of points (P, 3) [m] from the plane [m], negative behind it."""
+        """Return the distance of points (P, 3) [m] from the plane [m], negative behind it."""
         return (points - self.point) @ self.normal
 
     def image(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
@@ -66,10 +66,10 @@ class Plane:
 def plane(point: Vector, normal: Vector) -> Plane:
     """Build a rigid plane, such as a table or a wall.
 
-    ∂p/∂n = 0 on the plane, and all sound is in front of it. The images of sources and bodies in the
-    plane produce the exact field. A point source on the plane radiates twice its open-air pressure.
-    A transducer mounted flush in the plane keeps its sensitivity, which is stated for a transducer
-    in a board.
+    The plane satisfies ∂p/∂n = 0, and all sound is in front of it. The images of sources and bodies
+    in the plane produce the exact field. A point source on the plane radiates twice its open-air
+    pressure. A transducer mounted flush in the plane keeps its sensitivity, because this is stated
+    for a transducer in a board.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def plane(point: Vector, normal: Vector) -> Plane:
 
 
 def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plane, ...]:
-    """Check the planes of a scene: at most one, and no body may touch or cross it."""
+    """Check the planes of a scene: there is at most one, and no body touches or crosses it."""
     if isinstance(planes, Plane) or not isinstance(planes, Iterable):
         raise InvalidInput(
             f"the planes of a scene must be a list such as [plane], not a {type(planes).__name__}.",
@@ -110,7 +110,7 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
         of_kind(plane, Plane, f"plane {index}", "plane(point, normal)")
     if len(planes) > 1:
         # The sum over the images between parallel planes does not converge, and crossing planes
-        # form a corner with more images.
+        # form a corner with additional images.
         raise InvalidInput(
             f"the scene has {len(planes)} planes, but at most one is supported; remove those far "
             "from the foci.",

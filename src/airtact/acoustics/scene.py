@@ -1,4 +1,4 @@
-"""A scene: bodies in a medium at one frequency."""
+"""A scene of bodies in a medium at one frequency."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -26,7 +26,7 @@ from airtact.errors import (
 from airtact.geometry.checks import NEAREST, approach, check_apart, check_surface
 from airtact.geometry.surface import Surface
 
-# Points up to this deep in a body count as lying on its surface [m]
+# Points up to this deep in a body count as lying on its surface [m].
 CONTACT = 1e-9
 
 
@@ -34,17 +34,17 @@ CONTACT = 1e-9
 class Obstacle:
     """A body and the boundary condition on its surface.
 
-    ``sound_hard``, ``impedance`` and ``filled`` build it.
+    Use ``sound_hard``, ``impedance`` or ``filled`` to build it.
 
     Attributes
     ----------
     surface : closed surface of the body.
     boundary : ``"sound_hard"`` (∂p/∂n = 0), ``"impedance"`` (∂p/∂n + (ik/ratio) p = 0) or
         ``"filled"`` (another fluid).
-    ratio : Z/(ρc) of an impedance, else None.
-    medium : fluid inside a filled body, else None.
+    ratio : impedance Z/(ρc) for the boundary "impedance", and otherwise None.
+    medium : fluid inside a filled body, and otherwise None.
     board : whether the body consists of reflecting boards of the array, with elements in their
-        faces, as ``reflecting_boards`` builds them.
+        faces, as built by ``reflecting_boards``.
     """
 
     surface: Surface
@@ -55,7 +55,7 @@ class Obstacle:
 
     @property
     def kind(self) -> str:
-        """The boundary in words."""
+        """The boundary condition in words."""
         return "reflecting-board" if self.board else self.boundary.replace("_", "-")
 
     def __repr__(self) -> str:
@@ -92,8 +92,8 @@ class Obstacle:
         ratio = complex(self.ratio)
         if not np.isfinite(ratio) or ratio == 0.0 or ratio.real < 0.0:
             raise InvalidInput(
-                f"the impedance ratio is {ratio:g}, but it must be finite, not zero, and its real "
-                "part not negative (the surface would emit power).",
+                f"the impedance ratio is {ratio:g}, but it must be finite and not zero, and its "
+                "real part must not be negative (the surface would emit power).",
                 code="out_of_range",
             )
         object.__setattr__(self, "ratio", ratio)
@@ -105,14 +105,15 @@ def sound_hard(surface: Surface) -> Obstacle:
 
 
 def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
-    """Build a body with a locally reacting surface: ∂p/∂n + (ik/ratio) p = 0, n outward.
+    """Build a body with a locally reacting surface, ∂p/∂n + (ik/ratio) p = 0 with n outward.
 
     Parameters
     ----------
     surface : closed surface of the body.
-    ratio : Z/(ρc), where Z is the pressure divided by the velocity into the surface for e^{-iωt}.
-        It must be finite and not zero, with a real part that is not negative. ``BoundaryElement``
-        and ``FiniteElement`` solve such bodies, ``SphereSeries`` one sphere.
+    ratio : impedance Z/(ρc), where Z is the pressure divided by the velocity into the surface for
+        e^{-iωt}. It must be finite and not zero, with a real part that is not negative.
+        ``BoundaryElement`` and ``FiniteElement`` solve such bodies; ``SphereSeries`` solves a
+        single sphere.
 
     Raises
     ------
@@ -123,28 +124,28 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 
 
 def filled(surface: Surface, medium: Medium) -> Obstacle:
-    """Build a body from its closed surface and the fluid that fills it; sound enters the body."""
+    """Build a body from its closed surface and the fluid that fills it. Sound enters the body."""
     return Obstacle(surface, "filled", medium=medium)
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Bodies in a medium, at one frequency.
+    """Bodies in a medium at one frequency.
 
     Attributes
     ----------
     medium : fluid around the bodies.
     obstacles : the bodies, which must not touch; empty for a free field.
     frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
-    planes : list of at most one rigid plane, such as a table, see ``plane``; empty for open air.
+    planes : list of at most one rigid plane, such as a table (see ``plane``); empty for open air.
 
     Raises
     ------
     InvalidInput
-        If the frequency is outside its range, or so low that every body is under 1/50 of a
-        wavelength; a body is over 10 m from the origin; the absorption exceeds 1 Np per wavelength;
-        a surface intersects itself; two bodies overlap; a body touches or crosses a plane; there
-        are several planes; or an argument has the wrong type.
+        If the frequency is outside its range, or so low that every body is smaller than 1/50 of a
+        wavelength; a body is more than 10 m from the origin; the absorption exceeds 1 Np per
+        wavelength; a surface intersects itself; two bodies overlap; a body touches or crosses a
+        plane; there are several planes; or an argument has the wrong type.
 
     Examples
     --------
@@ -179,7 +180,7 @@ class Scene:
         self._check_units()
         for obstacle in self.obstacles:
             check_surface(obstacle.surface)
-        # Boards of one array may touch each other.
+        # The boards of an array may touch each other.
         check_apart([obstacle.surface for obstacle in self.obstacles if not obstacle.board])
         _check_off_boards(self.obstacles)
         surfaces = [obstacle.surface for obstacle in self.obstacles]
@@ -187,7 +188,7 @@ class Scene:
 
     def _check_units(self) -> None:
         extent = max((obstacle.surface.extent for obstacle in self.obstacles), default=np.inf)
-        if extent < self.wavelength / 50.0:  # smaller bodies do not change the field
+        if extent < self.wavelength / 50.0:  # smaller bodies hardly change the field
             raise InvalidInput(
                 f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength "
                 f"of {self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in "
@@ -195,7 +196,7 @@ class Scene:
                 code="out_of_range",
             )
         for index, obstacle in enumerate(self.obstacles):
-            # Checking one vertex suffices, because a body in millimetres is far beyond this limit.
+            # Checking one vertex is enough, because a body in millimetres is far beyond this limit.
             distance = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
             if distance > 10.0:
                 raise InvalidInput(
@@ -207,7 +208,7 @@ class Scene:
         if decay > 1.0:
             raise InvalidInput(
                 f"an absorption of {self.medium.absorption:g} Np/m leaves {np.exp(-decay):.2g} of "
-                "the sound after one wavelength: is it in dB/km? Divide that by 8686.",
+                "the sound after one wavelength: is it in dB/km? Divide it by 8686.",
                 code="out_of_range",
             )
 
@@ -218,7 +219,7 @@ class Scene:
 
     @cached_property
     def wavenumber(self) -> complex:
-        """Wavenumber with absorption [1/m]."""
+        """Wavenumber [1/m], whose imaginary part is the absorption."""
         return self.medium.wavenumber(self.frequency)
 
     @cached_property
@@ -227,9 +228,10 @@ class Scene:
         return self.medium.wavelength(self.frequency)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Depth of points (P, 3) [m] inside the bodies [m].
+        """Return the depth of points (P, 3) [m] inside the bodies [m].
 
-        It is the largest depth over all bodies, negative outside, and -inf if there are no bodies.
+        The depth is the largest one over all bodies. It is negative outside, and -inf if there are
+        no bodies.
 
         Raise ``InvalidInput`` if the points have the wrong shape, or are NaN or infinite.
         """
@@ -274,7 +276,7 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
 
 
 def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
-    """Return ρc/Z of the surface of each body, which is 0 for other boundaries."""
+    """Return ρc/Z of the surface of each body, which is 0 for other boundary conditions."""
     ratios = [obstacle.ratio for obstacle in scene.obstacles]
     return np.array([0.0 if ratio is None else 1.0 / ratio for ratio in ratios], np.complex128)
 
@@ -308,8 +310,8 @@ def check_not_inside(
 def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
     """Raise an error if the sources have the wrong type, are inside a body or behind a plane.
 
-    In messages, the sources of ``Target.beacons`` are called foci. ``planes`` is True if the solver
-    supports planes.
+    Messages call the sources of ``Target.beacons`` foci. ``planes`` is True if the solver supports
+    planes.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     beacons = (

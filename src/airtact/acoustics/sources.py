@@ -9,21 +9,21 @@ from scipy.spatial.distance import cdist
 
 from airtact.errors import InvalidInput, check_finite, complex_numbers, in_short, points_of
 
-# Points closer to a source than this count as lying at the source [m]
+# Points closer to a source than this count as lying at the source [m].
 STANDS_ON = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Monopoles:
-    """N point sources with S independent excitations, which a solver solves separately.
+    """N point sources with S independent excitations, each of which is solved separately.
 
     A monopole of strength s in open air produces the pressure p = s e^{ikr}/r.
 
     Attributes
     ----------
     positions : (N, 3) positions [m], stored as float64.
-    strengths : (N, S) strengths [Pa·m]; in each excitation all N points emit at once. Shape (N,) is
-        a single excitation. Stored as (N, S) complex128.
+    strengths : (N, S) complex strengths [Pa·m]; in each excitation, all N points emit at once. An
+        array of shape (N,) is a single excitation and is stored as (N, 1).
 
     Raises
     ------
@@ -44,7 +44,7 @@ class Monopoles:
 
     @property
     def refined_positions(self) -> Real[np.ndarray, "fine 3"]:
-        """(R, 3) positions near which a solver refines its panels [m]: all of them."""
+        """(R, 3) positions near which a solver refines its panels [m]; here all of them."""
         return self.positions
 
     def __post_init__(self) -> None:
@@ -61,7 +61,7 @@ class Monopoles:
             )
         if strengths.shape[1] == 0:
             raise InvalidInput(
-                "monopole strengths hold no excitations; pass at least one.", code="empty"
+                "monopole strengths contain no excitations; pass at least one.", code="empty"
             )
         check_finite(strengths, "monopole strengths")
         strengths.flags.writeable = False
@@ -72,7 +72,7 @@ class Monopoles:
 def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> None:
     """Raise an error if a receiver is closer to a source than ``STANDS_ON``.
 
-    The pressure is infinite there.
+    The pressure is infinite at a source.
     """
     distance, source = nearest_source(points, sources, STANDS_ON)
     near = np.flatnonzero(distance < STANDS_ON)
@@ -88,9 +88,9 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
 def nearest_source(
     points: Real[np.ndarray, "points 3"], sources: Monopoles, within: float
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
-    """Distance [m] to and index of the nearest source of each point.
+    """Return the distance [m] and the index of the source nearest to each point.
 
-    If no source is within ``reach``, the distance is larger than that and the index is arbitrary.
+    If no source is within ``within`` [m], the distance is larger than that and the index arbitrary.
     """
     columns = np.ascontiguousarray(points.T)  # far faster than a minimum over three columns
     low = columns.min(axis=1, initial=np.inf) - within

@@ -32,7 +32,7 @@ SUFFIX = ".field"
 
 
 def name_of(*values: object) -> str:
-    """Hash values together with airtact's code to 40 hexadecimal digits.
+    """Return a hash of values and of airtact's code, as 40 hexadecimal digits.
 
     All fields of dataclasses are hashed, except caches and callbacks (``field(compare=False)``).
 
@@ -52,7 +52,7 @@ def name_of(*values: object) -> str:
 
 @cache
 def program(package: Path = Path(errors.__file__).parent) -> str:
-    """Hash of airtact's Python files and compiled kernels."""
+    """Return a hash of airtact's Python files and compiled kernels."""
     digest = hashlib.blake2b(digest_size=20)
     # Another version of airtact may compute different numbers.
     for file in [*sorted(package.rglob("*.py")), Path(str(_kernels.__file__))]:
@@ -61,7 +61,7 @@ def program(package: Path = Path(errors.__file__).parent) -> str:
 
 
 def packed(field: RadiatedField, key: str) -> bytes:
-    """Pack a field into the bytes of its entry; raise an error for objects of libraries."""
+    """Pack a field into the bytes of its entry; raise an error for objects of other libraries."""
     arrays: list[np.ndarray] = []
     tree = _tree(field, arrays, {id(field.scene): "scene", id(field.sources): "sources"})
     stream = io.BytesIO()
@@ -140,7 +140,7 @@ def _value(tree: Any, arrays: list[np.ndarray], references: Mapping[str, object]
         case {"table": table}:
             return restored(table)
         case {"module": str(module), "class": name, "fields": table}:
-            # Only airtact's dataclasses are built, even if a damaged file names others.
+            # Only airtact's dataclasses are created, even if a damaged file names others.
             if not module.startswith("airtact."):
                 raise ValueError(module)
             kind: Any = getattr(importlib.import_module(module), name)
@@ -154,17 +154,18 @@ class Stored(Solver):
     """A solver that stores its fields in a folder and reads them back.
 
     The key of a field includes everything that affects it, to the last bit: vertices and mid-edge
-    points, boundaries, medium, frequency, sources, settings of the solver, and airtact's code. An
-    entry is written completely or not at all, even if several processes write or are killed. A
-    damaged entry is detected by its checksum, and its field is solved again. If the folder exceeds
-    ``most_bytes``, the least recently used entries are deleted. A field that cannot be stored, such
-    as a field of finite elements, is still solved; the warnings of its report give the reason. Code
-    outside airtact is not part of the key: use another folder after changing your own solver.
+    points, boundary conditions, medium, frequency, sources, settings of the solver, and airtact's
+    code. Code outside airtact is not part of the key, so use another folder after changing your own
+    solver. An entry is written completely or not at all, even if several processes write or are
+    killed. A damaged entry is detected by its checksum, and its field is solved again. If the
+    folder exceeds ``most_bytes``, the least recently used entries are deleted. A field that cannot
+    be stored, such as a field of finite elements, is still solved, and a warning in its report
+    states the reason.
 
     Parameters
     ----------
-    solver : solver of fields that are not yet stored.
-    folder : folder of the files, created if missing. Any number of processes may share it.
+    solver : solver for fields that are not stored yet.
+    folder : folder of the files, which is created if missing. Any number of processes may share it.
     most_bytes : largest total size of the files.
 
     Raises
@@ -209,7 +210,7 @@ class Stored(Solver):
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Return the field of the monopoles, read from the folder or solved.
 
-        See the solver for the errors. The report of a field from the folder has ``store`` as
+        The errors are those of the solver. The report of a field from the folder has ``store`` as
         the only step in ``seconds``.
         """
         begun = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Targets: foci with requested pressures, and points of suppressed pressure."""
+"""Targets: foci with requested pressures, and points where the pressure is suppressed."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -22,7 +22,7 @@ from airtact.errors import (
     span,
 )
 
-# Required values at the foci: (F,) numbers, or one number for all
+# Requested values at the foci: (F,) numbers, or one number for all.
 PerFocus = Num[np.ndarray, "foci"] | complex | float | int
 
 
@@ -30,8 +30,8 @@ PerFocus = Num[np.ndarray, "foci"] | complex | float | int
 class Beacons(Monopoles):
     """The virtual sources of a target.
 
-    The first ``foci`` sources are at foci, the others at suppression points. Panels are refined
-    only near the foci.
+    The first ``foci`` sources are at the foci, the others at the suppression points. Panels are
+    refined only near the foci.
     """
 
     foci: int = 0
@@ -48,17 +48,17 @@ class Beacons(Monopoles):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Foci and suppression points in the obstacles' frame; they move with the hand.
+    """Foci and suppression points in the obstacles' frame, which move with the hand.
 
     Attributes
     ----------
     points : (F, 3) foci in the obstacles' frame [m].
-    pressures : (F,) required peak pressures [Pa]; None makes the foci as strong as possible.
-    shares : (F,) relative pressures, as strong as the array allows, or None. Without pressures and
-        shares, all foci have equal weight.
-    phases : (F,) required phases [rad], from complex pressures or shares; None if the synthesis
-        method chooses them.
-    suppression_points : (Q, 3) points where the pressure is suppressed [m], none by default.
+    pressures : (F,) requested peak pressures [Pa]; None makes the foci as strong as possible.
+    shares : (F,) relative pressures, which are made as strong as the array allows, or None. Without
+        pressures and shares, all foci have equal weight.
+    phases : (F,) requested phases [rad], from complex pressures or shares; None if the drive method
+        chooses them.
+    suppression_points : (Q, 3) points where the pressure is suppressed [m]; none by default.
 
     Examples
     --------
@@ -103,17 +103,17 @@ class Target:
         ----------
         points : (F, 3) foci [m], or (3,) for one focus.
         pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers also
-            fix the phases; with real numbers the synthesis method chooses them.
-        shares : relative pressures in the same form; use either pressures or shares.
+            fix the phases; with real numbers, the drive method chooses them.
+        shares : relative pressures in the same form. Pass either pressures or shares, not both.
         suppression_points : (Q, 3) points where the pressure is suppressed [m].
 
         Raises
         ------
         InvalidInput
-            If there are no points, a number is NaN, infinite or negative, a point is over 2 m from
-            the origin, no number is above zero, there are too few or too many numbers, both
+            If there are no points, a number is NaN, infinite or negative, a point is more than 2 m
+            from the origin, no number is above zero, there are too few or too many numbers, both
             pressures and shares are given, a suppression point is within 1 µm of a focus, or the
-            points are a position and a normal, as ``hand.place`` returns them.
+            points are a position and a normal as returned by ``hand.place``.
         """
         _check_no_normal(points)
         if len(points) == 3 and all(np.ndim(coordinate) == 0 for coordinate in points):
@@ -141,7 +141,7 @@ class Target:
             "suppression_points": suppressed,
             "pressures": None if pressures is None else magnitudes,
             "shares": None if shares is None else magnitudes,
-            # Real numbers leave the phases to the synthesis method.
+            # Real numbers leave the choice of phases to the drive method.
             "phases": None if values is None or np.isrealobj(values) else fixed(np.angle(values)),
         }
         for name, value in attributes.items():
@@ -149,7 +149,7 @@ class Target:
 
     @property
     def weights(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) weight of each focus: its required pressure [Pa], its share, or 1."""
+        """(F,) weight of each focus: its requested pressure [Pa], its share, or 1."""
         if self.pressures is not None:
             return self.pressures
         return np.ones(len(self.points)) if self.shares is None else self.shares
@@ -161,13 +161,14 @@ class Target:
         return self.weights * np.exp(1j * np.asarray(phases))
 
     def beacons(self, suppression: bool = False) -> Monopoles:
-        """Virtual sources of 1 Pa·m at the foci, one excitation for each.
+        """Return virtual sources of 1 Pa·m at the foci, with one excitation for each focus.
 
-        The strengths are the identity matrix (F, F).
+        The strengths are therefore the identity matrix (F, F).
 
         Parameters
         ----------
-        suppression : whether to append the suppression points as beacons; then (F + Q, F + Q).
+        suppression : whether to append the suppression points as beacons; the strengths are then
+            (F + Q, F + Q).
         """
         # Each beacon is a separate excitation, whose field is one row of the transfer matrix.
         points = self.points
@@ -194,8 +195,8 @@ def _per_focus(values: PerFocus, foci: int, name: str, unit: str) -> Num[np.ndar
         )
     if not np.iscomplexobj(numbers) and numbers.min() < 0.0:
         raise InvalidInput(
-            f"a {name} is {numbers.min():g}{unit}, but it must not be negative; a complex number "
-            "gives a phase.",
+            f"a {name} is {numbers.min():g}{unit}, but it must not be negative; use a complex "
+            "number to set a phase.",
             code="out_of_range",
         )
     if np.abs(numbers).max() == 0.0:

@@ -1,8 +1,8 @@
-"""Points of shapes for a ``Target``: lines, circles, spheres, surfaces of bodies.
+"""Points of shapes for a ``Target``: lines, circles, spheres and surfaces of bodies.
 
 The spacing is the largest distance between neighbours along a line. Foci less than half a
-wavelength apart merge, so a spacing of a quarter to half a wavelength (2 to 4 mm at 40 kHz) gives
-an unbroken line.
+wavelength apart merge, so a spacing of a quarter to half a wavelength (2 to 4 mm at 40 kHz)
+produces an unbroken line.
 """
 
 from collections.abc import Callable
@@ -28,12 +28,12 @@ from airtact.geometry.surface import Surface
 
 Points = Float64[np.ndarray, "points 3"]
 
-# Largest distance from a surface at which points are projected onto it [m]
+# Largest distance from a surface at which points are projected onto it [m].
 MAX_OFFSET = 0.02
 
 
 def segment(start: Vector, end: Vector, spacing: float) -> Points:
-    """Points (F, 3) [m] on a straight line, evenly spaced, including both ends.
+    """Return evenly spaced points (F, 3) on a straight line, including both ends [m].
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
 def polyline(
     corners: Real[np.ndarray, "corners 3"], spacing: float, closed: bool = False
 ) -> Points:
-    """Points (F, 3) [m] on straight lines between corners, evenly spaced on each line.
+    """Return points (F, 3) on straight lines between corners, evenly spaced on each line [m].
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def polyline(
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``segment``, or if there are fewer than two corners (three if
+        Under the conditions listed in ``segment``, or if there are fewer than two corners (three if
         closed).
     """
     corners = points_of(corners, "corners of a polyline")
@@ -104,7 +104,7 @@ def polyline(
 def circle(
     centre: Vector, radius: float, spacing: float, normal: Vector = (0.0, 0.0, 1.0)
 ) -> Points:
-    """Points (F, 3) [m] on a circle, evenly spaced, anticlockwise about the normal.
+    """Return evenly spaced points (F, 3) on a circle, anticlockwise about the normal [m].
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def circle(
 
 
 def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
-    """Points (F, 3) [m] spread evenly over a sphere, on a golden spiral.
+    """Return points (F, 3) spread evenly over a sphere on a golden spiral [m].
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``circle``.
+        Under the conditions listed in ``circle``.
 
     Examples
     --------
@@ -171,9 +171,9 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
 def surface_points(
     surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0
 ) -> Points:
-    """Points (Q, 3) [m] on the surface of a body, or on the side that faces a direction.
+    """Return points (Q, 3) on a body's surface, or on the side that faces a direction [m].
 
-    Use them as suppression points.
+    Use them as suppression points of a target.
 
     Parameters
     ----------
@@ -185,8 +185,8 @@ def surface_points(
     Raises
     ------
     InvalidInput
-        If the spacing is not above zero or gives more than 4096 points, or no part of the surface
-        faces that direction.
+        If the spacing is not above zero or results in more than 4096 points, or no part of the
+        surface faces that direction.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
     spacing = positive(spacing, "the spacing", "m")
@@ -207,26 +207,26 @@ def surface_points(
             f"{np.asarray(facing).tolist()}.",
             code="empty",
         )
-    # After thinning, the mean distance exceeds the smallest one.
+    # After thinning, the mean distance exceeds the smallest distance.
     return spaced_apart(surface.shape.project(centres), 0.85 * spacing)
 
 
 def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
-    """Project points (P, 3) [m] onto a surface and shift them along the normal.
+    """Project points (P, 3) [m] onto a surface, and shift them outward along its normal.
 
-    Use it to place a drawing on the hand.
+    Use it to place a drawing on the hand. The result has the same shape [m].
 
     Parameters
     ----------
-    points : (P, 3) [m].
+    points : (P, 3) points near the surface [m].
     surface : the body.
     offset : distance of the shifted points from the surface [m], 0 to 0.02.
 
     Raises
     ------
     InvalidInput
-        If the offset is negative or over 20 mm, or a shifted point is closer to the surface than
-        half the offset, as in a crevice.
+        If the offset is negative or above 20 mm, or a shifted point is closer to the surface than
+        half of the offset, as in a crevice.
 
     Examples
     --------
@@ -239,7 +239,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     offset = between(offset, 0.0, MAX_OFFSET, "the offset", "m", "use metres.")
     points = points_of(points, "points", least=0)
     projected = surface.shape.project(points).copy()
-    # Bodies such as hands can only project nearby points. Other points start from the nearest
+    # Bodies such as hands can project only nearby points. Other points start from the nearest
     # triangle.
     off = np.flatnonzero(np.abs(surface.depth(projected)) > 1e-6)
     if len(off):
@@ -249,7 +249,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
         nearest = trimesh.proximity.closest_point_naive(mesh, points[off])[0]
         projected[off] = surface.shape.project(nearest)
     shifted = projected + offset * outward(surface.depth, projected)
-    # In a crevice the shifted point is closer to the opposite side.
+    # In a crevice, the shifted point is closer to the opposite side.
     short = np.flatnonzero(-surface.depth(shifted) < 0.5 * offset)
     if len(short):
         where = projected[short[0]]
@@ -278,7 +278,7 @@ def spaced_apart(points: Points, spacing: float) -> Float64[np.ndarray, "kept 3"
 def frame_of(
     normal: Vector, up: Vector | None = None
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-    """Return unit vectors right, up and along the normal of a plane seen from its front.
+    """Return the unit vectors right, up and along the normal of a plane seen from its front.
 
     ``up`` is projected onto the plane. The default is y, or z if the normal is nearly parallel to
     y.
@@ -307,10 +307,10 @@ def frame_of(
 
 
 def check_count(count: float, spacing: float) -> None:
-    """Raise an error if a spacing [m] gives more than ``MOST_POINTS`` points."""
+    """Raise an error if a spacing [m] results in more than ``MOST_POINTS`` points."""
     if count > MOST_POINTS:
         raise InvalidInput(
-            f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than "
+            f"a spacing of {1e3 * spacing:.3g} mm results in {count:.0f} points, more than "
             f"{MOST_POINTS}: are the other lengths in millimetres? Use metres, and at 40 kHz a "
             "spacing of 2e-3 to 4e-3.",
             code="too_many",
@@ -321,10 +321,10 @@ def outward(
     depth: Callable[[Float64[np.ndarray, "positions 3"]], Float64[np.ndarray, "positions"]],
     points: Real[np.ndarray, "points 3"],
 ) -> Float64[np.ndarray, "points 3"]:
-    """Find unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest."""
+    """Return unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest."""
     step = 1e-4  # [m]
     shifts = step * np.concatenate([np.eye(3), -np.eye(3)])
-    # Central differences; the direction is z if the depth is constant
+    # The gradient is by central differences; the direction is z if the depth is constant.
     around = depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)
     gradients = around[:, 3:] - around[:, :3]
     length = np.linalg.norm(gradients, axis=1, keepdims=True)

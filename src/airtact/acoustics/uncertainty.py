@@ -6,12 +6,12 @@ import numpy as np
 
 from airtact.errors import InvalidInput, Vector, between, one_line, point_of
 
-# Angles above zero and below this are probably in radians [degree]
+# Angles above zero and below this are probably in radians [degree].
 SMALLEST_ANGLE = 0.1
 
 _MILLIMETRES = "is it in millimetres? Use metres."
 
-# Largest value of each deviation, its unit, and the hint in the error for a larger value
+# Largest value of each deviation, its unit, and the hint in the error for a larger value.
 _LIMITS = {
     "position": (0.1, "m", _MILLIMETRES),
     "rotation": (90.0, "degrees", "hands are located more accurately."),
@@ -35,25 +35,25 @@ class Uncertainty:
 
     Attributes
     ----------
-    position : position of the hand, along each of x, y and z [m].
+    position : standard deviation of the hand's position along each of x, y and z [m].
     rotation : rotation of the hand about a random axis through the middle of the foci [degree].
-    own_position, own_rotation : position and rotation of each body separately, or of the bone that
-        has a focus [m, degree]. A body rotates about the middle of its foci.
+    own_position, own_rotation : additional position and rotation of each body, or of the bone at a
+        focus [m, degree]. A body rotates about the middle of its foci.
     along_skin : position of each focus on its body, in each of two directions along the surface
         [m].
     age : time since the pose was measured [s], during which the hand moves at ``velocity``.
-    velocity : (3,) velocity of the hand in the obstacles' frame [m/s]; not a deviation.
+    velocity : (3,) velocity of the hand in the obstacles' frame [m/s]; this is not a deviation.
     temperature : temperature of the air [K].
     humidity : relative humidity of the air, as a fraction.
     gain : amplitude of each element, as a fraction of its nominal amplitude.
     phase : phase of each element [degree].
-    dead : expected fraction of the elements that emit nothing; not a deviation.
+    dead : expected fraction of the elements that emit nothing; this is not a deviation.
 
     Raises
     ------
     InvalidInput
         If a value is not a number, is negative, not finite or implausibly large in its unit, or if
-        an angle is between 0 and 0.1 degrees and so probably in radians.
+        an angle is between 0 and 0.1 degrees and therefore probably in radians.
 
     Examples
     --------
@@ -102,6 +102,6 @@ class Uncertainty:
     @property
     def shift(self) -> float:
         """Standard deviation of a focus along one axis, without rotations [m]."""
-        # The hand has moved by this distance since the pose was measured.
+        # This is how far the hand has moved since the pose was measured.
         late = self.age * np.linalg.norm(self.velocity)
         return float(np.sqrt(self.position**2 + self.own_position**2 + late**2))

@@ -55,7 +55,7 @@ class OpenAirField(RadiatedField):
 
 @dataclass(frozen=True)
 class FreeField(Solver):
-    """Sound in open air or in front of a plane in closed form, for scenes without obstacles."""
+    """Closed-form sound in open air or in front of a plane, for scenes without obstacles."""
 
     def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:
         """Return the field of the monopoles in a scene without obstacles.

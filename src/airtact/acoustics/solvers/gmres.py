@@ -1,7 +1,8 @@
 """GMRES for several right-hand sides, which share each multiplication by the matrix.
 
 Each right-hand side has its own Krylov space (Saad & Schultz, SIAM J. Sci. Stat. Comput. 7 (1986)
-856). SciPy's solver takes a single right-hand side, but reading the matrix takes most of the time.
+856). SciPy's solver accepts only one right-hand side, but reading the matrix takes most of the
+time.
 """
 
 import math
@@ -21,9 +22,9 @@ class GmresResult:
 
     Attributes
     ----------
-    solution : solution of each right-hand side.
+    solution : solution for each right-hand side.
     residuals : relative residual of each solution.
-    iterations : products with the matrix; 0 for a direct solution.
+    iterations : number of products with the matrix; 0 for a direct solution.
     """
 
     solution: Complex[np.ndarray, "sides unknowns"]
@@ -42,11 +43,12 @@ def gmres(
 
     Parameters
     ----------
-    product : returns A v for each row v of an array (sides, unknowns).
+    product : function that returns A v for each row v of an array (sides, unknowns).
     right_sides : the right-hand sides b, as rows.
     tolerance : relative residual that all right-hand sides must reach.
-    error : approximate relative error of the solution at which to stop. An ill-conditioned A, as
-        for sound in a cavity, leaves a large error at a small residual and needs more iterations.
+    error : approximate relative error of the solution at which to stop. If A is ill-conditioned, as
+        for sound in a cavity, the error is large even at a small residual, and more iterations are
+        needed.
     most_iterations : largest number of iterations.
 
     Raises
@@ -62,7 +64,7 @@ def gmres(
             code="not_finite",
         )
     sides, unknowns = right_sides.shape
-    # Use double precision, because squares may leave the range of float32.
+    # Double precision is used because squares may leave the range of float32.
     norms = np.linalg.norm(right_sides.astype(np.complex128), axis=1)
     real = np.float32 if right_sides.dtype == np.complex64 else np.float64
     scale = np.where(norms > 0, norms, 1).astype(real)[:, None]

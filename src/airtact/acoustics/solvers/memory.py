@@ -1,4 +1,4 @@
-"""Free memory, and the processors that may be used."""
+"""Free memory, and the number of processors that may be used."""
 
 import os
 
@@ -15,5 +15,5 @@ def available_memory() -> float:
 
 
 def processor_count() -> int:
-    """Count the processors that this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -12,7 +12,7 @@ from airtact.acoustics.solvers.arrays import Gradients, Lengths, Points, Pressur
 def differences(
     pressure: Callable[[Points], Pressures], points: Points, step: Lengths
 ) -> Gradients:
-    """Pressure gradient ∇p [Pa/m] by fourth-order central differences with a given step [m].
+    """Return the pressure gradient ∇p [Pa/m] by fourth-order central differences with a step [m].
 
     The pressure must be defined up to two steps away on all sides.
     """
@@ -33,5 +33,5 @@ def monopole_pressure(
     wavenumber: complex,
     precision: str,
 ) -> Pressures:
-    """Open-air pressure Σ_j s_j e^{ikr}/r at points [Pa]; ``precision`` is float32 or float64."""
+    """Return the open-air pressure Σ_j s_j e^{ikr}/r at points [Pa], in float32 or float64."""
     return _kernels.apply_monopoles(points, positions, strengths, complex(wavenumber), precision)

@@ -23,10 +23,10 @@ from airtact.acoustics.target_points import outward
 from airtact.errors import counted, in_short, one_line, points_of
 from airtact.timing import Progress
 
-# Setting of a report: number of planes of the scene, if any
+# Setting of a report: number of planes of the scene, if there are any.
 PLANES = "rigid_planes"
 
-# Setting of a report: number of reflecting boards, if any
+# Setting of a report: number of reflecting boards, if there are any.
 BOARDS = "reflecting_boards"
 
 
@@ -38,15 +38,15 @@ class SolveReport:
     ----------
     solver : name of the method.
     residual : largest relative residual of the linear systems (0 for closed forms).
-    iterations : iterations of the slowest right-hand side.
+    iterations : number of iterations for the slowest right-hand side.
     nodes : number of unknowns.
     nodes_per_square_wavelength : unknowns per λ² of the bodies' surfaces (infinite for closed
         forms).
     estimated_error : the solver's own estimate of the relative error of the field away from the
         surfaces.
-    seconds : wall time by step [s].
+    seconds : wall time of each step [s].
     settings : the solver's settings.
-    warnings : one sentence per warning.
+    warnings : warnings, one sentence each.
     citations : references for the method.
     farthest_off_triangles, mean_off_triangles : largest and mean distance of the panels from the
         triangles of the surface, for the worst body [m]; 0 for primitives.
@@ -98,7 +98,7 @@ class SurfaceField:
 
     @classmethod
     def empty(cls, sources: Monopoles) -> "SurfaceField":
-        """Return an empty surface field, for fields without a surface pressure."""
+        """Return a surface field of length 0, for fields without a surface pressure."""
         pressure = np.zeros((0, sources.strengths.shape[1]), dtype=np.complex128)
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), pressure)
 
@@ -152,7 +152,9 @@ class RadiatedField(ABC):
 
     # Public methods check their points once; solvers implement the methods with underscores.
     def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] of each excitation at points (P, 3) [m]; NaN where not ``valid``.
+        """Return the total pressure (P, S) [Pa] of all S excitations at points (P, 3) [m].
+
+        The pressure is NaN where the field is not ``valid``.
 
         Raises
         ------
@@ -163,15 +165,15 @@ class RadiatedField(ABC):
 
     @property
     def for_pictures(self) -> "RadiatedField":
-        """The same field, evaluated faster where that adds an error of less than 1 %."""
+        """Return the same field, evaluated faster where that adds an error of less than 1 %."""
         return self
 
     def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa]: the total pressure minus the sources' pressure in open air.
+        """Return the scattered pressure (P, S): the total minus the open-air pressure [Pa].
 
-        It is finite at the sources, where ``at`` is infinite. It is NaN where the field is not
-        ``valid``, and at a source that touches a body. Some solvers subtract the open-air pressure
-        from ``at`` and raise an error at the sources.
+        The scattered pressure is finite at the sources, where ``at`` is infinite. It is NaN where
+        the field is not ``valid``, and at a source that touches a body. Some solvers subtract the
+        open-air pressure from ``at`` and raise an error at the sources.
 
         Raises
         ------
@@ -181,16 +183,17 @@ class RadiatedField(ABC):
         return self._scattered_at(points_of(points, "points", least=0))
 
     def valid(self, points: Points) -> Mask:
-        """Whether the field exists at points (P, 3): False inside bodies, except filled ones."""
+        """Return whether the field exists at points (P, 3): False inside bodies, except filled."""
         return self._valid(points_of(points, "points", least=0))
 
     def velocity(self, points: Points) -> Gradients:
-        """Particle velocity v = ∇p/(iωρ) [m/s] along x, y and z, of each excitation.
+        """Return the particle velocity v = ∇p/(iωρ) of each excitation, along x, y and z [m/s].
 
-        It is computed by central differences of ``at`` over 1/40 of a wavelength, or less near a
-        surface. Points within 1/200 of a wavelength of a surface count as on it; the result there
-        is the tangential velocity, plus the normal velocity into an impedance. It is NaN where the
-        field is not ``valid``, and on the surface of a filled body. See ``at`` for the errors.
+        The velocity is computed by central differences of ``at`` over 1/40 of a wavelength, or less
+        near a surface. Points within 1/200 of a wavelength of a surface count as lying on it; the
+        result there is the tangential velocity, plus the normal velocity into an impedance. The
+        velocity is NaN where the field is not ``valid``, and on the surface of a filled body. The
+        errors are those of ``at``.
         """
         points = self._receivers(points)
         scene = self.scene
@@ -212,18 +215,18 @@ class RadiatedField(ABC):
             if obstacle.medium is None and touching.any():
                 gradient[touching] = self._surface_gradient(obstacle, points[touching])
         gradient[~self._valid(points)] = np.nan
-        # From ρ ∂v/∂t = −∇p with the time factor e^{−iωt}
+        # This follows from ρ ∂v/∂t = −∇p with the time factor e^{−iωt}.
         return gradient / (2j * np.pi * scene.frequency * density[:, None, None])
 
     def _mirrored_at(self, points: Vectors) -> Pressures:
-        """Pressure at points; points behind a rigid plane are first mirrored to the front."""
+        """Return the pressure at points; points behind a rigid plane are mirrored to the front."""
         for plane in self.scene.planes:
             behind = plane.height(points) < 0.0
             points = np.where(behind[:, None], plane.image(points), points)
         return self._at(points)
 
     def _surface_gradient(self, obstacle: Obstacle, points: Vectors) -> Gradients:
-        """∇p on the surface of a body [Pa/m]: along it, and along the normal from its impedance."""
+        """Return ∇p on a body's surface [Pa/m], with the normal component from its impedance."""
         project = obstacle.surface.shape.project
         # The pressure at the projected point does not vary along the normal.
         step = np.full(len(points), self.scene.wavelength / 40.0)
@@ -235,14 +238,14 @@ class RadiatedField(ABC):
 
     @abstractmethod
     def _at(self, points: Vectors) -> Pressures:
-        """Total pressure at points that have been checked, like ``at``."""
+        """Return the total pressure at points that have already been checked, like ``at``."""
 
     def _scattered_at(self, points: Vectors) -> Pressures:
         return self.at(points) - self._incident(points)
 
     @abstractmethod
     def _valid(self, points: Vectors) -> Mask:
-        """Whether the field exists at points that have been checked, like ``valid``."""
+        """Return where the field exists, for points that have already been checked."""
 
     def _receivers(self, points: Points) -> Vectors:
         points = points_of(points, "points", least=0)
@@ -250,7 +253,7 @@ class RadiatedField(ABC):
         return points
 
     def _incident(self, points: Points) -> Pressures:
-        """Pressure [Pa] of the sources alone in open air, at points [m] off the sources."""
+        """Return the pressure [Pa] of the sources alone in open air, at points away from them."""
         return monopole_pressure(
             points,
             self.sources.positions,
@@ -264,18 +267,18 @@ class RadiatedField(ABC):
         return np.full((len(points), self.excitations), np.nan, dtype=np.complex128)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
-        """Estimated relative error over points away from the surfaces, for each excitation."""
+        """Return each excitation's relative error, estimated at points away from the surfaces."""
         return np.full(self.excitations, self.report.estimated_error)
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report, with the error at points [m] if that is larger, and any warning."""
+        """Return the report, with the error at points [m] if larger and any additional warning."""
         return self.report
 
 
 def surrounding_points(scene: Scene, points: Vectors) -> Float64[np.ndarray, "around 3"]:
     """Return 128 points on a sphere 8 λ outside the bodies, where an array would typically be.
 
-    Solvers compare two solutions there. The points lie on a Fibonacci spiral.
+    Solvers compare two solutions at these points, which lie on a Fibonacci spiral.
     """
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = np.linalg.norm(points - centre, axis=1).max() + 8 * scene.wavelength
@@ -293,7 +296,7 @@ class Solver(ABC):
 
     @abstractmethod
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Solve the scene for the monopoles, for all their excitations at once."""
+        """Solve the scene for the monopoles, with all their excitations at once."""
 
     def reporting(self, progress: Progress | None) -> "Solver":
         """Return the solver with a callback, such as ``print``, that receives each step's name.

@@ -30,7 +30,7 @@ from airtact.files.text_table import TextTable, read_text_table
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 
-# Nodes closer together than this count as identical [m]
+# Nodes closer together than this count as identical [m].
 SAME_NODE = 1e-9
 
 
@@ -38,10 +38,10 @@ SAME_NODE = 1e-9
 class SampledField(RadiatedField):
     """A field interpolated from its pressure at nodes; NaN outside their convex hull.
 
-    A Delaunay triangulation connects the nodes to tetrahedra. In each tetrahedron p·r·e^{-ikr} is
-    interpolated linearly, where r is the distance from the nearest source, because the phase of
-    e^{ikr}/r varies far faster than the rest. The tetrahedra also fill the bodies, so points inside
-    bodies must not be evaluated. The error is not estimated (NaN).
+    A Delaunay triangulation connects the nodes to tetrahedra. In each tetrahedron, p·r·e^{-ikr} is
+    interpolated linearly, where r is the distance from the nearest source, because e^{ikr}/r varies
+    far faster than the rest. The tetrahedra also fill the bodies, so do not evaluate the field
+    inside bodies. The error is not estimated (NaN).
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class SampledField(RadiatedField):
     sources : the monopoles that emit the sound.
     nodes : (N, 3) positions [m].
     pressures : (N, S) pressures [Pa] for the time factor e^{-iωt}, for each of the S excitations of
-        the sources; shape (N,) is a single excitation.
+        the sources. An array of shape (N,) is a single excitation.
 
     Raises
     ------
@@ -101,7 +101,7 @@ class SampledField(RadiatedField):
         nodes = self.nodes
         if len(nodes) < 4:
             raise InvalidInput(
-                f"there are {len(nodes)} nodes, but a tetrahedron has 4; use more.",
+                f"there are {len(nodes)} nodes, but a tetrahedron has 4; use more nodes.",
                 code="too_few",
             )
         try:
@@ -146,7 +146,7 @@ class SampledField(RadiatedField):
             emitting = self.sources.positions[strengths != 0]
             if len(emitting):
                 source = emitting[KDTree(emitting).query(nodes.mean(axis=1))[1]]
-                # Divided by its wave the pressure varies slowly, so it can be interpolated.
+                # Divided by its wave, the pressure varies slowly, so it can be interpolated.
                 at_nodes = np.linalg.norm(nodes - source[:, None], axis=2)
                 at_point = np.linalg.norm(points[inside] - source, axis=1)[:, None]
                 phase = self.scene.wavenumber * (at_point - at_nodes)
@@ -164,11 +164,11 @@ def load_samples(
 ) -> SampledField:
     """Load a field that another program exported as a text table.
 
-    The file has the columns x, y, z, and for each excitation a column of complex numbers such as
-    ``0.5-1.2i``, or two columns named ``..._real`` and ``..._imag``. Lines that begin with % or #
+    The table has the columns x, y, z and, for each excitation, one column of complex numbers such
+    as ``0.5-1.2i`` or two columns named ``..._real`` and ``..._imag``. Lines that begin with % or #
     are comments; the last one may name the columns, as in COMSOL's files. Rows with NaN, which
-    COMSOL writes inside solids, are skipped. If the file has several frequencies, that of the scene
-    is used.
+    COMSOL writes inside solids, are skipped. If the file contains several frequencies, the columns
+    at the frequency of the scene are used.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def load_samples(
     time_sign : "e^{-iωt}" as in airtact, or "e^{+jωt}" as in COMSOL, whose pressures are
         conjugated.
     scale : metres per unit of the file's lengths; by default the unit in its comment "Length unit",
-        or 1.
+        or 1 without such a comment.
 
     Raises
     ------
@@ -221,8 +221,8 @@ def load_samples(
         warnings = _check_sign(sampled, time_sign)
         if left_out:
             warnings += (
-                f"{left_out} of {rows} rows of {path.name} have no number (NaN), as in solids, and "
-                "are left out.",
+                f"{left_out} of {rows} rows of {path.name} have no number (NaN), as inside solids, "
+                "and are left out.",
             )
         object.__setattr__(sampled, "report", replace(sampled.report, warnings=warnings))
     return sampled
@@ -253,7 +253,7 @@ def _of_frequency(names: Sequence[str], frequency: float) -> list[str]:
         if "(db)" in name:
             raise InvalidInput(
                 f"the column {name} is a level in dB without a phase; export the complex pressure, "
-                "in COMSOL acpr.p_t.",
+                "which is acpr.p_t in COMSOL.",
                 code="does_not_match",
             )
     frequencies = {name: re.search(r"freq=([0-9.e+-]+)", name) for name in names}
@@ -262,8 +262,8 @@ def _of_frequency(names: Sequence[str], frequency: float) -> list[str]:
     if names and not chosen:
         listed = ", ".join(f"{value:g} Hz" for value in sorted(set(stated.values())))
         raise InvalidInput(
-            f"its pressures are for {listed}, but the scene is at {frequency:g} Hz; export that "
-            "frequency.",
+            f"its pressures are for {listed}, but the scene is at {frequency:g} Hz; export the "
+            "pressure at that frequency.",
             code="does_not_match",
         )
     return chosen
@@ -295,8 +295,8 @@ def _excitations(
 
 
 def _check_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
-    """Check that the phase grows away from the sources; warn if it fits neither sign."""
-    # The fits to the correct and the wrong sign are 1 and near 0 around a source in open air;
+    """Check that the phase increases away from the sources; warn if it fits neither sign."""
+    # Around a source in open air, the fits to the correct and the wrong sign are 1 and near 0;
     # around sources on bodies they are 0.57 to 1 and up to 0.16.
     stated, opposite = _fits(sampled)
     if opposite > max(1.5 * stated, 0.4):
@@ -325,12 +325,12 @@ def _fits(sampled: SampledField) -> Float64[np.ndarray, "2"]:
     for column in range(sampled.sources.strengths.shape[1]):
         for source in np.flatnonzero(sampled.sources.strengths[:, column]):
             distance = np.linalg.norm(nodes - sampled.sources.positions[source], axis=1)
-            # Nodes within 3 wavelengths, but at least 1,000.
+            # Nodes within 3 wavelengths are used, but at least 1,000.
             reach = max(3.0 * sampled.scene.wavelength, np.sort(distance)[:1000][-1])
             near = (distance <= reach) & (distance > SAME_NODE)
             level = pressures[near, column] * distance[near]
             phase = np.exp(1j * sampled.scene.wavenumber.real * distance[near])
-            # The sum is large only if the phase follows the phase of the wave.
+            # The sum is large only if the phase follows that of the wave.
             fits += np.abs([np.vdot(phase, level), np.vdot(phase.conj(), level)])
             total += np.abs(level).sum()
     return fits / total if total else fits

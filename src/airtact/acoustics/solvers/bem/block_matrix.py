@@ -1,4 +1,4 @@
-"""A matrix in blocks of 32 panels: near blocks entry by entry, far blocks as low-rank products.
+"""A matrix of blocks of 32 panels: near blocks stored in full, far blocks as low-rank products.
 
 The panels are sorted so that those of a block are close together. The interaction between
 distant blocks is smooth, so a few terms (column vector times row vector) approximate the matrix
@@ -19,18 +19,18 @@ from airtact.acoustics.solvers.gmres import GmresResult
 from airtact.acoustics.solvers.memory import available_memory
 from airtact.errors import InvalidInput, in_short
 
-# Panels of a block, of six unknowns each
+# Number of panels in a block; each has six unknowns.
 PANELS = _kernels.lanes // 6
 
-# Number format of a matrix in memory; bfloat16 is the upper half of a float32, accurate to 0.2 %
+# Number format of a matrix in memory. bfloat16 is the upper half of a float32, accurate to 0.2 %.
 Store = Literal["bfloat16", "float32", "float64"]
 
-# The free memory is not checked for matrices up to this size [bytes]
+# Free memory is not checked for matrices up to this size [bytes].
 ALWAYS_FREE = 2**26
 
 
 class BlockPairs(_kernels.Pairs):
-    """Pairs of blocks: row block t is paired with ``column[first[t]:first[t + 1]]``, which rise."""
+    """Pairs of blocks: row block t is paired with ``column[first[t]:first[t + 1]]`` in order."""
 
     @classmethod
     def of(cls, chosen: Bool[np.ndarray, "blocks blocks"]) -> "BlockPairs":
@@ -50,18 +50,18 @@ def blocks_of(unknowns: int) -> int:
 
 
 def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "panels"]:
-    """Return an order in which the panels of each block are adjacent.
+    """Return an order of the panels in which those of each block are adjacent.
 
     The panels are bisected repeatedly across the direction of their largest extent. Rigid motions
-    of the bodies do not change their blocks.
+    of the bodies do not change the blocks.
     """
     return _kernels.block_order(centres, PANELS)
 
 
 def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks blocks"]:
-    """Mark the pairs of blocks where a point of one block is near a panel of the other.
+    """Return which pairs of blocks have a point of one block near a panel of the other.
 
-    Each list has the near panels of points that are spread evenly over the panels.
+    Each list contains the near panels of points that are spread evenly over the panels.
     """
     blocks = -(-panels // PANELS)
     near = np.zeros((blocks, blocks), dtype=bool)
@@ -77,13 +77,13 @@ class BlockMatrix:
 
     Attributes
     ----------
-    count : unknowns.
-    whole : the blocks that are stored entry by entry.
-    blocks : rows of these blocks, each with real parts, then imaginary parts, padded with zeros. A
-        word holds one number of the format, or two in bfloat16.
+    count : number of unknowns.
+    whole : the blocks that are stored in full.
+    blocks : rows of these blocks, each with its real parts followed by its imaginary parts, padded
+        with zeros. A word contains one number of the format, or two in bfloat16.
     far : the blocks that are sums of low-rank terms. Each has ``ranks`` terms, whose factors start
         at ``begin``: first the factors along the block's columns, then those along its rows.
-    factors : the factors of the low-rank terms, in the same format.
+    factors : the factors of the low-rank terms, in the same number format.
     """
 
     count: int
@@ -98,14 +98,14 @@ class BlockMatrix:
     def empty(
         cls, count: int, store: Store, whole: Bool[np.ndarray, "blocks blocks"], room: int = 0
     ) -> "BlockMatrix":
-        """Allocate a matrix with some full blocks, and ``room`` factors of the other blocks."""
+        """Allocate a matrix with some full blocks, and space for ``room`` low-rank factors."""
         lanes = _kernels.lanes
         word = np.dtype(np.uint32 if store == "bfloat16" else store)
         words = _words(store)
         pairs = BlockPairs.of(whole)
         far_pairs = BlockPairs.of(~whole)
         rows = len(pairs.column) * lanes
-        # A processor reads 64 bytes at once, so rows aligned to 64 bytes need fewer reads.
+        # A processor reads 64 bytes at a time, so rows aligned to 64 bytes need fewer reads.
         size = (rows + room) * 2 * words
         line = 64 // word.itemsize
         numbers = np.empty(size + line, dtype=word)
@@ -135,9 +135,9 @@ class BlockMatrix:
         )
 
     def dense(self) -> Complex[np.ndarray, "nodes nodes"]:
-        """Return a matrix without low-rank blocks as one array; not from bfloat16."""
+        """Return a matrix without low-rank blocks as one array; bfloat16 is not supported."""
         lanes = _kernels.lanes
-        out = np.empty((self.count, self.count), dtype=self.precision, order="F")  # as LAPACK wants
+        out = np.empty((self.count, self.count), dtype=self.precision, order="F")  # for LAPACK
         rows = lanes * self.whole.row
         for block, row, column in zip(self.blocks, rows, lanes * self.whole.column, strict=True):
             part = out[row : row + lanes, column : column + lanes]
@@ -157,7 +157,7 @@ def check_memory(count: int, store: Store, blocks: int, factors: int = 0) -> Non
     size = (blocks * _kernels.lanes + factors) * 2 * _words(store) * itemsize
     if size > ALWAYS_FREE and size > 0.9 * (available := available_memory()):
         raise InvalidInput(
-            f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but "
+            f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but only "
             f"{available / 2**30:.1f} GiB of memory are free; use a coarser accuracy or remove "
             "distant bodies.",
             code="too_little_memory",
@@ -167,8 +167,8 @@ def check_memory(count: int, store: Store, blocks: int, factors: int = 0) -> Non
 def worth_eliminating(unknowns: int, excitations: int) -> bool:
     """Whether Gaussian elimination is faster than iterations.
 
-    It is faster from 0.05 right-hand sides for each unknown (measured at 2,000 to 5,000 unknowns
-    and accuracies from 0.02 to 0.005), because GMRES's vectors then exceed the caches. At 16,000
+    It is faster from 0.05 right-hand sides per unknown, because GMRES's vectors then exceed the
+    caches (measured at 2,000 to 5,000 unknowns and accuracies from 0.02 to 0.005). At 16,000
     unknowns the matrix takes 2 GiB in single precision.
     """
     return excitations >= 0.05 * unknowns and unknowns <= 16_000
@@ -181,18 +181,18 @@ def eliminate(
 ) -> GmresResult:
     """Solve with the sum of matrices without low-rank blocks, by Gaussian elimination.
 
-    The reported residual is that of the sum of the right-hand sides, which needs only one product.
+    The reported residual is that of the sum of the right-hand sides, which takes only one product.
     """
     total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
     for matrix in matrices[1:]:
         total += matrix.dense()
-    # in place: the matrix is the largest object of a solve
+    # The factorisation is in place because the matrix is the largest object of a solve.
     factors = scipy.linalg.lu_factor(total, overwrite_a=True, check_finite=False)
     right_sides = right.astype(total.dtype)
     solution = scipy.linalg.lu_solve(
         factors, right_sides, trans=int(transposed), check_finite=False
     )
-    # one product checks all right-hand sides at once
+    # A single product checks all right-hand sides together.
     summed = np.ascontiguousarray(solution.sum(axis=1)[None])
     product = sum(matrix.times(summed, transposed)[0] for matrix in matrices)
     expected = right.sum(axis=1)

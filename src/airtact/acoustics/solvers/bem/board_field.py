@@ -1,7 +1,7 @@
 """The field of elements in reflecting boards, around the other bodies.
 
 The pressure near elements in a face varies faster than panels resolve, so the direct solution fails
-there. The monopoles of the transposed solution on the boards radiate the boards' reflections.
+there. The monopoles of the transposed solution on the boards radiate the reflections of the boards.
 Together with the elements they are the sources of a second, smaller solve around the other bodies,
 which is also accurate on and near the surfaces of these bodies.
 """
@@ -19,7 +19,7 @@ from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, Surfac
 from airtact.acoustics.sources import Monopoles
 
 NOT_ESTIMATED = (
-    "the estimated error is that around the bodies, without errors of the boards' reflections"
+    "the estimated error is that around the bodies, without the errors of the boards' reflections"
 )
 
 
@@ -31,7 +31,7 @@ class BoardField(RadiatedField):
     ----------
     scene : the other bodies.
     boards : the boards alone.
-    around : field with elements and boards as sources.
+    around : field whose sources are the elements and the boards.
     reach : distance from a board within which the field is unknown [m].
     """
 
@@ -53,16 +53,16 @@ class BoardField(RadiatedField):
         return pressure
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report with the error around the bodies estimated at points, if larger."""
+        """Return the report, with the error around the bodies estimated at points if larger."""
         report = self.around.report_at(points)
-        warnings = dict.fromkeys((*self.report.warnings, *report.warnings))  # each one once
+        warnings = dict.fromkeys((*self.report.warnings, *report.warnings))  # without duplicates
         return replace(
             self.report, estimated_error=report.estimated_error, warnings=tuple(warnings)
         )
 
 
 def in_boards(scene: Scene, sources: Monopoles) -> Bool[np.ndarray, "sources"]:
-    """Mark the sources that lie in the faces of reflecting boards, to within a micrometre."""
+    """Return which sources lie in the faces of reflecting boards, to within a micrometre."""
     inside = np.zeros(len(sources.positions), dtype=bool)
     for index in scene.boards:
         inside |= np.abs(scene.obstacles[index].surface.depth(sources.positions)) < 1e-6

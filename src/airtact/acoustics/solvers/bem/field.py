@@ -38,20 +38,20 @@ from airtact.acoustics.solvers.problem import (
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.errors import InvalidInput, in_mm, points_of
 
-# In a reflected panel, corners 0 and 2 are exchanged to make its normal outward. Corner 1 stays,
-# and the three nodes near it, which share a second collocation point, remain a group.
+# In a reflected panel, corners 0 and 2 are exchanged so that its normal points outward. Corner 1
+# stays, and the three nodes near it, which share a second collocation point, remain a group.
 _MIRRORED = np.array([2, 1, 0, 4, 3, 5])
 _TURNED_RULE = np.stack([RULE_POINTS[:, 0], 1 - RULE_POINTS.sum(axis=1)], axis=1)
-# Node of a panel for each node of its image
+# Node of a panel for each node of its image.
 _NODE_ORDER = np.linalg.norm(_TURNED_RULE[:, None] - RULE_POINTS, axis=2).argmin(axis=1)
 
 
 def surface_with_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSurface:
-    """Return the surface of the bodies followed by that of their images."""
+    """Return the surface of the bodies, followed by the surface of their images."""
     for plane in planes:
         nodes = surface.nodes
         panels = nodes.quadratic_triangles
-        # the images count as further bodies
+        # The images count as further bodies.
         mirrored = plane.image(panels.reshape(-1, 3)).reshape(panels.shape)[:, _MIRRORED]
         bodies = nodes.body[::6]
         all_nodes = place_nodes(
@@ -82,22 +82,22 @@ def values_with_images(
 class BoundaryField(RadiatedField):
     """The field of monopoles around bodies, solved by ``BoundaryElement``.
 
-    The direct solution gives the pressure on and near the surface. Elsewhere the pressure is that
-    of the transposed solution for excitations with a source near the surface, and the mean of both
-    solutions for the others, which makes the field reciprocal. Many points close together, such as
-    those of a picture, are evaluated in cells, with an additional error of 4 % of the accuracy. The
-    direct solution is then used for all excitations without a source near the surface.
-    ``InvalidInput`` is raised on and near the surface if the direct equation was not solved
+    The direct solution is the pressure on and near the surface. Elsewhere, excitations with a
+    source near the surface use the transposed solution. All other excitations use the mean of both
+    solutions, which makes the field reciprocal. Many points close together, such as those of a
+    picture, are evaluated in cells, with an additional error of 4 % of the accuracy. In cells, the
+    direct solution is used for all excitations without a source near the surface. The field raises
+    ``InvalidInput`` on and near the surface if the direct equation was not solved
     (``estimate=False``).
 
     Attributes
     ----------
     surface : collocation points of the bodies, without their images in a plane.
-    pressure : the direct solution, the pressure at the nodes [Pa]; None if not solved for.
-    density : the transposed solution; None if not solved for.
-    factors : factor of each source's strength, 2 on a body and 1 elsewhere.
+    pressure : the direct solution, which is the pressure at the nodes [Pa]; None if not computed.
+    density : the transposed solution; None if not computed.
+    factors : factor of each source's strength: 2 on a body and 1 elsewhere.
     accuracy : target relative error.
-    max_error : relative error above which the report has a warning.
+    max_error : relative error above which the report contains a warning.
     coarse : whether the direct solution is evaluated everywhere, in single precision and without
         smaller panels near the points.
     """
@@ -112,7 +112,7 @@ class BoundaryField(RadiatedField):
 
     @cached_property
     def direct(self) -> DirectSolution:
-        """The direct solution; raise ``InvalidInput`` if it was not solved for."""
+        """The direct solution; raise ``InvalidInput`` if it was not computed."""
         if self.pressure is None:
             raise InvalidInput(
                 "this solution has no pressure on and near the surface, because estimate is False; "
@@ -124,7 +124,7 @@ class BoundaryField(RadiatedField):
 
     @cached_property
     def transposed(self) -> TransposedSolution:
-        """The transposed solution, if it was solved for."""
+        """The transposed solution, if it was computed."""
         assert self.density is not None
         planes = self.scene.planes
         density = values_with_images(self.density, planes)
@@ -143,7 +143,7 @@ class BoundaryField(RadiatedField):
     def scattering_sources(self) -> Monopoles | None:
         """Monopoles of the transposed solution; None if a source touches a body.
 
-        It is also None in front of a plane, because the images of the sources would be missing.
+        They are also None in front of a plane, because the images of the sources would be missing.
         """
         if self.density is None or (self.factors > 1).any() or self.scene.planes:
             return None
@@ -156,9 +156,9 @@ class BoundaryField(RadiatedField):
 
     @property
     def for_pictures(self) -> "BoundaryField":
-        """The field by the direct solution alone, if it was solved for, without refined panels.
+        """The field by the direct solution alone, if it was computed, without refined panels.
 
-        It differs by 0.1 % (rms) of the largest pressure, and by up to 4 % directly at the skin.
+        The result differs by 0.1 % (rms) of the largest pressure, and by up to 4 % at the skin.
         """
         return self if self.pressure is None else replace(self, coarse=True)
 
@@ -166,7 +166,7 @@ class BoundaryField(RadiatedField):
     def on_surface(self) -> SurfaceField:
         """Total pressure at the nodes by the direct solution, which must exist."""
         nodes = self.surface.nodes
-        pressure = self.direct.pressure[: len(nodes.points)]  # images follow
+        pressure = self.direct.pressure[: len(nodes.points)]  # without the images
         return SurfaceField(nodes.points, nodes.normals, nodes.weights, pressure)
 
     def _valid(self, points: Vectors) -> Mask:
@@ -179,7 +179,7 @@ class BoundaryField(RadiatedField):
         out = self._evaluated(points, total=False)
         distance, source = nearest_source(points, self.sources, STANDS_ON)
         on = np.flatnonzero(distance < STANDS_ON)
-        # the image of a source that touches a body makes the scattered pressure infinite there
+        # The image of a source that touches a body makes the scattered pressure there infinite.
         out[on[self.factors[source[on]] > 1]] = np.nan
         for plane in self.scene.planes:
             images = Monopoles(plane.image(self.sources.positions), self.sources.strengths)
@@ -198,7 +198,7 @@ class BoundaryField(RadiatedField):
             )
             return out
         near = located.outside & located.near
-        # projected points are no longer in the plane of a picture, so cells leave them out
+        # Projected points are no longer in the plane of a picture, so they are not put into cells.
         off = located.outside & ~located.contact
         error = 0.04 * self.accuracy if self._mirrored.precision == "float32" else 0.0
         cells = cells_of(located.points[off], self.scene.wavelength, error)
@@ -211,7 +211,7 @@ class BoundaryField(RadiatedField):
             out[away] = self.direct_at(located.points[away], total)
             return out
         out[away] = self.transposed.at(located.points[away], total)
-        # the mean of both is symmetric in source and receiver
+        # The mean of both solutions is symmetric in source and receiver.
         averaged = self._served_by_both
         if averaged.any():
             direct = self.direct_at(located.points[away], total)[:, averaged]
@@ -219,7 +219,7 @@ class BoundaryField(RadiatedField):
         return out
 
     def _in_cells(self, cells: Cells, located: Located, off: Mask, total: bool) -> Pressures:
-        """Pressure [Pa] at many points, those ``off`` the surface in cells.
+        """Return the pressure [Pa] at many points; those ``off`` the surface are in cells.
 
         Each solution is evaluated at all points if one of them needs it.
         """
@@ -229,7 +229,7 @@ class BoundaryField(RadiatedField):
         direct = self._served_by_both | (self.density is None)
         if not direct.all() and not near.all():
             out[off] = self.transposed.at(points, total, cells)
-        # the direct solution is better near the surface, and for sources away from it
+        # The direct solution is better near the surface and for sources away from it.
         close = located.near & located.outside
         if direct.any() or close.any():
             refined = self.direct.refined(located.points[close])
@@ -251,30 +251,30 @@ class BoundaryField(RadiatedField):
         return ~(self.sources.strengths[near] != 0).any(axis=0)
 
     def direct_at(self, points: Points, total: bool = True) -> Pressures:
-        """Total or scattered pressure [Pa] by the direct solution alone, outside the bodies."""
+        """Return the pressure [Pa] outside the bodies by the direct solution alone."""
         points = points_of(points, "points", least=0)
         projected, contact = project_contacts(self._mirrored.nodes, points)
         return self.direct.at(projected, contact, total)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
-        """Relative error of the direct solution over points, for each excitation.
+        """Return the relative error of the direct solution over points, for each excitation.
 
-        It is the difference between both solutions, plus 15 % of the accuracy times the scattered
-        pressure for the errors of panels and quadrature that both share. The transposed solution is
-        accurate only away from the surface, so points on or near it are moved away by a panel's
-        radius if there is room. NaN without a direct solution.
+        The error is the difference between the two solutions, plus 15 % of the accuracy times the
+        scattered pressure for the errors of panels and quadrature that both share. The transposed
+        solution is accurate only away from the surface. Points on or near it are therefore moved
+        away by a panel's radius if there is room. The error is NaN without a direct solution.
         """
         squares, size = self._errors(points_of(points, "points"))
         size = np.linalg.norm(size, axis=0)
         return np.sqrt(squares.sum(axis=0)) / np.where(size > 0, size, 1)
 
     def _errors(self, points: Vectors) -> tuple[Float64[np.ndarray, "points excitations"], ...]:
-        """Squared error [Pa²] and pressure [Pa], both away from the surface; NaN if unknown."""
+        """Return squared error [Pa²] and pressure [Pa] away from the surface; NaN if unknown."""
         if self.pressure is None or self.density is None:
             unknown = np.full((len(points), self.excitations), np.nan)
             return unknown, unknown
         points = self._lifted(points)
-        # the difference of both solutions shows the errors that they do not share
+        # The difference between the solutions shows the errors that they do not share.
         transposed = self.transposed.at(points)
         difference = self.direct_at(points) - transposed
         scattered = transposed - incident_pressure(points, self.sources, self._mirrored)
@@ -282,7 +282,7 @@ class BoundaryField(RadiatedField):
         return squares, np.abs(transposed)
 
     def _lifted(self, points: Vectors) -> Vectors:
-        """Move points near the surface away by a panel's radius, where no other surface is near."""
+        """Move points near the surface away by a panel's radius, unless another surface is near."""
         nodes = self._mirrored.nodes
         near = np.flatnonzero(near_surface(nodes, points, self._mirrored.near_rule.reach))
         if not len(near):
@@ -290,18 +290,18 @@ class BoundaryField(RadiatedField):
         nearest = KDTree(nodes.points).query(points[near])[1]
         radius = nodes.radii[nearest // 6]
         away = points[near] + radius[:, None] * nodes.normals[nearest]
-        # moved points must not come near another surface
+        # Moved points must not come near another surface.
         free = -self.scene.depth(away) > 0.5 * radius
         points = points.copy()
         points[near[free]] = away[free]
         return points
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report with the worst error estimated at points [m], if that is larger.
+        """Return the report, with the worst error estimated at points [m] if that is larger.
 
         Points inside bodies are ignored. The error is relative to the pressure at the point, or to
         a tenth of the strongest pressure if that is larger. If an error exceeds ``max_error``, a
-        warning names the worst point. Without a direct solution or points the report is unchanged.
+        warning names the worst point. Without a direct solution or points, the report is unchanged.
         """
         points = points_of(points, "points", least=0)
         outside = (self.scene.depth(points) <= 0.0) & before_planes(self.scene.planes, points)
@@ -310,11 +310,11 @@ class BoundaryField(RadiatedField):
             return self.report
         squares, _ = self._errors(points)
         # The error is relative to the pressure at the point, which is low in a shadow. A point with
-        # almost no pressure matters less than a strong one.
+        # almost no pressure matters less than one with a high pressure.
         pressure = self._at(points)
-        # Near the surface, refined panels give a more accurate pressure than plain ones. In a
-        # shadow both are inaccurate if panels are too large; the error of the refined ones is about
-        # half of the difference.
+        # Near the surface, refined panels yield a more accurate pressure than plain ones. In a
+        # shadow both are inaccurate if the panels are too large. The error of refined panels is
+        # about half of the difference.
         squares = squares + np.abs(0.5 * (pressure - self.direct_at(points))) ** 2
         pressure = np.abs(pressure)
         size = np.maximum(pressure, 0.1 * pressure.max(axis=0))

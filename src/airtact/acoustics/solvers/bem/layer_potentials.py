@@ -1,11 +1,11 @@
 """Layer potentials of curved panels at any points, and the positions of points relative to panels.
 
-With the normal n outward and the sources' pressure p_inc, Green's formula outside the bodies is
+With the outward normal n and the sources' pressure p_inc, Green's formula outside the bodies is
 p = p_inc + D[p], where D is the double layer. On a surface of impedance Z, ∂p/∂n = −(ikρc/Z) p, so
-the single layer of (ikρc/Z) p is added; "double layer" includes it here.
+the single layer of (ikρc/Z) p is added; here the term "double layer" includes it.
 
-For a panel far from a point, the integral is a sum over the panel's nodes. For a near panel a
-correction is added: the near integral minus this plain sum. With k = 0 and p = 1 the double layer
+For a panel far from a point, the integral is a sum over the panel's nodes. For a near panel, a
+correction is added: the near integral minus this plain sum. With k = 0 and p = 1, the double layer
 is the solid angle of the bodies, which distinguishes inner from outer points.
 """
 
@@ -36,7 +36,7 @@ from airtact.acoustics.solvers.bem.quadrature import (
 from airtact.acoustics.solvers.bem.target_cells import Cells
 from airtact.geometry.mesh.quadratic_triangles import shape_functions
 
-# Indices of the points that touch a panel, the panel of each, and its reference coordinates there
+# Indices of the points that touch a panel, the panel of each, and its reference coordinates there.
 Contacts = tuple[
     Int64[np.ndarray, "contacts"], Int64[np.ndarray, "contacts"], Float64[np.ndarray, "contacts 2"]
 ]
@@ -57,7 +57,7 @@ class NearRule:
 
 
 class NearRows(_kernels.NearRows):
-    """Corrections for the near panels of some points, listed as by ``near_lists``.
+    """Corrections for the near panels of some points, in the lists of ``near_lists``.
 
     ``excess`` (pairs, 6) is the near integral for each node of a panel minus the node's plain term.
     """
@@ -89,8 +89,8 @@ def near_rows(
 ) -> NearRows:
     """Compute the corrections that near panels add to the plain sums.
 
-    The plain sums omit nodes closer than ``min_distance`` [m]. In float32 no point may touch
-    a panel at its edge. ``lists`` are the near panels, if they have been listed before.
+    The plain sums omit nodes closer than ``min_distance`` [m]. In float32, no point may touch a
+    panel at its edge. ``lists`` are the near panels, if they have already been listed.
     """
     if lists is None:
         lists = near_lists(nodes, points, near_rule.reach * nodes.radii)
@@ -120,18 +120,20 @@ def double_layer_pressure(
     contact: Mask | None = None,
     coarse: bool = False,
 ) -> Pressures:
-    """Double layer D[p] of a pressure on the surface, off the panels or on them (principal value).
+    """Return the double layer D[p] of a surface pressure at points off the panels or on them.
+
+    On a panel the result is the principal value.
 
     Parameters
     ----------
-    cells : the points sorted into cells; then none of them may be on a panel.
-    nodal : whether all points are on panels and away from their edges, as nodes are; then the near
-        integrals need only the working precision.
+    cells : the points sorted into cells; none of them may then be on a panel.
+    nodal : whether all points are on panels and away from their edges, as nodes are. The near
+        integrals then need only the working precision.
     contact : mask of the points that were projected onto a panel.
-    coarse : whether to use single precision for an error of about 0.1 %.
+    coarse : whether to use single precision, with an error of about 0.1 %.
     """
     layer = nodes.layer(wavenumber)
-    # single precision resolves this distance to 1 % in the largest scenes
+    # Single precision resolves this distance to 1 % in the largest scenes.
     beside = 0.05 * float(nodes.radii.min())
     if coarse:
         min_distance = beside
@@ -139,7 +141,7 @@ def double_layer_pressure(
         near_precision = "float64"
     elif cells is None:
         # float32 does not resolve the position of a node closer than ``min_distance``. The plain
-        # sum may leave such nodes out if all their panels are near.
+        # sum may omit such nodes if all their panels are near.
         min_distance = 1e-3 * float(np.abs(nodes.points - nodes.points.mean(axis=0)).max())
         reach = 0.5 * (near_rule.reach - 1) * nodes.radii.min()
         if precision != "float32" or min_distance >= reach:
@@ -168,11 +170,11 @@ def _near_groups(
     precision: str,
     min_distance: float = 0.0,
 ) -> list[tuple[Mask, NearRows]]:
-    """Near rows of points off the panels, and of points on a panel with a larger contact range.
+    """Return near rows of points off the panels, and of points on a panel with a larger contact.
 
     Adjacent panels deviate from the true surface by different lengths. If a point on one panel
     counted as above or below the next, the solid angle at their common corner would be halved or
-    doubled. The point therefore touches the next panel too if it is within the sum of both contact
+    doubled. The point therefore also touches the next panel if it is within the sum of both contact
     lengths.
     """
     first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
@@ -181,7 +183,7 @@ def _near_groups(
         return []
     on = np.zeros(len(points), dtype=bool) if contact is None else near & contact
     if not on.any():
-        # points without near panels have no entries, so their bounds can be dropped
+        # Points without near panels have no entries, so their bounds can be dropped.
         lists = np.append(first[:-1][near], first[-1]), panel
         rows = near_rows(nodes, points[near], wavenumber, near_rule, precision, min_distance, lists)
         return [(near, rows)]
@@ -204,14 +206,14 @@ def double_layer_transposed(
     precision: str,
     contact: Mask | None = None,
 ) -> NodeValues:
-    """Transposed double layer Σ_i s_i D(x_i, y_j) of sources of strength s_i, at each node y_j.
+    """Return Σ_i s_i D(x_i, y_j) at each node y_j, for sources of strength s_i at x_i.
 
-    ``contact`` marks the points that were projected onto a panel.
+    This is the transposed double layer. ``contact`` marks points that were projected onto a panel.
     """
     excitations = strengths.shape[1]
     total = np.zeros((len(nodes.points), excitations), dtype=np.complex128)
     near = np.zeros(len(points), dtype=bool)
-    # near sources in double precision, because they may touch a panel at its edge
+    # Near sources need double precision, because they may touch a panel at its edge.
     for group, rows in _near_groups(nodes, points, contact, wavenumber, near_rule, "float64"):
         pairs = np.repeat(strengths[group], np.diff(rows.first), axis=0)
         by_panel = total.reshape(-1, 6, excitations)
@@ -222,11 +224,11 @@ def double_layer_transposed(
         if not group.any():
             continue
         sources = points[group]
-        if excitations <= 64:  # BLAS would be slower, and leave threads spinning
+        if excitations <= 64:  # BLAS would be slower and would leave threads spinning
             total += _kernels.apply_transposed(sources, layer, strengths[group], kind)
             continue
         part = np.zeros_like(total)
-        for start in range(0, len(sources), 512):  # bounds the memory of the matrix
+        for start in range(0, len(sources), 512):  # limits the memory of the matrix
             block = slice(start, start + 512)
             matrix = _kernels.double_layer_matrix(sources[block], layer, kind)
             part += matrix.T @ strengths[group][block].astype(matrix.dtype)
@@ -235,10 +237,10 @@ def double_layer_transposed(
 
 
 def find_contacts(nodes: Nodes, points: Points) -> Contacts:
-    """Find the points that touch the surface, each with its nearest panel."""
+    """Find the points that touch the surface, and the nearest panel of each."""
     first, panel = near_lists(nodes, points, 1.1 * nodes.radii)
     target = np.repeat(np.arange(len(points)), np.diff(first))
-    # The integrals are not used, so one Gauss point suffices.
+    # The integrals are not used, so one Gauss point is enough.
     _, distance, reference = _kernels.near_integrals(
         False, points, target, panel, nodes.panels, wavenumber=0j, quadrature=near_quadrature(1, 1)
     )
@@ -250,7 +252,7 @@ def find_contacts(nodes: Nodes, points: Points) -> Contacts:
 
 
 def project_contacts(nodes: Nodes, points: Points) -> tuple[Vectors, Mask]:
-    """Project points that touch the surface onto their panel; also return which points touch."""
+    """Project points that touch the surface onto their panel, and return which points touch."""
     points = np.array(points, dtype=np.float64)
     target, panel, reference = find_contacts(nodes, points)
     contact = np.zeros(len(points), dtype=bool)
@@ -261,7 +263,7 @@ def project_contacts(nodes: Nodes, points: Points) -> tuple[Vectors, Mask]:
 
 
 def near_surface(nodes: Nodes, points: Points, reach: float) -> Mask:
-    """Whether any panel's centre lies within ``reach`` of its radii from each point."""
+    """Return whether the centre of a panel lies within ``reach`` of its radii from each point."""
     return np.diff(near_lists(nodes, points, reach * nodes.radii)[0]) > 0
 
 
@@ -288,21 +290,21 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
 
     Away from the panels the solid angle decides, or the scene's signed distance if all surfaces
     are closed forms. Near the panels the signed distance decides if it exceeds the panels'
-    deviation from the true surface. Closer points are projected, or are decided by near integrals
-    of the solid angle. Points behind a plane are not outside.
+    deviation from the true surface. Points closer to the surface are projected onto a panel, or the
+    solid angle from near integrals decides. Points behind a plane are not outside.
     """
     positions = np.array(points, dtype=np.float64)
     contact = np.zeros(len(positions), dtype=bool)
     outside = np.ones(len(positions), dtype=bool)
     first, panel = near_lists(nodes, positions, near_rule.reach * nodes.radii)
     near = np.diff(first) > 0
-    # every point beyond the box around all panels is outside
+    # Every point beyond the box around all panels is outside.
     reach = nodes.radii[:, None]
     lower = (nodes.centres - reach).min(axis=0)
     upper = (nodes.centres + reach).max(axis=0)
     in_box = ((positions > lower) & (positions < upper)).all(axis=1)
     if near.any() or in_box.any():
-        # distance within which a point may touch one of its near panels
+        # This is the distance within which a point may touch one of its near panels.
         touch = np.zeros(len(positions))
         if len(panel):
             touch[near] = np.maximum.reduceat(nodes.contact[panel], first[:-1][near])
@@ -311,7 +313,7 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
         depth = scene.depth(positions[measured])
         outside[measured] = depth < 0
         in_box[measured] = False
-        # the solid angle is −1 inside; away from the panels, each panel is summed as one node
+        # The solid angle is −1 inside. Away from the panels, each panel is summed as one node.
         area = nodes.weighted_normals.reshape(-1, 6, 3).sum(axis=1)
         layer = _kernels.Layer(nodes.centres, area, np.empty(0, dtype=np.complex128), 0j)
         ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
@@ -319,11 +321,11 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
             positions[in_box], layer, ones[: len(area)], 0.0, "float32"
         )
         outside[in_box] = np.real(solid[:, 0]) > -0.5
-        # the panels deviate from the true surface, so its distance only preselects contacts
+        # The panels deviate from the true surface, so its distance only preselects contacts.
         close = measured[np.abs(depth) < CONTACT_REACH * touch[measured]]
         positions[close], contact[close] = project_contacts(nodes, positions[close])
         outside[contact] = True
-        # between the true surface and the panels the panels decide, because they carry the field
+        # Between the true surface and the panels, the panels decide, because they carry the field.
         doubtful = measured[(np.abs(depth) < touch[measured]) & ~contact[measured]]
         solid = double_layer_pressure(positions[doubtful], nodes, ones, 0j, near_rule, "float32")
         outside[doubtful] = np.real(solid[:, 0]) > -0.5

@@ -1,6 +1,6 @@
-"""Panels of a deforming body, which are meshed once; the caller supplies moved corners.
+"""Panels of a deforming body. They are meshed once, and the caller supplies the moved corners.
 
-Meshing a body takes as long as filling its matrix. If the body bends smoothly, like a hand, its
+Meshing a body takes as long as filling its matrix. If the body bends smoothly, as a hand does, its
 panels remain well shaped.
 """
 
@@ -39,10 +39,10 @@ class MovingPanels:
     corners : corners and edge midpoints of the panels, as meshed [m].
     inside : second collocation points in the body, as meshed; two for each panel [m].
     deviation : distance of the panels from the true surface [m].
-    admittance : ρc/Z of the panels, 0 for sound-hard ones.
+    admittance : ρc/Z of the panels; 0 for sound-hard panels.
     wavenumber : wavenumber of the sound [rad/m].
     near_rule : integration rule for near panels.
-    low_rank_error : error of the matrix's low-rank blocks, see ``assemble``.
+    low_rank_error : error of the matrix's low-rank blocks (see ``assemble``).
     """
 
     corners: QuadraticTriangles
@@ -63,7 +63,7 @@ class MovingPanels:
         """
         nodes = self._surface(self.corners, self.inside).nodes
         normals = nodes.panel_normals
-        # a panel faces a point that is in front of its plane
+        # A panel faces a point that is in front of its plane.
         height = np.einsum("pd,pd->p", normals, nodes.centres)
         seen = np.einsum("pd,qd->pq", normals, points) > height[:, None]
         facing = seen.mean(axis=1) >= share
@@ -82,7 +82,7 @@ class MovingPanels:
         sources: Monopoles,
         tolerance: float,
     ) -> TransposedSolution:
-        """Solve the transposed equation for moved panels: accurate away from the body only.
+        """Solve the transposed equation for moved panels; it is accurate only away from the body.
 
         Parameters
         ----------
@@ -110,10 +110,10 @@ class MovingPanels:
         sources: Monopoles,
         tolerance: float,
     ) -> DirectSolution:
-        """Solve the direct equation for moved panels, which is accurate on the body too.
+        """Solve the direct equation for moved panels, which is also accurate on the body.
 
-        It needs all panels. See ``radiated`` for parameters and errors. The sources must be
-        away from the body.
+        The method needs all panels, and the sources must be away from the body. The parameters and
+        errors are those of ``radiated``.
         """
         surface = self._surface(corners, inside)
         right = direct_right_side(surface, sources.positions, sources.strengths)

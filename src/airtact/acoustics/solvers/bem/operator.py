@@ -1,6 +1,6 @@
 """The dual-surface equation on curved panels: its matrix and its right-hand sides.
 
-For a sound-hard body and outgoing waves e^{+ikr}/r the pressure p on the surface solves, at each
+For a sound-hard body and outgoing waves e^{+ikr}/r, the pressure p on the surface solves, at each
 point x of the surface, with a second point x' = x − δ n inside the body,
 
     p(x)/2 − D[p](x) + i D[p](x') = p_inc(x) − i p_inc(x'),
@@ -47,8 +47,8 @@ from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.sources import Monopoles, nearest_source
 from airtact.errors import in_short
 
-# Bodies thicker than this get x' at 0.2 λ = 0.3 · 2/3 λ; the thickness is measured only up to
-# here [λ]
+# Bodies thicker than this have x' at a depth of 0.2 λ = 0.3 · 2/3 λ, so the thickness is measured
+# only up to this value [λ].
 THICK_FROM = 2 / 3
 
 
@@ -61,7 +61,7 @@ class DualSurface:
     nodes : first collocation points x, at the nodes.
     shifted : second collocation points x', inside the bodies [m]; three neighbouring nodes of a
         panel share one.
-    wavenumber : k, with absorption as its imaginary part [rad/m].
+    wavenumber : k, whose imaginary part is the absorption [rad/m].
     near_rule : integration rule for near panels.
     precision : working precision, "float32" or "float64".
     """
@@ -82,13 +82,13 @@ def dual_surface(
     precision: str,
     least_thickness: Float64[np.ndarray, "nodes"] | None = None,
 ) -> DualSurface:
-    """Put the second points below the surface, at 0.3 times the local thickness and at most 0.2 λ.
+    """Place the second points below the surface, at 0.3 times the local thickness, at most 0.2 λ.
 
     Sharing each point among three nodes saves a third of the kernel evaluations at equal accuracy.
-    ``least_thickness`` is a lower bound of the thickness at each node [m].
+    ``least_thickness`` is a lower bound on the thickness at each node [m].
     """
     wavelength = 2 * np.pi / wavenumber.real
-    # deeper points would come near the opposite side of a thin body
+    # Deeper points would come near the opposite side of a thin body.
     depth = 0.3 * thickness(nodes, THICK_FROM * wavelength, least_thickness)
     inside = (nodes.points - depth[:, None] * nodes.normals).reshape(-1, _kernels.sharing, 3)
     shifted = np.einsum("gsd->gd", inside) / _kernels.sharing  # np.mean takes ten times as long
@@ -104,11 +104,11 @@ def assemble(
     ----------
     surface : nodes and second collocation points.
     store : number format of the matrix.
-    error : Frobenius norm of the errors of all low-rank blocks together, divided by that of the 1/2
-        on the diagonal; None stores every block entry by entry.
-    image : fill only the contribution of the bodies' image in this plane. The image has the same
-        pressure, and its double layer at x is that of the bodies at the image of x, so only the
-        collocation points change; the term 1/2 is omitted.
+    error : Frobenius norm of the errors of all low-rank blocks together, divided by the norm of the
+        1/2 on the diagonal; None stores every block in full.
+    image : plane; only the contribution of the bodies' image in this plane is filled. The image has
+        the same pressure, and its double layer at x is that of the bodies at the image of x. Only
+        the collocation points change, and the term 1/2 is omitted.
 
     Raises
     ------
@@ -123,17 +123,17 @@ def assemble(
         points = image.image(points)
         shifted = image.image(shifted)
         centres = image.image(centres)
-    # the entries of panels near a collocation point are corrected by a near integral
+    # The entries of panels near a collocation point are corrected by a near integral.
     collocation_points = np.concatenate([points, shifted])
     rows = near_rows(
         nodes, collocation_points, surface.wavenumber, surface.near_rule, surface.precision
     )
     near, near_shifted = rows.split(len(points))
-    # blocks with corrected entries, or with panels close to each other, are stored whole
+    # Blocks with corrected entries, or with panels close to each other, are stored in full.
     block_rows = blocks_of(len(points))
     stored_whole = np.ones((block_rows, block_rows), dtype=bool)
     if error is not None:
-        # low-rank terms converge fast where panels are more than 0.2 λ apart
+        # Low-rank terms converge fast where panels are more than 0.2 λ apart.
         gap = 0.2 * 2 * np.pi / surface.wavenumber.real
         beside = near_lists(nodes, centres, 2 * nodes.radii + gap)
         corrected = [(part.first, part.panel) for part in (near, near_shifted)]
@@ -150,7 +150,7 @@ def assemble(
     needed = 2 * 24 * (stored_whole.size - stored)
     while True:
         room = needed
-        # check for half the room, since the terms usually need no more
+        # Only half of the space is checked, since the terms usually need no more.
         check_memory(len(points), store, stored, room // 2)
         matrix = BlockMatrix.empty(len(points), store, stored_whole, room)
         if room:
@@ -178,7 +178,7 @@ def direct_right_side(
     positions: SourcePoints,
     strengths: Complex[np.ndarray, "sources excitations"],
 ) -> NodeValues:
-    """Right-hand side p_inc(x) − i p_inc(x') of monopoles; the caller adds their images."""
+    """Return the right-hand side p_inc(x) − i p_inc(x') of monopoles, without their images."""
     collocation_points = np.concatenate([surface.nodes.points, surface.shifted])
     # The hundreds of sources of an array are far from the bodies, so float32 suffices for them.
     precision = "float64"
@@ -200,17 +200,17 @@ def transposed_right_side(
     strengths: Complex128[np.ndarray, "sources excitations"],
     planes: Sequence[Plane] = (),
 ) -> tuple[NodeValues, Float64[np.ndarray, "sources"]]:
-    """Right-hand side of the transposed equation: the transposed double layer of the monopoles.
+    """Return the right-hand side of the transposed equation, and a factor for each source.
 
-    The images of the sources in ``planes`` are added here. Also return the factor of each strength:
-    1 off the surface, 2 on it. On the surface, Green's formula yields half the pressure, p/2 =
-    p_inc + D[p]. By reciprocity, a source there counts twice. This holds for any impedance, because
-    D includes the single layer.
+    The right-hand side is the transposed double layer of the monopoles, including their images in
+    ``planes``. The factor of a source's strength is 1 off the surface and 2 on it: on the surface,
+    Green's formula yields half of the pressure, p/2 = p_inc + D[p], so by reciprocity a source
+    there counts twice. This is true for any impedance, because D includes the single layer.
     """
     positions, contact = project_contacts(surface.nodes, positions)
     factors = np.where(contact, 2.0, 1.0)
     emitting = with_images(planes, Monopoles(positions, factors[:, None] * strengths))
-    # images follow the sources and touch nothing
+    # The images follow the sources and touch nothing.
     touching = np.zeros(len(emitting.positions), dtype=bool)
     touching[: len(contact)] = contact
     right = double_layer_transposed(

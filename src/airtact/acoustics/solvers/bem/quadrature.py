@@ -1,7 +1,7 @@
 """Nodes, weights and near integrals on curved quadratic (six-node) panels.
 
 Each panel has the six nodes of a rule of degree 4, all inside it. The pressure on it is the
-quadratic through them: a Nyström method that needs no continuity between panels.
+quadratic through the nodes. This is a Nyström method, which needs no continuity between panels.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from airtact.geometry.mesh.quadratic_triangles import points_at, shape_functions
 
 
 def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray, "6"]]:
-    """Six-point rule of degree 4 on the unit triangle (Strang & Fix 1973; Cowper 1973).
+    """Return the six-point rule of degree 4 on the unit triangle (Strang & Fix 1973; Cowper 1973).
 
     The first three points lie near corner 1, the others near the opposite edge.
     """
@@ -42,14 +42,14 @@ def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray,
     return np.array(points)[neighbours], np.array(weights)[neighbours]
 
 
-# Largest distance from the true surface of a point that touches a panel [contact lengths]. The
+# Largest distance from the true surface at which a point touches a panel [contact lengths]. The
 # panel deviates from the surface by less than 2/3 of its contact length.
 CONTACT_REACH = 2.0
 
 RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
 
 # (19, 6) shape functions and their u and v derivatives at the six nodes, and the functions at the
-# centre
+# centre.
 RULE = np.concatenate(
     [
         shape_functions(RULE_POINTS),
@@ -71,13 +71,13 @@ class Nodes:
 
     Attributes
     ----------
-    points, normals : positions of the nodes [m] and outward unit normals.
+    points, normals : positions of the nodes [m], and outward unit normals.
     weights : area that each node represents [m²].
     body : index of each node's obstacle.
     quadratic_triangles : corners and edge midpoints of the panels [m].
     contact : distance below which a point touches a panel [m].
     centres, radii : centre of each panel, and the distance of its farthest corner or midpoint [m].
-    admittance : ρc/Z of each panel, 0 for a sound-hard one.
+    admittance : ρc/Z of each panel; 0 for sound-hard panels.
     """
 
     points: NodePoints
@@ -104,17 +104,17 @@ class Nodes:
 
     @property
     def panels(self) -> _kernels.Panels:
-        """The panels for the compiled near integrals."""
+        """The panels in the form for the compiled near integrals."""
         return _kernels.Panels(self.quadratic_triangles, self.contact)
 
     def single_layer(self, wavenumber: complex) -> SingleLayer:
-        """ikρc/Z times area [m], which relates −∂p/∂n to p; empty if all are hard."""
+        """ikρc/Z times area [m], which relates −∂p/∂n to p; empty if all panels are sound-hard."""
         if not self.admittance.any():
             return np.empty(0, dtype=np.complex128)
         return 1j * wavenumber * np.repeat(self.admittance, 6) * self.weights
 
     def layer(self, wavenumber: complex) -> _kernels.Layer:
-        """Double layer of the pressure plus the single layer of −∂p/∂n, for the compiled sums."""
+        """Double layer of the pressure plus single layer of −∂p/∂n, for the compiled sums."""
         single = self.single_layer(wavenumber)
         return _kernels.Layer(self.points, self.weighted_normals, single, complex(wavenumber))
 
@@ -125,14 +125,14 @@ def place_nodes(
     deviation: PanelLengths,
     admittance: Admittances | None = None,
 ) -> Nodes:
-    """Put the six nodes of the degree-4 rule on every panel.
+    """Place the six nodes of the degree-4 rule on every panel.
 
     Parameters
     ----------
     quadratic_triangles : corners and edge midpoints of the panels [m].
     body : index of each panel's obstacle.
     deviation : distance of each panel from the true surface [m].
-    admittance : ρc/Z of each panel; sound-hard unless given.
+    admittance : ρc/Z of each panel; by default all panels are sound-hard.
     """
     panels = np.ascontiguousarray(quadratic_triangles)
     count = len(panels)
@@ -143,7 +143,7 @@ def place_nodes(
         weights=weights,
         body=np.repeat(body, 6),
         quadratic_triangles=panels,
-        # a thousandth of the radius, or more if the panel deviates from the true surface
+        # A thousandth of the radius, or more if the panel deviates from the true surface.
         contact=np.maximum(1e-3 * radii, 1.5 * deviation),
         centres=centres,
         radii=radii,
@@ -153,7 +153,7 @@ def place_nodes(
 
 @cache
 def near_quadrature(angular: int, radial: int) -> _kernels.NearQuadrature:
-    """Gauss-Legendre rules on [0, 1], with the points that near integrals begin with."""
+    """Return Gauss-Legendre rules on [0, 1] with the points that near integrals start with."""
     largest = 40
     rules = [np.polynomial.legendre.leggauss(n) for n in range(1, largest + 1)]
     nodes = np.concatenate([0.5 * (x + 1) for x, _ in rules])
@@ -164,7 +164,7 @@ def near_quadrature(angular: int, radial: int) -> _kernels.NearQuadrature:
 def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:
     """List the panels whose centre is closer to each point than the panel's limit [m].
 
-    Those of point i are ``panel[first[i] : first[i + 1]]``.
+    The panels of point i are ``panel[first[i] : first[i + 1]]``.
     """
     first, panel = _kernels.near_pairs(points, nodes.centres, limits)
     return first.view(np.int64), panel.view(np.int64)  # NumPy has two names for this type
@@ -173,13 +173,13 @@ def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:
 def thickness(
     nodes: Nodes, largest: float, lower_bound: Float64[np.ndarray, "nodes"] | None = None
 ) -> Float64[np.ndarray, "nodes"]:
-    """Diameter of the largest ball inside the body that touches the surface at each node [m].
+    """Return the diameter of the largest inner ball that touches the surface at each node [m].
 
-    It is at most ``largest``. Nodes whose ``lower_bound`` reaches that are skipped.
+    The diameter is at most ``largest``. Nodes whose ``lower_bound`` reaches this are skipped.
 
-    The ball shrinks until it contains no other node. It then shrinks until the panels' closest
-    point to its centre lies on it, because a panel may enter it between nodes (J. Ma,
-    S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).
+    The ball shrinks until it contains no other node. It then shrinks until it only touches the
+    panel point closest to its centre, because a panel may enter it between nodes (J. Ma, S. W. Bae,
+    S. Choi, The Visual Computer 28, 7 (2012)).
     """
     diameter = np.full(len(nodes.points), float(largest))
     unknown = (
@@ -191,25 +191,26 @@ def thickness(
         return diameter
     from airtact.geometry.mesh.panel_tree import panel_tree
 
-    # pairs of a node and a panel of the same body that may limit the node's largest ball
+    # Pairs of a node and a panel of the same body that may limit the node's largest ball.
     centres = nodes.points - 0.5 * largest * nodes.normals
     first, panel = near_lists(nodes, centres[unknown], 0.5 * largest + nodes.radii)
     node = np.repeat(unknown, np.diff(first))
-    # if the cosine between the normals is below 0.5, parts of the panel may face away from the node
+    # If the cosine between the normals is below 0.5, parts of the panel may face away.
     apart = np.einsum("ed,ed->e", nodes.panel_normals[panel], nodes.normals[node]) < 0.5
     apart &= nodes.body[6 * panel] == nodes.body[node]
     node = node[apart]
     panel = panel[apart]
     by_panel = nodes.points.reshape(-1, 6, 3)
     offset = by_panel[panel] - centres[node, None]
-    # each point of a panel has a node within 0.45 radii: 0.38 on a hand's panels, 0.33 on flat ones
+    # Each point of a panel has a node within 0.45 radii: 0.38 on a hand's panels, 0.33 on flat
+    # ones.
     limit = 0.5 * largest + 0.45 * nodes.radii[panel]
     reached = np.einsum("ejd,ejd->ej", offset, offset).min(axis=1) < limit**2
     node = node[reached]
     panel = panel[reached]
 
-    # The ball touches the node from inside and just meets a node of the panel. A panel that faces
-    # the same way belongs to a concave edge, which is not thin.
+    # The ball touches the node from inside and a node of the panel. A panel that faces the same way
+    # belongs to a concave edge, which is not thin.
     gap = nodes.points[node, None] - by_panel[panel]
     depth = np.einsum("ejd,ed->ej", gap, nodes.normals[node])
     normals = nodes.normals.reshape(-1, 6, 3)[panel]

@@ -1,9 +1,9 @@
 """The two solutions of the dual-surface equation, and the fields that follow from them.
 
-The direct solution is the pressure on the surface; the field is the incident pressure plus its
-double layer. The transposed (adjoint) solution is a density of monopoles on and under the surface
-that radiates the scattered field. By reciprocity it is accurate away from the bodies even when a
-source touches one of them.
+The direct solution is the pressure on the surface; the field is the incident pressure plus the
+double layer of this pressure. The transposed (adjoint) solution is a density of monopoles on and
+under the surface that radiates the scattered field. By reciprocity it is accurate away from the
+bodies, even if a source touches one of them.
 """
 
 from dataclasses import dataclass, replace
@@ -29,13 +29,13 @@ from airtact.acoustics.sources import Monopoles, nearest_source
 from airtact.errors import in_short
 from airtact.geometry.mesh.quadratic_triangles import cut
 
-# Nodes, and the pressure at them [Pa]
+# Nodes, and the pressure at them [Pa].
 NodalPressure = tuple[Nodes, NodeValues]
 
 
 @dataclass(frozen=True, eq=False)
 class DirectSolution:
-    """The pressure on the surface [Pa], and the field by Green's formula."""
+    """The pressure on the surface [Pa], from which Green's formula computes the field."""
 
     sources: Monopoles
     surface: DualSurface
@@ -53,17 +53,17 @@ class DirectSolution:
         nodal: bool = False,
         coarse: bool = False,
     ) -> Pressures:
-        """Total or scattered pressure [Pa].
+        """Return the total or scattered pressure [Pa].
 
         Parameters
         ----------
-        points : positions [m]; those on the surface are projected onto it by the caller.
+        points : positions [m]; the caller projects those on the surface onto it.
         contact : mask of the points on the surface. There the pressure is twice the incident
             pressure plus the double layer.
         on_surface : nodes and pressure on the surface; by default those of the solution.
-        cells : the points sorted into cells, if that is faster.
+        cells : the points sorted into cells, if this is faster.
         nodal : whether all points are on panels and away from their edges.
-        coarse : whether single precision suffices for all sums.
+        coarse : whether single precision is enough for all sums.
         """
         nodes, pressure = on_surface or (self.surface.nodes, self.pressure)
         layer = double_layer_pressure(
@@ -86,7 +86,7 @@ class DirectSolution:
         return layer
 
     def near(self, points: Vectors, contact: Mask | None = None, total: bool = True) -> Pressures:
-        """Total or scattered pressure on and near the surface [Pa], from panels refined there."""
+        """Return the pressure on and near the surface [Pa], from panels refined there."""
         if not len(points):
             return np.empty((0, self.pressure.shape[1]), dtype=np.complex128)
         if contact is None:
@@ -96,29 +96,29 @@ class DirectSolution:
     def refined(self, points: Vectors) -> NodalPressure:
         """Return nodes and pressure on the surface, with smaller panels near some points.
 
-        The panels near the points are cut in four. The pressure on the pieces follows from the
-        integral equation itself, and is smoother than the quadratic through the six nodes (Nyström
-        interpolation, Atkinson, The Numerical Solution of Integral Equations of the Second Kind,
-        1997, section 4).
+        The panels near the points are cut in four. The pressure on the pieces is computed from the
+        integral equation itself, which is smoother than the quadratic through the six nodes
+        (Nyström interpolation, Atkinson, The Numerical Solution of Integral Equations of the Second
+        Kind, 1997, section 4).
         """
         nodes = self.surface.nodes
         first, panel = near_lists(nodes, points, self.surface.near_rule.reach * nodes.radii)
         near_points = np.repeat(points, np.diff(first), axis=0)
         offset = nodes.points.reshape(-1, 6, 3)[panel] - near_points[:, None]
         height = np.einsum("nsd,nsd->ns", offset, nodes.normals.reshape(-1, 6, 3)[panel])
-        # the double layer of a flat sound-hard panel is zero in its plane
+        # The double layer of a flat sound-hard panel is zero in its plane.
         in_plane = (np.abs(height).max(axis=1) < 1e-9) & (nodes.admittance[panel] == 0)
         close = np.zeros(len(nodes.centres), dtype=bool)
         close[panel[~in_plane]] = True
         if not close.any():
             return nodes, self.pressure
-        # the pressure on the pieces follows from the integral equation, by Nyström interpolation
+        # The pressure on the pieces follows from the integral equation, by Nyström interpolation.
         pieces, parents = cut(nodes.quadratic_triangles[close], np.full(int(close.sum()), 2))
         contact = nodes.contact[close][parents]
         admittance = nodes.admittance[close][parents]
         fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact, admittance)
         fine_pressure = self.at(fine.points, np.ones(len(fine.points), dtype=bool), nodal=True)
-        # all other panels stay as they are
+        # All other panels stay as they are.
         mixed = np.concatenate([nodes.quadratic_triangles[~close], pieces])
         placed = place_nodes(
             mixed,
@@ -137,7 +137,7 @@ class TransposedSolution:
     Attributes
     ----------
     density : strengths of the monopoles at the nodes [Pa·m].
-    factors : 1 for sources off the surface, 2 for those on it, which radiate with their image.
+    factors : 1 for sources off the surface; 2 for sources on it, which radiate with their image.
     """
 
     sources: Monopoles
@@ -162,13 +162,13 @@ class TransposedSolution:
         self,
     ) -> tuple[Float64[np.ndarray, "monopoles 3"], Complex128[np.ndarray, "monopoles excitations"]]:
         """Positions and strengths of ``scattering``, without the checks of ``Monopoles``."""
-        # three nodes share a second point, which radiates −i times the sum of their strengths
+        # Three nodes share a second point, which radiates −i times the sum of their strengths.
         groups = self.density.reshape(-1, _kernels.sharing, self.density.shape[1])
         points = np.concatenate([self.surface.nodes.points, self.surface.shifted])
         return points, np.concatenate([self.density, -1j * np.einsum("gns->gs", groups)])
 
     def at(self, points: Vectors, total: bool = True, cells: Cells | None = None) -> Pressures:
-        """Total or scattered pressure [Pa] at points away from the surface."""
+        """Return the total or scattered pressure [Pa] at points away from the surface."""
         positions, strengths = self._scattering
         wavenumber = self.surface.wavenumber
         if cells is None:
@@ -189,15 +189,15 @@ class TransposedSolution:
 def incident_pressure(
     points: Points, sources: Monopoles, surface: DualSurface, cells: Cells | None = None
 ) -> Pressures:
-    """Pressure of the sources alone [Pa]; beyond 1 λ, in the working precision."""
+    """Return the pressure of the sources alone [Pa]; beyond 1 λ, in the working precision."""
     if cells is not None:
         layer = monopole_layer(sources.positions, surface.wavenumber)
         pressure = cells.sums(layer, sources.strengths)
-        near = 1e-4  # single precision does not suffice closer to a source [m]
+        near = 1e-4  # single precision is not enough closer to a source [m]
         beside = np.flatnonzero(nearest_source(points, sources, near)[0] < near)
         pressure[beside] = incident_pressure(points[beside], sources, surface)
         return pressure
-    # beside a source, float32 leaves a large relative error of the distance
+    # Beside a source, float32 causes a large relative error of the distance.
     close = np.ones(len(points), dtype=bool)
     if surface.precision == "float32":
         wavelength = 2 * np.pi / surface.wavenumber.real

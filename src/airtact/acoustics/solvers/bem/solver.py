@@ -69,47 +69,47 @@ CITATIONS = (
     "matrices",
 )
 
-# Beginning of the warning about the direct solution; drives do not depend on that solution
+# Beginning of the warning about the direct solution, which drives do not depend on.
 OF_THE_DIRECT = "the pressure at points (direct solution)"
 
 
 # Smallest accuracy at which the matrix is stored in bfloat16. This changes the field by 0.1 %.
 BFLOAT16_ACCURACY = 0.003
 
-# Smallest accuracy of a preview, whose panels are integrated coarsely
+# Smallest accuracy of a preview, whose panels are integrated coarsely.
 PREVIEW_ACCURACY = 0.02
 
-# Ratio of the error of the low-rank blocks to the accuracy
+# Ratio of the error of the low-rank blocks to the accuracy.
 LOW_RANK_ERROR = 0.2
 
-# The two equations of a solve
+# The two equations of a solve.
 Equation = Literal["transposed", "direct"]
 
 
 @dataclass(frozen=True)
 class BoundaryElement(Solver):
-    """Boundary elements for sound-hard and impedance bodies, without spurious interior resonances.
+    """Boundary element method for sound-hard and impedance bodies, without interior resonances.
 
     A discontinuous quadratic Nyström method on curved six-node panels solves the dual-surface
     equation twice by GMRES. The transposed solution is accurate away from the bodies, even for
     sources on or near their surfaces. The direct solution is the pressure on and near the surfaces.
-    The difference between the two estimates the error. Hundreds of excitations are solved by
-    Gaussian elimination.
+    The difference between the two is used to estimate the error. With hundreds of excitations, the
+    equations are solved by Gaussian elimination instead.
 
     Attributes
     ----------
-    accuracy : target of the relative error away from the surfaces (0.01 is 1 %). It sets the size
-        of the panels; 0.03 suits a preview.
+    accuracy : target of the relative error away from the surfaces (0.01 is 1 %). It determines the
+        size of the panels; 0.03 is suitable for a preview.
     precision : precision of the iteration and the matrix, "float32" or "float64". With "float32"
         and an accuracy of 0.003 or more, the matrix is stored in bfloat16.
-    estimate : whether to solve both equations. Without it a solve takes about half the time and the
-        estimated error is NaN. Only the transposed equation is solved, which suffices for a
-        transfer matrix, and the field raises ``InvalidInput`` on and near the surfaces. Scenes with
+    estimate : whether to solve both equations. If False, only the transposed equation is solved,
+        which is enough for a transfer matrix. A solve then takes about half the time, the estimated
+        error is NaN, and the field raises ``InvalidInput`` on and near the surfaces. Scenes with
         reflecting boards solve the direct equation instead. At an accuracy of 0.06 or coarser, use
-        the solution for drives only: their correlation with the exact ones was 0.995, while
-        pressures had errors up to 8 %.
-    enough : relative error above which the report has a warning; by default the accuracy.
-    progress : callback that gets the name of each step as it begins, such as ``print``.
+        the solution for drives only: their correlation with the exact drives was 0.995, while
+        pressures had errors of up to 8 %.
+    enough : relative error above which the report contains a warning; by default the accuracy.
+    progress : callback that receives the name of each step as it begins, such as ``print``.
 
     Raises
     ------
@@ -149,16 +149,16 @@ class BoundaryElement(Solver):
 
     @property
     def max_error(self) -> float:
-        """Relative error above which the report has a warning."""
+        """Relative error above which the report contains a warning."""
         return self.accuracy if self.enough is None else self.enough
 
     @property
     def nodes_per_square_wavelength(self) -> float:
-        """Nodes per λ² of surface: the error falls as the third power of the panel edge."""
+        """Nodes per λ² of surface; the error decreases as the third power of the edge length."""
         return 34.0 * (0.01 / self.accuracy) ** (2 / 3)
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
-        """Count the nodes (unknowns) of a solve, from its panels alone."""
+        """Return the number of nodes (unknowns) of a solve, computed from its panels alone."""
         return 6 * len(self._panels(scene, sources.refined_positions).quadratic_triangles)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField | BoardField:
@@ -166,10 +166,14 @@ class BoundaryElement(Solver):
 
         Parameters
         ----------
-        scene : bodies, sound-hard or of an impedance. Their images in a plane take no unknowns.
+        scene : sound-hard or impedance bodies. Their images in a plane add no unknowns.
         sources : monopoles outside the bodies or on their surfaces, and in front of a plane or on
             it. If some are in the faces of reflecting boards, the field around the other bodies is
             returned, and panels are not refined near these sources.
+
+        Returns
+        -------
+        The field of the monopoles, with one excitation per column of their strengths.
 
         Raises
         ------
@@ -189,13 +193,13 @@ class BoundaryElement(Solver):
     def _from_boards(
         self, scene: Scene, sources: Monopoles, inside: Bool[np.ndarray, "sources"]
     ) -> BoardField:
-        """Solve for sources, some of them in the faces of reflecting boards.
+        """Solve for sources of which some are in the faces of reflecting boards.
 
-        The transposed solution around all obstacles gives monopoles that radiate the boards'
+        The transposed solution around all obstacles provides monopoles that radiate the boards'
         reflections. A second solve around the other bodies uses these monopoles and the sources.
         """
         refined = sources.positions[~inside]
-        # ten times the usual accuracy, because its error is not estimated
+        # A tenth of the usual tolerance, because the error of this solve is not estimated.
         with_boards = self._radiate(scene, sources, refined, 0.1 * self.accuracy, ("transposed",))
         rest = replace(
             scene, obstacles=[obstacle for obstacle in scene.obstacles if not obstacle.board]
@@ -214,7 +218,7 @@ class BoundaryElement(Solver):
             warnings=(*with_boards.report.warnings, NOT_ESTIMATED, *around.report.warnings),
         )
         nodes = with_boards.surface.nodes
-        # within the largest radius of a board's panels, its monopoles are too sparse
+        # Within the largest radius of a board's panels, its monopoles are too sparse.
         reach = float(nodes.radii[np.isin(nodes.body[::6], scene.boards)].max())
         return BoardField(rest, sources, report, boards, around, reach)
 
@@ -226,14 +230,14 @@ class BoundaryElement(Solver):
         tolerance: float | None = None,
         equations: Sequence[Equation] = (),
     ) -> BoundaryField:
-        """Solve for sources, none of them in a board's face.
+        """Solve for sources of which none is in a board's face.
 
         Parameters
         ----------
-        refined : points beside which the panels are smaller [m].
+        refined : points near which the panels are smaller [m].
         tolerance : residual at which the iteration stops; by default it follows from the accuracy.
-        equations : equations to solve; by default both if the error is estimated; else the direct
-            one if the scene has boards, or the transposed one.
+        equations : equations to solve. By default both are solved if the error is estimated;
+            otherwise the direct one if the scene has boards, or the transposed one.
         """
         if not equations:
             alone: Equation = "direct" if scene.boards else "transposed"
@@ -253,7 +257,7 @@ class BoundaryElement(Solver):
             store: Store = self.precision
             error = None
             if by_elimination:
-                check_memory(count, store, 2 * blocks_of(count) ** 2)  # with its factors
+                check_memory(count, store, 2 * blocks_of(count) ** 2)  # including its factors
             elif self.precision == "float32":
                 if self.accuracy >= BFLOAT16_ACCURACY:
                     store = "bfloat16"
@@ -320,15 +324,15 @@ class BoundaryElement(Solver):
     ) -> "at.acoustics.FactorisedBodies":
         """Factorise each body once, for any sources and rigid motions of the bodies.
 
-        The solver that is returned solves for a new pose of two fingers, or for other foci, in a
-        fraction of the time of ``radiate``. Its field is only known away from the bodies, as with
-        ``estimate=False``. Factorising takes as long as tens of solves: 2 s for two fingers of
+        The returned solver solves for a new pose of two fingers, or for other foci, in a fraction
+        of the time of ``radiate``. Its field is only known away from the bodies, as with
+        ``estimate=False``. Factorising takes as long as tens of solves: 2 s for two fingers with
         1,100 unknowns each. The time grows as the cube of a body's unknowns, to minutes for a hand
-        of 8,000.
+        with 8,000.
 
         Parameters
         ----------
-        scene : bodies, sound-hard or of an impedance.
+        scene : sound-hard or impedance bodies.
         refined : (P, 3) points [m], such as later foci, near which the panels are smaller.
 
         Raises
@@ -346,13 +350,13 @@ class BoundaryElement(Solver):
         if len(points):
             check_outside(scene, points, "refined")
         clock = Clock(self.progress)
-        goal = 0.5 * self.accuracy  # for the error of the skeletons, which falls with distance
+        goal = 0.5 * self.accuracy  # for the error of the skeletons, which decreases with distance
         with clock.step("panels", "covering the bodies with panels"):
             panels = self._panels(scene, points)
         bodies = []
         for body, obstacle in enumerate(scene.obstacles):
             with clock.step("bodies", f"factorising body {body}"):
-                # each body has its own matrix without low-rank blocks
+                # Each body has its own matrix, without low-rank blocks.
                 of_body = panels.body == body
                 nodes = place_nodes(
                     panels.quadratic_triangles[of_body],
@@ -361,7 +365,7 @@ class BoundaryElement(Solver):
                     admittance=admittances(scene)[panels.body[of_body]],
                 )
                 count = len(nodes.points)
-                # four copies: the matrix, its factors, right-hand sides and solutions
+                # There are four copies: the matrix, its factors, right-hand sides and solutions.
                 check_memory(count, self.precision, 4 * blocks_of(count) ** 2)
                 surface = self._surface(nodes, scene, [obstacle])
                 bodies.append(reduced_body(surface, 0.7 * scene.wavelength, goal))
@@ -371,8 +375,8 @@ class BoundaryElement(Solver):
         )
         inaccurate = [
             f"the skeletons of body {index} have an error of {100 * body.error:.1f} %, more than "
-            f"{100 * goal:.1f} %: the body has a narrow cavity, or precision 'float32' does not "
-            "suffice for the accuracy"
+            f"{100 * goal:.1f} %: the body has a narrow cavity, or precision 'float32' is not "
+            "enough for the accuracy"
             for index, body in enumerate(bodies)
             if body.error > 1.5 * goal
         ]
@@ -397,7 +401,7 @@ class BoundaryElement(Solver):
         Parameters
         ----------
         scene : scene with the body.
-        refined : (P, 3) points [m], such as foci, beside which the panels are smaller.
+        refined : (P, 3) points [m], such as foci, near which the panels are smaller.
         """
         _check_bodies(scene)
         panels = _in_block_order(self._panels(scene, refined))
@@ -457,7 +461,7 @@ class BoundaryElement(Solver):
         tolerance: float,
     ) -> GmresResult:
         """Solve with the sum of the matrices of the bodies and of their images, by GMRES."""
-        # scaled, because squares would overflow or underflow in single precision
+        # The right-hand side is scaled because squares would leave the range of single precision.
         size = np.abs(right).max(axis=0, initial=0.0)
         size[size == 0.0] = 1.0
         right_sides = np.ascontiguousarray((right / size).T, dtype=matrices[0].precision)
@@ -469,7 +473,7 @@ class BoundaryElement(Solver):
             return total
 
         # A cavity makes the equations ill-conditioned, so the error of the solution counts too.
-        # Sound dies out slowly between boards that face each other.
+        # Sound decays slowly between boards that face each other.
         result = gmres(
             product,
             right_sides,
@@ -480,7 +484,7 @@ class BoundaryElement(Solver):
         return replace(result, solution=result.solution.astype(np.complex128) * size[:, None])
 
     def _surface(self, nodes: Nodes, scene: Scene, obstacles: Sequence[Obstacle]) -> DualSurface:
-        # the thickness of closed forms is known; it is measured only on other shapes
+        # The thickness of closed forms is known, so it is measured only on other shapes.
         thickness = np.empty(len(nodes.points))
         for index, obstacle in enumerate(obstacles):
             of_body = nodes.body == index
@@ -497,7 +501,7 @@ class BoundaryElement(Solver):
 
     def _panels(self, scene: Scene, refined: Points) -> Panels:
         smallest = self._smallest_edge(scene)
-        # panels around a round body
+        # Panels around the circumference of a round body.
         table = ((0.025, 7), (0.02, 8), (0.0125, 9), (0.0, 11))
         around = next(panels for least, panels in table if self.accuracy >= least)
         if not self.estimate and self.accuracy >= 0.06:
@@ -508,11 +512,11 @@ class BoundaryElement(Solver):
             near=refined[scene.depth(refined) > -2 * smallest],
             smallest=smallest,
             bend=2 * np.pi / around,
-            # moving a surface by d changes the phase of the reflected sound by 2 k d
+            # Moving a surface by d changes the phase of the reflected sound by 2 k d.
             away=self.accuracy / (2 * scene.wavenumber.real),
             image=scene.planes[0].image if scene.planes else None,
             walls=scene.boards,
-            # between the bodies; the sound far from them is accurate without it
+            # Needed between the bodies; the sound far from them is accurate without it.
             close=scene.wavelength if self.estimate else 0.0,
         )
 
@@ -522,14 +526,14 @@ class BoundaryElement(Solver):
 
     def _smallest_edge(self, scene: Scene) -> float:
         """Edge length [m] below which panels are not refined near a source."""
-        # The pressure varies faster on a yielding surface, which takes 1.28 times as many nodes.
+        # The pressure varies faster on a yielding surface, which needs 1.28 times as many nodes.
         yielding = np.abs(admittances(scene)).max(initial=0.0) > 0.1
         return 0.5 * self.panel_edge(scene.wavelength) / math.sqrt(1.28 if yielding else 1.0)
 
     def _tolerance(self, scene: Scene) -> float:
         if self.precision == "float64":
             tolerance = min(0.1 * self.accuracy, 1e-8)
-        elif not self.estimate:  # for receivers far away only
+        elif not self.estimate:  # only for receivers far away
             tolerance = self.accuracy * (
                 0.8 if self.accuracy >= 0.06 else 0.5 if self.accuracy >= 0.04 else 0.4
             )
@@ -569,11 +573,12 @@ def _check_bodies(scene: Scene) -> None:
 
 
 def _probes(scene: Scene, nodes: Nodes, reach: float) -> Float64[np.ndarray, "probes 3"]:
-    """Points for the error estimate: around the bodies, or close in front of boards."""
+    """Return points for the error estimate, around the bodies or close in front of boards."""
     if not scene.boards:
         return surrounding_points(scene, nodes.points)
     panels = np.flatnonzero(np.isin(nodes.body[::6], scene.boards))
     panels = panels[:: math.ceil(len(panels) / 512)]
-    # two radii off, because the transposed solution's monopoles are too sparse for nearer points
+    # The points are two radii away, because the transposed solution's monopoles are too sparse for
+    # nearer ones.
     before = nodes.centres[panels] + 2.0 * nodes.radii[panels, None] * nodes.normals[6 * panels]
     return before[(scene.depth(before) < 0.0) & ~near_surface(nodes, before, reach)]

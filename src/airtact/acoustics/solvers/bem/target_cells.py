@@ -1,8 +1,8 @@
 """Sums over many sources at many points close together, such as those of a picture.
 
 The points are sorted into cells narrower than a wavelength. The field of sources away from a cell
-is smooth there: it is summed on a grid of Chebyshev points and interpolated between them. Sources
-near the cell are summed at each point.
+is smooth in the cell, so it is summed on a grid of Chebyshev points and interpolated between them.
+Sources near the cell are summed at each point.
 """
 
 from dataclasses import dataclass
@@ -15,16 +15,16 @@ from airtact.acoustics.solvers.arrays import Points, SourcePoints
 from airtact.acoustics.solvers.chebyshev import chebyshev_weights
 from airtact.errors import in_short
 
-# Relative error, number of points along each edge of a cell's grid, and distance from its corners
-# within which sources are near [λ]
+# Relative error, number of points along each edge of a cell's grid, and distance from the cell's
+# corners within which sources are near [λ].
 GRIDS = ((1e-3, 8, 0.3), (2e-5, 10, 0.6))
 
-# Largest ratio of grid points to points at which cells are faster
+# Largest ratio of grid points to points at which cells are faster.
 MAX_GRID_SHARE = 0.5
 
 
 def monopole_layer(positions: SourcePoints, wavenumber: complex) -> _kernels.Layer:
-    """Monopoles for ``Cells.sums``, in place of a double layer."""
+    """Return monopoles in the form for ``Cells.sums``, in place of a double layer."""
     hard = np.empty(0, dtype=np.complex128)
     return _kernels.Layer(np.ascontiguousarray(positions), None, hard, complex(wavenumber))
 
@@ -39,8 +39,8 @@ class Cells:
     first : index of the first point of each cell.
     centres : centres of the cells [m].
     reach : distance from a cell's centre within which sources are near [m].
-    grids : Chebyshev points of all cells, cell by cell [m].
-    weights : weights of a cell's grid for each point, along each of the cell's axes.
+    grids : Chebyshev points of all cells, ordered by cell [m].
+    weights : weights of a cell's grid points for each point, along each axis of the cell.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -65,8 +65,8 @@ class Cells:
     ) -> Complex128[np.ndarray, "points excitations"]:
         """Sum a double layer or monopoles at the points, in their original order.
 
-        The sums are in float32 with each cell's centre as origin. A double layer leaves out nodes
-        closer than ``min_distance`` [m].
+        The sums are in float32, with each cell's centre as origin. For a double layer, nodes closer
+        than ``min_distance`` [m] are omitted.
         """
         cells = len(self.centres)
         at_points = _kernels.Cells(self.points, self.first, self.centres, self.reach)
@@ -74,7 +74,7 @@ class Cells:
         bounds = len(self.grids) // cells * np.arange(cells + 1)
         at_grids = _kernels.Cells(self.grids, bounds, self.centres, self.reach)
         smooth = _kernels.apply_in_cells(at_grids, False, layer, strengths, min_distance)
-        # the far part is smooth in a cell: interpolate it
+        # The far part is smooth in a cell, so it is interpolated.
         cell = np.repeat(np.arange(cells), np.diff(self.first))
         _, b, c = (part.shape[1] for part in self.weights)
         steps = np.array([b * c, c]) * smooth.shape[1]
@@ -86,26 +86,26 @@ class Cells:
 
 
 def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
-    """Sort points [m] into cells for sums to a relative error, unless cells are slower."""
+    """Sort points [m] into cells for sums to a relative error; return None if cells are slower."""
     grids = [(order, beyond) for left, order, beyond in GRIDS if left <= error]
     if not grids or len(points) < grids[0][0] ** 2 / MAX_GRID_SHARE:
         return None
     order, beyond = grids[0]
     middle = points.mean(axis=0)
     across = np.ascontiguousarray((points - middle).T)
-    # cells lie along the principal axes of the points, so that a picture has one layer of them
-    _, axes = np.linalg.eigh(across @ across.T)  # the thinnest first
+    # Cells lie along the principal axes of the points, so that a picture has one layer of them.
+    _, axes = np.linalg.eigh(across @ across.T)  # the thinnest direction first
     local = axes.T @ across
     low = local.min(axis=1)
     extent = local.max(axis=1) - low
     deep = extent > 1e-5 * wavelength  # the other axes need no grid
     size = np.where(deep, order, 1)
     count = np.where(deep, np.ceil(extent / wavelength), 1).astype(np.int64)
-    # cell numbers must fit into 16 bits
+    # Cell numbers must fit into 16 bits.
     if count.prod() > 2**16 or size.prod() > MAX_GRID_SHARE * len(points):
         return None
     width = np.where(deep, extent, wavelength) / count
-    # number the cells row by row, and leave out empty ones
+    # Cells are numbered row by row, without the empty ones.
     number = np.zeros(len(points), dtype=np.int64)
     for axis in np.flatnonzero(count > 1):
         index = ((local[axis] - low[axis]) / width[axis]).astype(np.int64)
@@ -117,7 +117,7 @@ def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
     number = np.searchsorted(used, number[sorting])
     centres = low + (np.stack(np.unravel_index(used, count), axis=1) + 0.5) * width
     centres[:, ~deep] = (low + 0.5 * extent)[~deep]
-    # Chebyshev points in each cell, and their weights at the points
+    # These are the Chebyshev points in each cell and their weights at the points.
     nodes = [np.cos(np.pi * (np.arange(n) + 0.5) / n) for n in size.tolist()]
     grid = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, 3) * width / 2
     weights = [

@@ -1,1 +1,1 @@
-"""The finite element method (FEM) on NGSolve, for sound-hard, impedance and filled bodies."""
+"""The finite element method (FEM) with NGSolve, for sound-hard, impedance and filled bodies."""

@@ -1,4 +1,4 @@
-"""Factorise the sparse complex symmetric matrix of the finite elements with Pardiso or NGSolve."""
+"""Factorisation of the sparse complex symmetric finite element matrix by Pardiso or NGSolve."""
 
 import ctypes
 import importlib.metadata
@@ -22,10 +22,10 @@ from airtact.acoustics.solvers.fem.mesh import Box
 from airtact.acoustics.solvers.memory import available_memory
 from airtact.errors import InvalidInput, NotConverged
 
-# Largest number of refinement steps for single precision; two or three usually suffice.
+# Largest number of refinement steps in single precision; two or three are usually enough.
 MAX_REFINEMENTS = 12
 
-# Up to this order a residual of 1e-3 suffices, because the error of the elements is far larger.
+# Up to this order, a residual of 1e-3 is enough because the error of the elements is far larger.
 COARSE_ORDER = 5
 
 
@@ -43,7 +43,7 @@ class Factor(ABC):
         """Solve for the unknowns shared by tetrahedra; the others are 0."""
 
     def solve(self, right: Coefficients) -> Coefficients:
-        """Solution for each column of a right-hand side."""
+        """Return the solution for each column of a right-hand side."""
         form = self.form
         solution = np.empty_like(right)
         column = form.mat.CreateColVector()
@@ -58,7 +58,7 @@ class Factor(ABC):
             for number in range(right.shape[1]):
                 inner.FV().NumPy()[:] = solution[:, number]
                 column.FV().NumPy()[:] = shared[:, number]
-                # and computes the unknowns inside from the shared unknowns afterwards.
+                # It also computes the unknowns inside from the shared unknowns afterwards.
                 column.data += form.harmonic_extension * column
                 column.data += form.inner_solve * inner
                 solution[:, number] = column.FV().NumPy()
@@ -91,11 +91,11 @@ class SparseCholesky(Factor):
 
 
 class Pardiso(Factor):
-    """MKL's Pardiso in single precision, refined against the matrix in double precision.
+    """MKL's Pardiso in single precision, refined with the matrix in double precision.
 
-    Generalised conjugate residuals (S. Eisenstat, H. Elman, M. Schultz, SIAM J. Numer. Anal. 20
-    (1983) 345) converge even where plain refinement does not. ``residual`` is the largest allowed
-    residual relative to the right-hand side.
+    The refinement uses generalised conjugate residuals (S. Eisenstat, H. Elman, M. Schultz, SIAM J.
+    Numer. Anal. 20 (1983) 345), which converge even where plain refinement does not. ``residual``
+    is the largest allowed residual relative to the right-hand side.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class Pardiso(Factor):
         self._residual = residual
         matrix = _upper_backwards(form, free)
         # Pardiso's settings, numbered from 0: METIS in all threads, pivots of at least 1e-8, single
-        # pivots (pairs take a third longer for the same residual), and single precision
+        # pivots (pairs take a third longer for the same residual), and single precision.
         values = {0: 1, 1: 3, 9: 8, 17: -1, 20: 0, 27: 1, 34: 1}
         settings = (ctypes.c_int * 64)()
         for number, value in values.items():
@@ -120,7 +120,7 @@ class Pardiso(Factor):
             (matrix.data.astype(np.complex64), matrix.indptr, matrix.indices),
         )
         self._call(12)
-        # Pardiso's memory does not belong to Python, so it is released with this object.
+        # Pardiso's memory is not managed by Python, so it is released with this object.
         weakref.finalize(self, self._call, -1)
 
     def solve_shared(self, right: Coefficients) -> Coefficients:
@@ -134,7 +134,7 @@ class Pardiso(Factor):
             scale = np.abs(residual).max() or 1.0
             step = self._solved_once(residual / scale)
             change = np.where(self.free[:, None], self._times(self.form.mat, step), 0)
-            # A change orthogonal to the earlier changes does not undo their gain.
+            # A change orthogonal to the earlier changes does not undo what they gained.
             for earlier, its_change in directions:
                 part = (its_change.conj() * change).sum(axis=0)
                 step = step - part * earlier
@@ -167,7 +167,7 @@ class Pardiso(Factor):
 
 
 def _norms(vectors: Coefficients) -> Float64[np.ndarray, "excitations"]:
-    """Norm of each column, or 1 where the norm is 0, as a divisor."""
+    """Return the norm of each column as a divisor, with 1 in place of 0."""
     norms = np.linalg.norm(vectors, axis=0)
     return np.where(norms == 0, 1.0, norms)
 
@@ -181,7 +181,7 @@ def _pardiso(
     right: np.ndarray | None = None,
     solution: np.ndarray | None = None,
 ) -> None:
-    """Run a phase of Pardiso.
+    """Run one phase of Pardiso.
 
     Phase 12 factorises, phase 33 solves for the columns of ``right``, and phase -1 frees the
     memory.
@@ -207,10 +207,10 @@ def _pardiso(
 
 
 def _upper_backwards(form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> csr_array:
-    """Upper triangle of the matrix of free unknowns, with the last row first.
+    """Return the upper triangle of the matrix of free unknowns, with the last row first.
 
     NGSolve stores the lower triangle. Read backwards, it is the upper triangle of the matrix with
-    reversed unknowns.
+    its unknowns reversed.
     """
     entries, columns, row_starts = (np.asarray(part) for part in form.mat.CSR())
     rows = np.repeat(np.arange(len(free)), np.diff(row_starts.astype(np.int64)))
@@ -228,7 +228,7 @@ def _upper_backwards(form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) ->
 
 @cache
 def pardiso_library() -> str | None:
-    """Path of MKL's library, or None if the package ``mkl`` is not installed."""
+    """Return the path of MKL's library, or None if the package ``mkl`` is not installed."""
     try:
         files = importlib.metadata.distribution("mkl").files or []
     except importlib.metadata.PackageNotFoundError:
@@ -242,7 +242,7 @@ def factorised(
     """Factorise the matrix of elements of a given order by "pardiso" or "sparsecholesky"."""
     if method == "sparsecholesky":
         return SparseCholesky(form, free)
-    # Largest residual after refinement, relative to the right-hand side
+    # Largest residual after refinement, relative to the right-hand side.
     residual = 1e-3 if order <= COARSE_ORDER else 1e-6
     return Pardiso(form, free, residual)
 
@@ -250,12 +250,12 @@ def factorised(
 def check_memory(
     box: Box, wavelength: float, order: int, elements_per_wavelength: float, method: str
 ) -> None:
-    """Raise an error if the memory does not suffice for a factorisation."""
+    """Raise an error if the memory is not enough for a factorisation."""
     volume = float((box.outer_high - box.outer_low).prod()) / wavelength**3
-    # Netgen fills a cube with about 8 tetrahedra whose edges are as long as the cube's.
+    # Netgen fills a cube with about 8 tetrahedra whose edges are as long as those of the cube.
     unknowns = 8.0 * volume * elements_per_wavelength**3 * order**3 / 6
-    # With nested dissection the number of entries grows as the 4/3 power of the unknowns; half as
-    # much memory is added as workspace.
+    # With nested dissection, the number of entries grows as the unknowns to the power of 4/3. The
+    # workspace adds half as much memory.
     bytes_per_entry, fill = (8, 10.0) if method == "pardiso" else (16, 14.0)
     size = 1.5 * bytes_per_entry * fill * unknowns ** (4 / 3)
     free = available_memory()

@@ -27,30 +27,30 @@ from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import in_mm
 
-# Sources within this distance of a filled body remain point loads even near the body [λ]
+# Sources within this distance of a filled body remain point loads even near the body [λ].
 TOUCHING = 0.04
 
 
 @dataclass(frozen=True, eq=False)
 class PointSources:
-    """Monopoles, possibly none: positions [λ] and strengths of e^{ikr}/r."""
+    """Monopoles (possibly none): their positions [λ] and strengths of e^{ikr}/r."""
 
     positions: SourcePoints
     strengths: Strengths
 
     def chosen(self, mask: Bool[np.ndarray, "sources"]) -> "PointSources":
-        """Select the sources of a mask."""
+        """Return the sources that a mask selects."""
         return PointSources(self.positions[mask], self.strengths[mask])
 
     def joined(self, added: Sequence["PointSources"]) -> "PointSources":
-        """Append other sources."""
+        """Return these sources followed by others."""
         return PointSources(
             np.concatenate([self.positions, *(sources.positions for sources in added)]),
             np.concatenate([self.strengths, *(sources.strengths for sources in added)]),
         )
 
     def pressure(self, points: Points, wavenumber: complex) -> Pressures:
-        """Free field of the monopoles at points (P, 3) [λ]."""
+        """Return the free field of the monopoles at points (P, 3) [λ]."""
         if not len(self.positions) or not len(points):
             return np.zeros((len(points), self.strengths.shape[1]), dtype=np.complex128)
         return monopole_pressure(points, self.positions, self.strengths, wavenumber, "float64")
@@ -72,7 +72,7 @@ class Solution:
     coefficients: Coefficients
 
     def total(self, points: Points) -> Pressures:
-        """Total pressure at points (P, 3) [λ] in the box, by interpolation in the tetrahedra."""
+        """Return the total pressure at points (P, 3) [λ] in the box, interpolated in tetrahedra."""
         mapped = self.system.mesh_points(*self.system.holding(points))
         pressure = self.outer.pressure(points, self.system.wavenumber)
         function = ngsolve_library().GridFunction(self.system.space)
@@ -82,9 +82,10 @@ class Solution:
         return pressure
 
     def scattered(self, points: Points, clear: bool = False) -> Pressures:
-        """Scattered pressure at points (P, 3) [λ] outside the bodies, by the surface integral.
+        """Return the scattered pressure at points (P, 3) [λ] outside the bodies.
 
-        Points that are ``clear`` of the bodies need fewer quadrature points.
+        The pressure is computed by the surface integral. Points that are ``clear`` of the bodies
+        need fewer quadrature points.
         """
         system = self.system
         surface = system.coarse_surface if clear else system.surface
@@ -99,7 +100,7 @@ class Solution:
             [w_s[surface.body] * surface.areas, w_v[interior.body] * interior.areas]
         )[:, None]
         pressure = np.concatenate([self.at_nodes(surface), self.at_nodes(interior)])
-        # Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r
+        # Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r.
         return _kernels.surface_integral(
             points,
             positions,
@@ -110,7 +111,7 @@ class Solution:
         )
 
     def at_nodes(self, nodes: QuadraturePoints) -> NodeValues:
-        """Total pressure at quadrature points."""
+        """Return the total pressure at quadrature points."""
         incident = self.outer.pressure(nodes.points, self.system.wavenumber)
         return incident + nodes.pressure(self.coefficients)
 
@@ -128,14 +129,14 @@ def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FiniteField(RadiatedField):
-    """The field of monopoles by ``FiniteElement``.
+    """The field of monopoles computed by ``FiniteElement``.
 
     A source within 0.04 wavelengths of a filled body counts as touching it.
 
     Attributes
     ----------
-    from_afar : solution with the sources near the bodies as point loads, accurate away from the
-        bodies.
+    from_afar : solution with the sources near the bodies as point loads, which is accurate away
+        from the bodies.
     """
 
     from_afar: Solution
@@ -165,7 +166,7 @@ class FiniteField(RadiatedField):
     def _scattering(self) -> Solution:
         """Solution that is accurate near the bodies.
 
-        It solves for the scattered pressure of all sources that touch no filled body.
+        It solves for the scattered pressure of all sources that do not touch a filled body.
         """
         if not beside(self.scene, self.sources.positions).any():
             return self.from_afar
@@ -182,8 +183,9 @@ class FiniteField(RadiatedField):
     def _images(self) -> list[PointSources]:
         """Images of the sources near bodies that sound does not enter.
 
-        With the images subtracted, the scattered pressure is smooth there. An image is as deep in
-        the nearest body as its source is above it. Bodies that are too thin have no images.
+        With the images subtracted, the scattered pressure is smooth near the sources. An image is
+        as deep in the nearest body as its source is above it. Bodies that are too thin have no
+        images.
         """
         length = self.scene.wavelength
         near = beside(self.scene, self.sources.positions) & ~self._touching_filled
@@ -237,7 +239,7 @@ class FiniteField(RadiatedField):
     def _scattered_away(self, points: Points) -> Pressures:
         length = self.scene.wavelength
         pressure = self.nowhere(points)
-        clear = self.scene.depth(points) < -length  # few quadrature points suffice there
+        clear = self.scene.depth(points) < -length  # few quadrature points are enough there
         for group, coarse in ((clear, True), (~clear, False)):
             if group.any():
                 scaled = points[group] / length
@@ -254,7 +256,7 @@ def solved_from_afar(system: System, scene: Scene, sources: Monopoles) -> Soluti
     """Solve with the sources near the bodies as point loads.
 
     By reciprocity, the result far from the bodies is as accurate as the pressure that a far source
-    causes near them.
+    produces near them.
     """
     near = beside(scene, sources.positions)
     scaled = _scaled(scene, sources)
@@ -262,7 +264,7 @@ def solved_from_afar(system: System, scene: Scene, sources: Monopoles) -> Soluti
 
 
 def touching_warnings(scene: Scene, sources: Monopoles) -> tuple[str, ...]:
-    """Warn of sources that touch impedance or filled bodies, near which the pressure is rough."""
+    """Warn of sources that touch impedance or filled bodies, near which the error is large."""
     gap = TOUCHING * scene.wavelength
     touching = _touching(scene, sources.positions, ("impedance", "filled"), gap)
     if not touching.any():

@@ -1,4 +1,4 @@
-"""Import Netgen and NGSolve on demand, silence them, and set their number of threads."""
+"""Functions that import Netgen and NGSolve on demand, silence them and set their threads."""
 
 import os
 import signal
@@ -13,7 +13,7 @@ from typing import Any
 from airtact.acoustics.solvers.memory import processor_count
 from airtact.errors import extra
 
-# Neither library has types; these names describe their objects.
+# Neither library has type annotations; these names describe their objects.
 NetgenMesh = Any  # Netgen's Mesh
 CurvedMesh = Any  # NGSolve's Mesh
 FiniteSpace = Any  # NGSolve's H1

@@ -1,4 +1,4 @@
-"""FiniteElement: the paper's equation (8) in a box around the bodies, on NGSolve."""
+"""FiniteElement: the paper's equation (8) in a box around the bodies, solved with NGSolve."""
 
 from dataclasses import dataclass, field, replace
 
@@ -22,25 +22,25 @@ CITATIONS = (
     "curvilinear coordinates",
 )
 
-# Air between the bodies and the perfectly matched layer [λ]
+# Thickness of the air between the bodies and the perfectly matched layer [λ].
 MARGIN = 0.3
 
 
 @dataclass(frozen=True)
 class FiniteElement(Solver):
-    """Finite elements for sound-hard, impedance and filled bodies, with absorption.
+    """Finite element method for sound-hard, impedance and filled bodies, with absorption.
 
     Curved tetrahedra of high order fill a tight box around the bodies. A perfectly matched layer
-    (PML) around the box absorbs outgoing sound. The pressure outside the box follows from the
+    (PML) around the box absorbs outgoing sound. Outside the box, the pressure is computed from the
     pressure on the bodies by the Kirchhoff-Helmholtz integral. The paper's pinch has 170,000
-    unknowns; a solve takes 7 s with the package ``mkl`` (``pip install 'airtact[mkl]'``,
-    recommended) and 27 s without it, on two cores.
+    unknowns. On two cores, a solve takes 7 s with the package ``mkl`` (``pip install
+    'airtact[mkl]'``, recommended) and 27 s without it.
 
     Attributes
     ----------
-    order : polynomial order of tetrahedra with the nominal edge length, 1 to 10. Larger and smaller
-        ones use higher and lower orders, which halves the cost for the same accuracy. Below order 4
-        or 1.5 elements per wavelength, all tetrahedra use the same order.
+    order : polynomial order of tetrahedra with the nominal edge length, 1 to 10. Larger tetrahedra
+        use higher orders and smaller ones lower orders, which halves the cost at equal accuracy.
+        Below order 4 or 1.5 elements per wavelength, all tetrahedra use the same order.
     elements_per_wavelength : wavelength divided by the nominal edge length of the tetrahedra.
     progress : callback that receives the name of each step as it begins.
 
@@ -74,10 +74,10 @@ class FiniteElement(Solver):
 
     @classmethod
     def reaching(cls, accuracy: float) -> "FiniteElement":
-        """Choose the order for an accuracy: 4 for 3 % or more, 5 down to 0.5 %, else 6.
+        """Return a solver of the order for an accuracy: 4 for 3 % or more, 5 down to 0.5 %, else 6.
 
-        ``accuracy`` is the target relative error away from the surface, 0.001 to 0.3; other
-        values raise ``InvalidInput``.
+        ``accuracy`` is the target relative error away from the surface. Values outside 0.001 to 0.3
+        raise ``InvalidInput``.
         """
         between(accuracy, 1e-3, 0.3, "accuracy", "", "0.01 is 1 %.")
         return cls(order=4 if accuracy >= 0.03 else 5 if accuracy >= 0.005 else 6)
@@ -88,19 +88,19 @@ class FiniteElement(Solver):
         Raises
         ------
         InvalidInput
-            If there are no bodies, a source is inside a body, a body cannot be meshed, or the
-            memory is insufficient.
+            If there are no bodies, a source is inside a body, a body cannot be meshed, or there is
+            not enough memory.
         """
         check_sources(scene, sources)
         return self.factorised(scene).radiate(scene, sources)
 
     def factorised(self, scene: Scene) -> "FactorisedScene":
-        """Mesh and assemble a scene once; return a solver for any sources in this scene.
+        """Mesh and assemble a scene once, and return a solver for any sources in this scene.
 
         Raises
         ------
         InvalidInput
-            For the reasons listed in ``radiate``.
+            Under the conditions listed in ``radiate``.
         """
         of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
         check_no_planes(scene, "FiniteElement")
@@ -108,7 +108,7 @@ class FiniteElement(Solver):
             raise InvalidInput(
                 "the scene has no obstacles; use FreeField for open air.", code="empty"
             )
-        # MKL's Pardiso in single precision, refined in double, or NGSolve's own factorisation
+        # Either MKL's Pardiso in single precision, refined in double, or NGSolve's factorisation.
         method = "pardiso" if pardiso_library() else "sparsecholesky"
         clock = Clock(self.progress)
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
@@ -156,10 +156,10 @@ class FactorisedScene(Solver):
 
     Attributes
     ----------
-    settings : the ``FiniteElement`` solver that built it.
+    settings : the ``FiniteElement`` solver that created it.
     system : the assembled system.
     report : report before any excitation is solved.
-    clock : time of each step.
+    clock : duration of each step.
     """
 
     scene: Scene
@@ -174,7 +174,8 @@ class FactorisedScene(Solver):
         Raises
         ------
         InvalidInput
-            If the scene is another one, or for the reasons listed in ``FiniteElement.radiate``.
+            If the scene is a different one, or under the conditions listed in
+            ``FiniteElement.radiate``.
         """
         if scene is not self.scene:
             raise InvalidInput(

@@ -1,4 +1,4 @@
-"""Curved triangles over the surfaces of bodies; neighbours share their corners."""
+"""Curved triangles over the surfaces of bodies. Neighbouring triangles share their corners."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from airtact.geometry.mesh.remeshing import remeshed
 from airtact.geometry.mesh_shape import placed_on
 from airtact.geometry.shape import Shape
 
-# Ratio of the longest edge to the nominal edge length
+# Ratio of the longest edge to the nominal edge length.
 MAX_EDGE_RATIO = 1.5
 
-# Ratio of the edge length along a bend to the length over which the bend turns by one radian
+# Ratio of the edge length along a bend to the length over which the bend turns by one radian.
 BEND_RATIO = 0.6
 
 
@@ -28,7 +28,7 @@ class SurfaceMesh:
     Attributes
     ----------
     vertices : (V, 3) positions [m].
-    triangles : (T, 3) vertex indices, anticlockwise seen from outside the body.
+    triangles : (T, 3) vertex indices, anticlockwise when seen from outside the body.
     middles : (T, 3, 3) points of the curved surface at the middles of edges 01, 12, 20 [m], the
         same for both neighbours.
     body : (T,) index of each triangle's obstacle.
@@ -41,12 +41,12 @@ class SurfaceMesh:
 
     @property
     def quadratic_triangles(self) -> QuadraticTriangles:
-        """(T, 6, 3) the curved triangles as panels [m]."""
+        """The curved triangles as panels (T, 6, 3) [m]."""
         return np.concatenate([self.vertices[self.triangles], self.middles], axis=1)
 
 
 def surface_mesh(shapes: Sequence[Shape], edge: float) -> SurfaceMesh:
-    """Cover the surfaces of bodies with triangles of a nominal edge length [m] by MMG."""
+    """Cover the surfaces of bodies with triangles of a nominal edge length [m], using MMG."""
     largest = MAX_EDGE_RATIO * edge
     rough = [shape.coarse_meshes(largest) for shape in shapes]
     vertices, triangles, middles, body = [], [], [], []
@@ -60,8 +60,8 @@ def surface_mesh(shapes: Sequence[Shape], edge: float) -> SurfaceMesh:
             strips = strip_sizes(part.vertices, part.ridges, largest)
             sizes = np.minimum(strips, BEND_RATIO * bends)
             if neighbours:
-                # Triangles that face another body use edges of at most 1.5 gaps, but not tiny
-                # edges.
+                # Triangles that face another body have edges of at most 1.5 times the gap, but no
+                # tiny edges.
                 gap = KDTree(np.concatenate(neighbours)).query(part.vertices)[0]
                 sizes = np.minimum(sizes, np.maximum(1.5 * gap, 0.15 * edge))
             area = 0.5 * np.linalg.norm(area_vectors(part.vertices[part.triangles]), axis=1).sum()

@@ -46,7 +46,7 @@ from airtact.geometry.mesh.quadratic_triangles import points_at
 
 @dataclass(frozen=True, eq=False, repr=False)
 class System:
-    """The assembled equation of a scene at one order.
+    """The assembled equation of a scene at one polynomial order.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class System:
     surface, interior : quadrature points of right-hand sides, on the surfaces and inside the filled
         bodies.
     coarse_surface : fewer quadrature points on the surfaces, enough for points a wavelength away.
-    weights : (3, bodies) w_d, w_s and w_v of the weak form.
+    weights : (3, bodies) weights w_d, w_s and w_v of the weak form.
     method : solver that factorises the matrix, "pardiso" or "sparsecholesky".
     """
 
@@ -86,12 +86,12 @@ class System:
     @cached_property
     def factor(self) -> Factor:
         """The factorised matrix, computed when it is first needed."""
-        free = np.array(self.space.FreeDofs(True), dtype=np.bool_)  # shared by tetrahedra
+        free = np.array(self.space.FreeDofs(True), dtype=np.bool_)  # those shared by tetrahedra
         return factorised(self.form, free, self.order, self.method)
 
     def right_hand_side(self, positions: SourcePoints, strengths: Strengths) -> Coefficients:
-        """Right-hand side for the pressure scattered from monopoles at positions [λ]."""
-        # L_y(v) of the weak form, summed over the sources y.
+        """Return the right-hand side for the scattered pressure of monopoles at positions [λ]."""
+        # This is L_y(v) of the weak form, summed over the sources y.
         w_d, w_s, w_v = self.weights
         surface = self.surface
         interior = self.interior
@@ -116,7 +116,7 @@ class System:
     def point_load(
         self, number: int, weights: Real[np.ndarray, "4"]
     ) -> Complex128[np.ndarray, "unknowns"]:
-        """Right-hand side of a unit monopole at barycentric coordinates of a tetrahedron."""
+        """Return the right-hand side of a unit monopole at barycentric coordinates."""
         ngsolve = ngsolve_library()
         element = ngsolve.ElementId(ngsolve.VOL, number)
         load = np.zeros(self.unknowns, dtype=np.complex128)
@@ -126,15 +126,15 @@ class System:
         return load
 
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
-        """Tetrahedron of each point [λ], and barycentric coordinates in it.
+        """Return the tetrahedron of each point [λ], and the point's barycentric coordinates in it.
 
-        Raise ``InvalidInput`` if a point lies in no tetrahedron.
+        Raise ``InvalidInput`` if a point does not lie in any tetrahedron.
         """
         number, weights = self.tetrahedra.holding(points)
         lost = np.flatnonzero(number < 0)
         if len(lost):
             raise InvalidInput(
-                f"{len(lost)} of {len(points)} points lie in no tetrahedron, the first at "
+                f"{len(lost)} of {len(points)} points do not lie in any tetrahedron, the first at "
                 f"{in_mm(points[lost[0]] * self.scene.wavelength)}; increase "
                 "elements_per_wavelength, so that tetrahedra follow the surface more closely.",
                 code="misplaced",
@@ -142,13 +142,13 @@ class System:
         return number, weights
 
     def nearest_on_surface(self, points: Points) -> Vectors:
-        """Nearest points (P, 3) [λ] on the meshed surfaces."""
+        """Return the nearest points (P, 3) [λ] on the meshed surfaces."""
         panel, reference, _ = self.panels.closest(points)
         return points_at(self.panels.quadratic_triangles[panel], reference)[0]
 
     def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
-        """Barycentric coordinates in tetrahedra as NGSolve's points."""
-        # NGSolve stores all points in one array of records; mapping them one by one is slow.
+        """Convert barycentric coordinates in tetrahedra to NGSolve's points."""
+        # NGSolve stores all points in one array of records, because mapping single points is slow.
         points: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
         points[:] = self._mesh_point
         points["nr"] = number
@@ -175,7 +175,7 @@ def assembled(
 ) -> System:
     """Assemble the equation on a mesh from Netgen, in wavelengths.
 
-    ``graded`` is the edge length that uses this order [λ]; longer and shorter edges use higher and
+    Edges of length ``graded`` [λ] use the given order; longer and shorter edges use higher and
     lower orders. None uses the same order everywhere.
     """
     ngsolve = ngsolve_library()
@@ -187,8 +187,8 @@ def assembled(
         if graded is not None:
             grade_orders(space, mesh, scene, box, order, graded, panels.reshape(-1, 3))
         equation = weak_form(scene, box, mesh, space)
-        # Static condensation eliminates the unknowns inside tetrahedra, which leaves a far smaller
-        # matrix to factorise.
+        # Static condensation eliminates the unknowns inside tetrahedra, so that the matrix to
+        # factorise is far smaller.
         form = ngsolve.BilinearForm(equation, symmetric=True, symmetric_storage=True, condense=True)
         form.Assemble()
         return System(
@@ -226,19 +226,19 @@ def _bend(mesh: CurvedMesh, tetrahedra: Tetrahedra) -> None:
     mesh.SetDeformation(deformation)
 
 
-# Largest difference between the order of an element and the nominal order
+# Largest difference between the order of an element and the nominal order.
 MAX_ABOVE = 4
 
 
 # Netgen's tetrahedra are up to three times larger or smaller than the nominal size. With the same
-# order everywhere, the largest determine the error and the smallest the cost; graded orders balance
-# both.
+# order everywhere, the largest ones determine the error and the smallest ones the cost. Graded
+# orders balance error and cost.
 def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:
-    """Longest edges [λ] for orders 1, 2 ... that have the same error as an order on a given edge.
+    """Return the longest edges [λ] for orders 1, 2, ... at the error of an order on a given edge.
 
     A polynomial of order p approximates e^{ikx} over an edge h with the error 2 (kh/4)^(p+1) /
     (p+1)! (Chebyshev interpolation). The reference is ``order`` on an edge of length ``size`` [λ];
-    the error may be larger than that by the factor ``ease``.
+    the error may exceed the reference by the factor ``ease``.
     """
     error = ease * (0.5 * np.pi * size) ** (order + 1) / factorial(order + 1)
     powers = range(2, order + MAX_ABOVE + 2)
@@ -256,7 +256,7 @@ def grade_orders(
 ) -> None:
     """Set the orders of edges, faces and tetrahedra according to their lengths.
 
-    Edges of length ``size`` [λ] use ``order``; ``surface`` holds points on the surfaces [λ].
+    Edges of length ``size`` [λ] use ``order``. ``surface`` contains points on the surfaces [λ].
     """
     ngsolve = ngsolve_library()
     points = np.array([vertex.point for vertex in mesh.vertices])

@@ -1,6 +1,6 @@
 """The Helmholtz equation in weak form, and the right-hand sides for its boundaries.
 
-The paper's equation (8), divided by the density of the air and 4π, in wavelengths: find p with
+The paper's equation (8), divided by the density of the air and 4π, in wavelengths, is: find p with
 
     ∫ w (∇p · ∇v − k² p v) dV − ∮ (ik/ratio) p v dS = L(v),
 
@@ -36,12 +36,12 @@ from airtact.acoustics.solvers.fem.libraries import (
 )
 from airtact.acoustics.solvers.fem.mesh import Box
 
-# Thickness of the perfectly matched layer [λ]
+# Thickness of the perfectly matched layer [λ].
 LAYER_THICKNESS = 0.55
 
 
 def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> Expression:
-    """Left-hand side of the equation, as a symbolic form of NGSolve."""
+    """Return the left-hand side of the equation, as a symbolic form of NGSolve."""
     ngsolve = ngsolve_library()
     trial, test = space.TnT()
     squared = _plain(complex(scene.wavenumber * scene.wavelength) ** 2)
@@ -88,7 +88,7 @@ def _layer_form(
 
 
 def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
-    """Weights w_d, w_s and w_v of each body."""
+    """Return the weights w_d, w_s and w_v of each body."""
     weights = np.zeros((3, len(scene.obstacles)), dtype=np.complex128)
     weights[0] = 1.0
     wavenumber = scene.wavenumber * scene.wavelength
@@ -103,7 +103,7 @@ def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
 
 
 def _filling(scene: Scene, medium: Medium) -> tuple[float, complex]:
-    """Ratio of the air's density to a filling's, and the filling's k² [1/λ²]."""
+    """Return the ratio of the air's density to a filling's, and the filling's k² [1/λ²]."""
     wavenumber = complex(medium.wavenumber(scene.frequency) * scene.wavelength)
     return scene.medium.density / medium.density, wavenumber**2
 
@@ -136,12 +136,12 @@ class QuadraturePoints:
     weighted: csr_array
 
     def pressure(self, solution: Coefficients) -> Complex128[np.ndarray, "nodes excitations"]:
-        """Pressure of a solution at the points."""
+        """Return the pressure of a solution at the points."""
         return (self.weighted.T @ solution) / self.areas[:, None]
 
 
 def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> QuadraturePoints:
-    """Quadrature points of the boundaries ``surface0`` ... or the materials ``body0`` ..."""
+    """Return quadrature points of the boundaries ``surface0`` ... or materials ``body0`` ..."""
     ngsolve = ngsolve_library()
     on_surface = kind == "surface"
     names = mesh.GetBoundaries() if on_surface else mesh.GetMaterials()
@@ -171,7 +171,7 @@ def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> Q
     matrix = csr_array(
         (np.real(entries), columns, row_starts), shape=(integral.mat.height, integral.mat.width)
     )
-    # The matrix has columns for the points of all elements; select those of the region.
+    # The matrix has columns for the points of all elements; those of the region are selected.
     mapped = mesh.MapToAllElements(rules, region)
     per_element = len(mapped) // len(np.unique(mapped["nr"]))
     within = np.tile(np.arange(per_element), len(mapped) // per_element)

@@ -5,11 +5,11 @@ the scattered pressure of a monopole e^{ikR}/R at radius r0 >= a is Σ t_n [h_n(
 [h_n(kr0)/h_n(z)] P_n(cos γ) outside and Σ u_n [j_n(k1 r)/j_n(k1 a)] [h_n(kr0)/h_n(z)] P_n(cos γ)
 inside a fluid sphere (Bowman, Senior & Uslenghi, Electromagnetic and Acoustic Scattering by Simple
 Shapes, 1987, sections 10.3 and 10.4; Anderson, J. Acoust. Soc. Am. 22, 426, 1950, for the fluid). A
-boundary imposes f' + β_n f = 0 at r = a.
+boundary condition imposes f' + β_n f = 0 at r = a.
 
-If source and point are near the surface, the terms fall only as (a²/(r r0))^n. Two steps shorten
-the sum. The static images, which contain the singular part, are summed in closed form. The rest of
-the tail is summed by parts (Yennie, Ravenhall & Wilson, Phys. Rev. 95, 500, 1954).
+If source and point are near the surface, the terms decrease only as (a²/(r r0))^n. Two steps
+shorten the sum. The static images, which contain the singular part, are summed in closed form. The
+rest of the tail is summed by parts (Yennie, Ravenhall & Wilson, Phys. Rev. 95, 500, 1954).
 """
 
 from collections import deque
@@ -31,7 +31,7 @@ from airtact.acoustics.solvers.spherical.radial_functions import (
 )
 from airtact.errors import NotConverged
 
-# Largest error of the summed series, relative to the open-air pressure of the same source there
+# Largest error of the summed series, relative to the open-air pressure of the same source there.
 ACCURACY = 1e-8
 
 _MAX_TERMS = 20_000
@@ -42,13 +42,13 @@ _Term = tuple[ComplexPairs, Pairs]
 
 @dataclass(frozen=True)
 class SphereModes:
-    """The boundary of a sphere, for each mode.
+    """The boundary condition of a sphere, for each mode.
 
     Attributes
     ----------
     radius : radius a [m].
     wavenumber : wavenumber k outside [1/m].
-    admittance : ρc/Z of the surface, 0 for sound-hard; unused if there is a fluid inside.
+    admittance : ρc/Z of the surface; 0 for sound-hard, and unused if there is a fluid inside.
     inner_wavenumber : wavenumber k1 of the fluid inside [1/m], or None.
     density_ratio : density outside divided by density inside; unused without a fluid inside.
     """
@@ -110,7 +110,7 @@ class SphereModes:
         return complex(point), complex(point / total)
 
     def first_safe_order(self) -> int:
-        """Order beyond which the terms fall: above both ka and k1 a."""
+        """Order above which the terms decrease: larger than both ka and k1 a."""
         largest = max(abs(self.size), abs((self.inner_wavenumber or 0.0) * self.radius))
         return int(largest + 5.0 * np.cbrt(largest) + 10.0)
 
@@ -122,16 +122,16 @@ class SphereModes:
         versine: Pairs,
         scale: Pairs,
     ) -> ComplexPairs:
-        """Scattered pressure [Pa] of unit monopoles outside, or total pressure in a fluid sphere.
+        """Return the scattered pressure [Pa] of unit monopoles, or the total pressure inside.
 
-        ``versine`` is 1 - cos γ of each point and source; the error is ``ACCURACY`` times
-        ``scale`` [Pa]. The points are all ``inside`` the sphere or all outside.
+        The points are all ``inside`` a fluid sphere or all outside. ``versine`` is 1 - cos γ of
+        each point and source. The error is ``ACCURACY`` times ``scale`` [Pa].
 
         Raises
         ------
         NotConverged
-            If 20000 terms do not reach ``ACCURACY``, as for a point within micrometres of a source
-            on the surface.
+            If 20000 terms do not reach ``ACCURACY``, for example at a point within micrometres of a
+            source on the surface.
         """
         if inside and self.inner_wavenumber is not None:
             point_waves = regular_ratios(
@@ -190,17 +190,17 @@ class _Tail:
         return cls(ratio, versine, scale, modes.images(inside))
 
     def closed_form(self) -> ComplexPairs:
-        """Sum over all orders of the static terms times the Legendre polynomials."""
+        """Return the sum over all orders of the static terms times the Legendre polynomials."""
         point, line = image_sums(self.ratio, self.versine)
         return self.scale * (self.images[0] * point - self.images[1] * line)
 
     def beyond(self, partial: ComplexPairs, recent: list[_Term], order: int) -> ComplexPairs:
         """Estimate the complete sum from the partial sum up to order + 2, summing by parts twice.
 
-        Multiplying a Legendre series of terms d_n by q = 1 - 2x cos γ + x² gives the series of (1 +
-        x²) d_n - 2x [α_(n-1) d_(n-1) + β_(n+1) d_(n+1)], smaller by 1/n² for smooth d_n/x^n, with
-        α_n = (n+1)/(2n+1) and β_n = n/(2n+1); the remainder of the cut at ``order`` is known
-        exactly.
+        Multiplying a Legendre series of terms d_n by q = 1 - 2x cos γ + x² results in the series of
+        (1 + x²) d_n - 2x [α_(n-1) d_(n-1) + β_(n+1) d_(n+1)] with α_n = (n+1)/(2n+1) and β_n =
+        n/(2n+1). Its terms are smaller by 1/n² for smooth d_n/x^n. The remainder of the cut at
+        ``order`` is known exactly.
         """
         (before, _), (here, legendre), (after, legendre_after), (last, legendre_last) = recent
         partial = partial - after * legendre_after - last * legendre_last
@@ -224,7 +224,7 @@ class _Tail:
         reduced_after = (1.0 + self.ratio**2) * after - 2.0 * self.ratio * (
             up(order) * here + down(order + 2) * last
         )
-        # Close to the image the second step would divide the rounding errors of the terms by the
+        # Close to the image, the second step would divide the rounding errors of the terms by the
         # fourth power of a small distance.
         second = np.where(square > 0.01**2, left_over(reduced, reduced_after) / square, 0.0)
         return partial + left_over(here, after) + second
@@ -236,7 +236,7 @@ def _summed(
     first_check: int,
     tolerance: Pairs,
 ) -> ComplexPairs | None:
-    """Add terms until two estimates of the complete sum agree, or return None.
+    """Add terms until two estimates of the complete sum agree; return None if they do not.
 
     The second estimate uses a quarter more terms.
     """
@@ -258,7 +258,7 @@ def _summed(
             return estimate
         if order >= _MAX_TERMS:
             return None
-        # The next estimate is a quarter later, so that the two hardly agree by chance.
+        # The next estimate follows after a quarter more terms, so that agreement by chance is rare.
         check = min(int(1.25 * order) + 4, _MAX_TERMS)
         last_estimate = estimate
     return None

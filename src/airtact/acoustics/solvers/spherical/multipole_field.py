@@ -1,10 +1,10 @@
 """The scattered field as a multipole expansion, evaluated without sums over the surfaces.
 
-Outside the smallest ball around the bodies the scattered pressure is Σ a_nm h_n(kr) Y_nm, and
+Outside the smallest ball around the bodies, the scattered pressure is Σ a_nm h_n(kr) Y_nm, and
 orders far above k times the radius of the ball are negligible. The coefficients are computed on a
 sphere, and the expansion is tabulated once on interpolation spheres around the bodies. The field is
 interpolated between their points: along the angles as a Fourier series by a kernel of few points
-(A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479), along 1/r by
+(A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479), and along 1/r by
 Chebyshev polynomials.
 
 In front of a rigid plane, the field u of the bodies without their images is expanded. The scattered
@@ -40,7 +40,7 @@ from airtact.timing import Clock, Progress
 # Gap between the bodies and the smallest sphere [λ]; some solutions are invalid closer to a body.
 MARGIN = 1.0
 
-# Number of grid points along each angle for one interpolated value
+# Number of grid points along each angle that are used for one interpolated value.
 SPREAD = 5
 
 
@@ -53,8 +53,8 @@ class InterpolationSpheres:
     centre : (3,) centre of the spheres [m].
     radius : radius of the smallest sphere [m].
     order : highest order of the expansion.
-    values : (A, B, R, S) by polar angle (twice ``order`` points and some beyond the poles), azimuth
-        (some are repeated), radius (``radius``/r are the Chebyshev points of [0, 1]) and
+    values : (A, B, R, S) values by polar angle (twice ``order`` points, and some beyond the poles),
+        azimuth (some are repeated), radius (``radius``/r are the Chebyshev points of [0, 1]) and
         excitation.
     """
 
@@ -66,7 +66,7 @@ class InterpolationSpheres:
     __repr__ = in_short
 
     def at(self, offsets: Vectors, wavenumber: complex) -> Pressures:
-        """Scattered pressure [Pa] at points (P, 3) relative to the centre [m]."""
+        """Return the scattered pressure [Pa] at points (P, 3) relative to the centre [m]."""
         _, azimuths, radii, excitations = self.values.shape
         distance = np.sqrt(np.einsum("pd,pd->p", offsets, offsets))
         step = 2 * np.pi / (azimuths - SPREAD)
@@ -92,12 +92,12 @@ class InterpolationSpheres:
 class MultipoleField(RadiatedField):
     """A solved field whose scattered part is a multipole expansion.
 
-    Inside the smallest sphere the original field is used.
+    Inside the smallest sphere, the original field is used.
 
     Attributes
     ----------
     solved : the original field, used inside the smallest interpolation sphere.
-    report : report of the solve, with the error of the expansion.
+    report : report of the solve, including the error of the expansion.
     errors : (S,) relative error of each excitation, for solution and expansion together.
     """
 
@@ -153,7 +153,7 @@ class MultipoleField(RadiatedField):
         )
 
     def _expanded(self, points: Vectors) -> Mask:
-        """Whether points (P, 3) and their images are outside the spheres and in front of planes."""
+        """Return which points (P, 3) and images are outside the spheres and in front of planes."""
         planes = self.scene.planes
         offsets = images_in(planes, points) - self.spheres.centre
         outside = np.einsum("pd,pd->p", offsets, offsets) >= self.spheres.radius**2
@@ -171,12 +171,12 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
 
     Parameters
     ----------
-    field : field of any solver, in a scene with bodies.
+    field : field from any solver, in a scene with bodies.
     progress : callback that receives the name of each step as it begins.
 
     Returns
     -------
-    The same field, expanded. The ``settings`` of its report contain ``expansion_error``, the
+    The same field in expanded form. The ``settings`` of its report contain ``expansion_error``, the
     relative error of the expansion at 100 random points; above 0.001 the report contains a warning.
 
     Raises
@@ -214,7 +214,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     with clock.step("expansion", "expanding the field in outgoing waves"):
         centre, radius = ball_of(scene)
         reach = radius * scene.wavenumber.real
-        # Enough orders for an error of 3e-4 with a source on the surface
+        # These are enough orders for an error of 3e-4 with a source on the surface.
         order = int(np.ceil(reach + 3.6 * np.cbrt(reach))) + 2
         count = int(np.ceil(0.3 * reach)) + 5
         smallest = radius + MARGIN * scene.wavelength
@@ -260,7 +260,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
 
 
 def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
-    """Centre and radius of a ball around the bodies, hardly larger than the smallest such ball [m].
+    """Return centre and radius of a ball around the bodies, hardly larger than the smallest [m].
 
     The centre moves toward the farthest point in decreasing steps (M. Bădoiu, K. L. Clarkson, SODA
     (2003) 801).
@@ -279,7 +279,7 @@ def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
 def _coefficients(
     field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int
 ) -> Complex128[np.ndarray, "orders degrees excitations"]:
-    """Coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m = 0, 1, ... -2, -1."""
+    """Return the coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m = 0, 1, ... -2, -1."""
     # Gauss-Legendre latitudes and equally spaced longitudes integrate products of two such orders
     # exactly.
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
@@ -336,7 +336,7 @@ def _table(
     scale = 1 / np.outer(_transform(polar_orders, fine), _transform(azimuth_orders, fine))
     wide[np.ix_(polar_orders, azimuth_orders)] = np.moveaxis(series, 0, 1) * scale[:, :, None, None]
     table = np.asarray(ifft2(wide, axes=(0, 1), norm="forward", overwrite_x=True))
-    # Repeat rows and columns beyond the ends, so that a window never wraps around.
+    # Rows and columns are repeated beyond the ends, so that a window never wraps around.
     rows, columns = (
         np.arange(-(SPREAD // 2), count + (SPREAD + 1) // 2) % fine for count in (around, fine)
     )
@@ -344,7 +344,7 @@ def _table(
 
 
 def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, "points spread"]]:
-    """Index of the first grid point for each angle, and the weights of the points from there on."""
+    """Return the first grid point for each angle, and the weights of the points from there on."""
     position = angles / step
     first = np.ceil(position - SPREAD / 2).astype(np.int64)
     off = (position - first)[:, None] - np.arange(SPREAD)
@@ -352,9 +352,9 @@ def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, 
 
 
 def _kernel(off: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
-    """Weight exp(β √(1 - x²)) of a grid point at a distance in steps.
+    """Return the weight exp(β √(1 - x²)) of a grid point at a distance of x steps.
 
-    The sharpness β suits tables with twice as many points as the expansion requires.
+    The sharpness β is chosen for tables with twice as many points as the expansion requires.
     """
     root = np.sqrt(np.maximum(1 - (2 * off / SPREAD) ** 2, 0))
     return np.exp(2.3 * SPREAD * (root - 1))
@@ -363,7 +363,7 @@ def _kernel(off: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]
 def _transform(
     frequencies: Int64[np.ndarray, "frequencies"], fine: int
 ) -> Float64[np.ndarray, "frequencies"]:
-    """Fourier transform of the kernel, on a grid with ``fine`` points per turn."""
+    """Return the Fourier transform of the kernel, on a grid with ``fine`` points per turn."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
     off = 0.5 * SPREAD * nodes
     waves = np.cos(2 * np.pi / fine * frequencies[:, None] * off)

@@ -41,7 +41,7 @@ def outgoing_shapes(
     quotient = 1.0 / arguments - 1j
     for order, reference_quotient in enumerate(outgoing_quotients(reference), start=1):
         yield shape
-        # A quotient of quotients stays near 1, where h_n itself overflows.
+        # A quotient of quotients stays near 1, even where h_n itself overflows.
         shape = shape * (quotient / reference_quotient)
         quotient = (2 * order + 1) / arguments - 1.0 / quotient
 
@@ -49,7 +49,7 @@ def outgoing_shapes(
 def regular_quotients(
     arguments: Complex[np.ndarray, "arguments"], first: int, last: int
 ) -> Complex128[np.ndarray, "orders arguments"]:
-    """Quotients j_n(z)/j_(n-1)(z) for n = first ... last by downward recurrence.
+    """Return the quotients j_n(z)/j_(n-1)(z) for n = first ... last by downward recurrence.
 
     z may be zero. Where j_(n-1) vanishes, the quotient is about 1e30 instead of infinite.
     """
@@ -91,7 +91,7 @@ def regular_ratios(
 def _lowest_regular(
     arguments: Complex128[np.ndarray, "arguments"], quotients: Complex128[np.ndarray, "arguments"]
 ) -> Complex128[np.ndarray, "arguments"]:
-    """Compute j_0(z); near its zeros use j_1 / (j_1/j_0), so that products keep their precision."""
+    """Return j_0(z); near its zeros from j_1 / (j_1/j_0), so that products keep their precision."""
     safe = np.where(arguments == 0.0, 1.0, arguments)
     zeroth = np.where(arguments == 0.0, 1.0, np.sin(safe) / safe)
     first = np.where(arguments == 0.0, 0.0, (np.sin(safe) / safe - np.cos(safe)) / safe)
@@ -138,8 +138,8 @@ def image_sums(
 ) -> tuple[Float64[np.ndarray, "*shape"], Float64[np.ndarray, "*shape"]]:
     """Sum Σ x^n P_n(cos γ) and Σ x^n P_n(cos γ)/(n + 1) for a point and a line of images.
 
-    They are 1/√(1 - 2x cos γ + x²) and its mean over [0, x] (DLMF 18.12.11), for x in [0, 1] but
-    not both x = 1 and γ = 0.
+    The sums are 1/√(1 - 2x cos γ + x²) and its mean over [0, x] (DLMF 18.12.11), for x in [0, 1]
+    except x = 1 with γ = 0.
     """
     cosine = 1.0 - versine
     distance = np.sqrt((1.0 - ratio) ** 2 + 2.0 * ratio * versine)

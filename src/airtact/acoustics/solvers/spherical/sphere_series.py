@@ -1,4 +1,4 @@
-"""Sound around one sphere in closed form: sound-hard, with an impedance, or filled with a fluid."""
+"""Closed-form sound around one sphere: sound-hard, with an impedance, or filled with a fluid."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ from airtact.errors import InvalidInput
 from airtact.geometry.primitives import Capsule
 from airtact.timing import Clock
 
-# Pairs of a point and a source that are summed at a time: as many as fit into the cache.
+# Number of pairs of point and source that are summed at a time: as many as fit into the cache.
 PAIRS_PER_BLOCK = 1 << 14
 
 _CITATIONS = (
@@ -42,8 +42,8 @@ _CITATIONS = (
 class SphereField(RadiatedField):
     """The field of monopoles around one sphere, and inside it if it is filled.
 
-    Its error is 1e-8 of the open-air pressures. A point within micrometres of a source that touches
-    the surface raises ``NotConverged``. ``centre`` is the centre of the sphere [m].
+    The error of the field is 1e-8 of the open-air pressures. A point within micrometres of a source
+    that touches the surface raises ``NotConverged``. ``centre`` is the centre of the sphere [m].
     """
 
     modes: SphereModes
@@ -51,7 +51,7 @@ class SphereField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Pressure at Gauss-Legendre latitudes and equal longitudes."""
+        """Pressure at Gauss-Legendre latitudes and equally spaced longitudes."""
         latitudes = int(np.ceil(2.0 * abs(self.modes.size))) + 12
         cosine, weight = np.polynomial.legendre.leggauss(latitudes)
         longitude = 2.0 * np.pi * (np.arange(2 * latitudes) + 0.5) / (2 * latitudes)
@@ -87,7 +87,7 @@ class SphereField(RadiatedField):
         outside = np.flatnonzero(~inside & ~unbounded)
         pressure[outside] = self._scattered(points[outside], inside=False, alone=True)
         if self.modes.inner_wavenumber is not None:
-            # Inside a fluid the series is the total pressure.
+            # Inside a fluid, the series is the total pressure.
             total = self._scattered(points[inside], inside=True)
             pressure[inside] = total - self._incident(points[inside])
         return pressure
@@ -99,8 +99,8 @@ class SphereField(RadiatedField):
     def _scattered(self, points: Points, inside: bool, alone: bool = False) -> Pressures:
         """Sum the series at points on one side of the surface.
 
-        The error is ``ACCURACY`` times the open-air pressure. With ``alone`` the distance for this
-        pressure is at least that of the image, so that it is finite at the source itself.
+        The error is ``ACCURACY`` times the open-air pressure. With ``alone``, this pressure is
+        taken at no less than the distance of the image, so that it is finite at the source itself.
         """
         pressure = np.zeros((len(points), self.excitations), dtype=np.complex128)
         radii, directions = self._polar(points)
@@ -109,7 +109,8 @@ class SphereField(RadiatedField):
         source_radii = np.maximum(source_radii, self.modes.radius)
         if not inside:
             radii = np.maximum(radii, self.modes.radius)
-        # The points of a block need about the same number of terms, and a block fits the cache.
+        # The points of a block need about the same number of terms, and a block fits into the
+        # cache.
         order = np.argsort(KDTree(self.sources.positions).query(points)[0])
         rows = max(1, PAIRS_PER_BLOCK // len(self.sources.positions))
         for first in range(0, len(points), rows):
@@ -137,7 +138,7 @@ class SphereField(RadiatedField):
 
 @dataclass(frozen=True)
 class SphereSeries(Solver):
-    """Separation of variables for one sphere: the exact reference for other solvers.
+    """Separation of variables for a single sphere, which is the exact reference for other solvers.
 
     The sphere is sound-hard, has an impedance, or is filled. Sources lie outside or on the sphere.
     """

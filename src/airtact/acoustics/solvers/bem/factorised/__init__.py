@@ -1,1 +1,1 @@
-"""Bodies factorised one by one: their reduction, their coupling and their field."""
+"""Separately factorised bodies: their reduction, their coupling and their field."""

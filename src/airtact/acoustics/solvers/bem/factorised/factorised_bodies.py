@@ -1,4 +1,4 @@
-"""Bodies factorised one by one, for foci that change and bodies that move rigidly.
+"""Separately factorised bodies, for foci that change and bodies that move rigidly.
 
 Each body is reduced once (``reduced_body``). The skeletons of the placed bodies scatter each
 other's fields and radiate the field around the bodies.
@@ -49,7 +49,7 @@ from airtact.timing import Clock
 
 @dataclass(frozen=True, eq=False)
 class PlacedBody:
-    """A reduced body and its pose, from the body's frame to the scene."""
+    """A reduced body and its pose, from the body's frame to the scene's frame."""
 
     reduced: ReducedBody
     pose: Pose
@@ -58,7 +58,7 @@ class PlacedBody:
 
     @cached_property
     def local(self) -> Pose:
-        """Pose from the scene to the body's frame."""
+        """Pose from the scene's frame to the body's frame."""
         return self.pose.inverse()
 
     @cached_property
@@ -69,14 +69,14 @@ class PlacedBody:
         return centre, 0.5 * float(np.linalg.norm(tree.maxes - tree.mins))
 
     def clear_of(self, points: Points, reach: float) -> bool:
-        """Whether all points are farther than a reach [m] from the ball around the nodes."""
+        """Whether all points are more than ``reach`` [m] from the ball around the nodes."""
         centre, radius = self.ball
         offset = points - centre
         squares = np.einsum("pd,pd->p", offset, offset)
         return bool(squares.min(initial=np.inf) > (radius + reach) ** 2)
 
     def reaches(self, points: Points) -> Mask:
-        """Mark the points that are too close to the body for the skeletons."""
+        """Return which points are too close to the body for the skeletons."""
         reach = self.reduced.reach
         near = self.in_box(points, reach)
         if near.any():
@@ -85,7 +85,7 @@ class PlacedBody:
         return near
 
     def in_box(self, points: Points, beyond: float = 0.0) -> Mask:
-        """Mark the points in the box around the body, or within ``beyond`` [m] of it."""
+        """Return which points are in the box around the body, or within ``beyond`` [m] of it."""
         tree = self.reduced.tree
         local = self.local.apply(points)
         return ((local > tree.mins - beyond) & (local < tree.maxes + beyond)).all(axis=1)
@@ -96,7 +96,7 @@ class PlacedBody:
         strengths: Strengths,
         contact: Bool[np.ndarray, "sources"],
     ) -> NodeValues:
-        """Right-hand side at all nodes for monopoles; ``contact`` marks those on a surface."""
+        """Return the right-hand side at all nodes; ``contact`` marks monopoles on a surface."""
         surface = self.reduced.surface
         return double_layer_transposed(
             self.local.apply(positions),
@@ -109,7 +109,7 @@ class PlacedBody:
         )
 
     def coupling_from(self, source: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
-        """−D(x) + i D(x') at the rows' skeleton, with D from the source's columns."""
+        """Return −D(x) + i D(x') at the skeleton of the rows, with D from the source's columns."""
         count = len(self.reduced.rows)
         points = self.pose.apply(self.reduced.row_points)
         nodes, normals, single = source.reduced.column_nodes
@@ -125,7 +125,7 @@ class PlacedBody:
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """Coupling of placed bodies by scattering: one block per (receiving, emitting) pair."""
+    """Coupling of placed bodies by scattering, with one block per (receiving, emitting) pair."""
 
     placed: tuple[PlacedBody, ...]
     blocks: dict[tuple[int, int], Complex[np.ndarray, "rows columns"]]
@@ -154,7 +154,7 @@ class Coupling:
         """Apply the equation for the densities y on all skeletons: y_b + Σ_c S_b K_cbᵀ y_c."""
         out = densities.copy()
         for body, rows in enumerate(self.parts):
-            # field of the other bodies at the columns of this body, then its scattering
+            # This is the field of the other bodies at this body's columns, then its scattering.
             incident = [
                 product(self.blocks[emitter, body], densities[:, part], transposed=True)
                 for emitter, part in enumerate(self.parts)
@@ -167,19 +167,19 @@ class Coupling:
 
     @cached_property
     def parts(self) -> list[slice]:
-        """Slice of each body among the densities of all."""
+        """Slice of each body in the densities of all bodies."""
         ends = np.cumsum([len(body.reduced.rows) for body in self.placed]).tolist()
         return [slice(begin, end) for begin, end in pairwise([0, *ends])]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FactorisedField(RadiatedField):
-    """The field of some monopoles around factorised bodies, known away from their surfaces only.
+    """The field of some monopoles around factorised bodies, known only away from their surfaces.
 
     Attributes
     ----------
     densities : strengths of the skeletons' monopoles, which radiate the scattered field [Pa·m].
-    factors : 1 for sources off the surface, 2 for those on it, which radiate with their image.
+    factors : 1 for sources off the surface; 2 for sources on it, which radiate with their image.
     """
 
     placed: tuple[PlacedBody, ...]
@@ -188,7 +188,7 @@ class FactorisedField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Raise InvalidInput, because the reduced bodies have no pressure on their surfaces."""
+        """Raise ``InvalidInput``, because reduced bodies have no pressure on their surfaces."""
         raise InvalidInput(
             "factorised bodies have no pressure on their surfaces; solve the scene with "
             "BoundaryElement.",
@@ -196,7 +196,7 @@ class FactorisedField(RadiatedField):
         )
 
     def _valid(self, points: Vectors) -> Mask:
-        # outside the bodies and beyond the skeletons' reach
+        # The field is valid outside the bodies and beyond the reach of their skeletons.
         if all(body.clear_of(points, body.reduced.reach) for body in self.placed):
             return np.ones(len(points), dtype=bool)
         valid = ~np.any([body.reaches(points) for body in self.placed], axis=0)
@@ -209,7 +209,7 @@ class FactorisedField(RadiatedField):
         return self._pressure(points, self.sources.positions, emitted)
 
     def _scattered_at(self, points: Vectors) -> Pressures:
-        # a source on a surface has an image there, which scatters
+        # A source on a surface has an image there, which counts as scattering.
         image = self.factors > 1
         return self._pressure(points, self.sources.positions[image], self.sources.strengths[image])
 
@@ -232,7 +232,7 @@ class FactorisedField(RadiatedField):
     def _scattering(
         self, points: Vectors
     ) -> tuple[Float64[np.ndarray, "sources 3"], Complex[np.ndarray, "sources excitations"]]:
-        """Monopoles that radiate to some points: at the skeletons, or fewer for far points."""
+        """Return monopoles that radiate to the points: the skeletons, or fewer for far points."""
         positions = []
         strengths = []
         begin = 0
@@ -241,7 +241,7 @@ class FactorisedField(RadiatedField):
             far = reduced.far
             density = self.densities[begin : begin + len(reduced.rows)]
             begin += len(density)
-            # fewer monopoles suffice for far receivers such as an array
+            # Fewer monopoles are enough for far receivers, such as an array.
             if body.clear_of(points, far.reach):
                 positions.append(body.pose.apply(far.positions))
                 strengths.append(product(far.combinations, density.T).T)
@@ -253,15 +253,15 @@ class FactorisedField(RadiatedField):
 
 @dataclass(frozen=True, eq=False)
 class FactorisedBodies(Solver):
-    """A solver for bodies that were factorised one by one, at any later poses.
+    """A solver for separately factorised bodies in any later poses.
 
     Attributes
     ----------
     scene : the bodies as they were factorised.
-    bodies : their reductions.
-    fallback : solver of scenes in which two bodies are too close together.
+    bodies : the reduced bodies.
+    fallback : solver for scenes in which two bodies are too close together.
     tolerance : relative residual of the iteration over the bodies.
-    smallest : edge below which no panel was refined [m].
+    smallest : edge length below which no panel was refined [m].
     report : report of the factorisation.
     """
 
@@ -280,9 +280,9 @@ class FactorisedBodies(Solver):
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve for the monopoles, with each body at its pose in the scene.
 
-        The scene must have the same bodies, moved rigidly or not, in the same medium at the same
-        frequency. The monopoles are outside the bodies or on their surfaces. If two bodies are
-        closer together than the skeletons' reach, ``fallback`` solves the scene.
+        The scene must contain the same bodies, which may have moved rigidly, in the same medium at
+        the same frequency. The monopoles must be outside the bodies or on their surfaces. If two
+        bodies are closer together than the skeletons' reach, ``fallback`` solves the scene.
 
         Raises
         ------
@@ -303,14 +303,14 @@ class FactorisedBodies(Solver):
             right_sides = [
                 body.right_side(sources.positions, strengths, factors > 1).T for body in placed
             ]
-            # the products run one after another, because threads would fall asleep between them
+            # The products run one after another, because threads would go idle between them.
             alone = [
                 product(body.reduced.solved, side)
                 for body, side in zip(placed, right_sides, strict=True)
             ]
             densities = np.concatenate(alone, axis=1)
             if coupling is self._at_rest:
-                # bodies that have not moved need no iteration
+                # Bodies that have not moved need no iteration.
                 inverse, residual = self._inverse
                 solution = product(inverse, densities, transposed=True)
                 result = GmresResult(solution, np.full(len(densities), residual), 0)
@@ -357,7 +357,7 @@ class FactorisedBodies(Solver):
         return Coupling.of([PlacedBody(body, Pose.identity()) for body in self.bodies])
 
     def _coupling(self, scene: Scene) -> Coupling | None:
-        """Place the bodies as in the scene; return None if two are too close together."""
+        """Return the coupling of the bodies in the scene, or None if two are too close."""
         if scene.medium != self.scene.medium or scene.frequency != self.scene.frequency:
             raise InvalidInput(
                 f"the bodies were factorised for {self.scene.frequency:g} Hz in "
@@ -378,7 +378,7 @@ class FactorisedBodies(Solver):
         ):
             same = (before.boundary, before.ratio) == (after.boundary, after.ratio)
             pose, off = rigid_motion(before.surface, after.surface)
-            # vertices may deviate by a thousandth of the wavelength
+            # Vertices may deviate by a thousandth of the wavelength.
             if not same or off > 1e-3 * self.scene.wavelength:
                 raise InvalidInput(
                     f"body {index} is not the one that was factorised, moved rigidly: factorise "

@@ -1,9 +1,9 @@
 """The scattering of one body, reduced to a few of its nodes by inverting its matrix once.
 
-For sources and receivers some distance away, a few nodes of a body, its skeletons, determine the
-incident field at all nodes and the field that the nodes radiate, to any accuracy. All other nodes
-are linear combinations of the skeletons. The nodes and the combinations follow from monopoles on a
-surface around the body (the proxy surface).
+A few nodes of a body, its skeletons, are enough for sources and receivers some distance away. To
+any accuracy, they determine the incident field at all nodes and the field that the nodes radiate.
+All other nodes are linear combinations of the skeletons. The nodes and the combinations are
+computed from monopoles on a surface around the body (the proxy surface).
 
 Source: P. G. Martinsson and V. Rokhlin, "A fast direct solver for boundary integral equations in
 two dimensions", Journal of Computational Physics 205 (2005) 1.
@@ -32,7 +32,7 @@ Proxies = Float64[np.ndarray, "proxies 3"]
 Columns = Float64[np.ndarray, "columns 3"]
 
 # A compiled loop multiplies up to this many vectors, because BLAS is slower and leaves threads
-# spinning
+# spinning.
 MAX_COMPILED_VECTORS = 8
 
 
@@ -40,8 +40,8 @@ MAX_COMPILED_VECTORS = 8
 class RoundedMatrix:
     """A complex matrix in half the memory of single precision.
 
-    Each row is 16-bit integers (real and imaginary parts in turn) times its own scale. The
-    error of a number is at most half a scale: 1.5e-5 of the largest in its row.
+    Each row consists of 16-bit integers (real and imaginary parts in turn) times its own scale. The
+    error of a number is at most half of the scale: 1.5e-5 of the largest number in its row.
     """
 
     numbers: Int16[np.ndarray, "rows columns 2"]
@@ -51,7 +51,7 @@ class RoundedMatrix:
 
     @property
     def dtype(self) -> np.dtype:
-        """Precision of its products."""
+        """Precision of the matrix's products."""
         return np.dtype(np.complex64)
 
     def as_complex(self) -> Complex[np.ndarray, "rows columns"]:
@@ -93,9 +93,9 @@ class FarMonopoles:
 
     Attributes
     ----------
-    reach : distance from all nodes beyond which they are valid [m].
-    positions : [m].
-    combinations : matrix from the densities on the skeleton to the monopoles' strengths.
+    reach : distance from all nodes beyond which the monopoles are valid [m].
+    positions : positions of the monopoles [m].
+    combinations : matrix from the densities on the skeleton to the strengths of the monopoles.
     error : relative error at points near the reach.
     """
 
@@ -109,20 +109,20 @@ class FarMonopoles:
 
 @dataclass(frozen=True, eq=False)
 class ReducedBody:
-    """One body in its own frame, reduced to its skeletons.
+    """A body in its own frame, reduced to its skeletons.
 
     Attributes
     ----------
     surface : the collocation points.
     reach : distance from all nodes beyond which the skeletons are valid [m].
-    rows : nodes of the matrix's rows where incident fields are evaluated.
+    rows : nodes of the matrix's rows, where incident fields are evaluated.
     columns : nodes of the matrix's columns, which radiate.
     solved : transposed solution on ``rows`` from the right-hand side at all nodes.
-    scattering : the same from the right-hand side at ``columns``: the scattering matrix.
+    scattering : scattering matrix, the same solution from the right-hand side at ``columns``.
     error : relative error of the scattering compared with all nodes, at points as near as the
         reach, for sources there and beside the surface.
-    tree : the nodes, for distances.
-    far : fewer monopoles for points farther away.
+    tree : search tree of the nodes, for distances.
+    far : fewer monopoles, for points farther away.
     """
 
     surface: DualSurface
@@ -144,12 +144,12 @@ class ReducedBody:
 
     @cached_property
     def row_points(self) -> Float64[np.ndarray, "both 3"]:
-        """Collocation points of the skeleton of the rows [m]: its nodes, then the second points."""
+        """Points of the skeleton of the rows [m]: its nodes, then the second collocation points."""
         return _row_points(self.surface, self.rows)
 
     @cached_property
     def column_nodes(self) -> tuple[Columns, Columns, SingleLayer]:
-        """Nodes of the skeleton of the columns [m], normals times area [m²] and single layer."""
+        """Skeleton of the columns: nodes [m], normals times area [m²] and single layer."""
         nodes = self.surface.nodes
         single = nodes.single_layer(self.surface.wavenumber)
         return (
@@ -173,7 +173,7 @@ def reduced_body(surface: DualSurface, reach: float, goal: float) -> ReducedBody
     factors = scipy.linalg.lu_factor(matrix, overwrite_a=True, check_finite=False)
     error_of = _error_check(surface, proxies, factors)
     kind = factors[0].dtype.type
-    # start with 12 random combinations of the proxies for each square wavelength of surface
+    # The search starts with 12 random combinations of the proxies per square wavelength of surface.
     area = float(surface.nodes.weights.sum()) * (surface.wavenumber.real / (2 * np.pi)) ** 2
     count = min(math.ceil(12 * (area + 4)), len(proxies))
     tolerance = 0.3 * goal
@@ -181,7 +181,7 @@ def reduced_body(surface: DualSurface, reach: float, goal: float) -> ReducedBody
     while True:
         rows, of_rows = _skeleton(_direct_sides, surface, proxies, count, tolerance)
         columns, of_columns = _skeleton(_transposed_sides, surface, proxies, count, tolerance)
-        # solve only for the skeleton of the rows, a few columns instead of all nodes
+        # The solve is only for the skeleton of the rows, a few columns instead of all nodes.
         exact = scipy.linalg.lu_solve(factors, of_rows.T.astype(kind), check_finite=False)
         full = np.ascontiguousarray(exact.T)
         scattering = rounded(full @ of_columns.T.astype(kind), goal)
@@ -215,7 +215,7 @@ def _far_monopoles(
     open_air = _open_air(points, candidates, surface.wavenumber)
     radiated = open_air[:, : len(rows)] - 1j * open_air[:, len(rows) :]
     decomposed = scipy.linalg.qr(open_air, mode="economic", pivoting=True, check_finite=False)
-    # pivoted QR picks the columns (monopoles) that span the others
+    # Pivoted QR selects the columns (monopoles) that span the others.
     unitary, upper, order = (np.asarray(part) for part in decomposed)
     few = int(np.count_nonzero(np.abs(np.diag(upper)) > tolerance * np.abs(upper[0, 0])))
     projected = unitary[:, :few].conj().T @ radiated
@@ -233,14 +233,14 @@ def _error_check(
 ) -> Callable[[np.ndarray, np.ndarray, Matrix, Matrix], float]:
     """Return a function that measures the relative error of skeletons and their scattering.
 
-    It is the larger of the errors for sources as near as the reach and for sources beside the
-    surface, at points near the reach. About 64 of each are used.
+    The error is the larger of those for sources as near as the reach and for sources beside the
+    surface, at points near the reach. About 64 sources and points of each kind are used.
     """
     nodes = surface.nodes
     sources = np.arange(0, len(proxies), -(-len(proxies) // 64))
     beside = np.arange(0, len(nodes.points), -(-len(nodes.points) // 64))
     radiated = _direct_sides(surface, proxies[sources - len(proxies) // 2], np.eye(len(sources)))
-    # 0.06 λ above the surface: half a millimetre at 40 kHz in air
+    # 0.06 λ above the surface is half a millimetre at 40 kHz in air.
     height = 0.06 * 2 * np.pi / surface.wavenumber.real
     close = nodes.points[beside] + height * nodes.normals[beside]
     far_sides = _transposed_sides(surface, proxies[sources], np.eye(len(sources)))
@@ -266,7 +266,7 @@ def _error_check(
 
 
 def _proxies(nodes: Nodes, tree: KDTree, reach: float) -> Proxies:
-    """Place monopoles off every node, and 2.5 times as far from every second node."""
+    """Place monopoles at ``reach`` from every node, and 2.5 times as far from every second node."""
     inner = nodes.points + reach * nodes.normals
     outer = nodes.points[::2] + 2.5 * reach * nodes.normals[::2]
     everywhere = np.concatenate([inner, outer])
@@ -281,7 +281,7 @@ def _direct_sides(
     kind = np.complex64 if surface.precision == "float32" else np.complex128
     strengths = strengths.astype(kind)
     right_sides = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
-    for group in range(0, len(surface.shifted), 100):  # bounds the memory
+    for group in range(0, len(surface.shifted), 100):  # limits the memory
         rows = slice(sharing * group, sharing * (group + 100))
         inside = _open_air(surface.shifted[group : group + 100], proxies, surface.wavenumber)
         outside = _open_air(points[rows], proxies, surface.wavenumber)
@@ -317,10 +317,10 @@ def _skeleton(
     count: int,
     tolerance: float,
 ) -> tuple[Int64[np.ndarray, "skeleton"], Complex128[np.ndarray, "skeleton nodes"]]:
-    """Find skeleton nodes and write all other nodes as linear combinations of them.
+    """Find skeleton nodes, and write all other nodes as linear combinations of them.
 
     They follow from an interpolative decomposition of the right-hand sides for ``count`` random
-    combinations of the proxies. The count is doubled until a few are redundant (E. Liberty,
+    combinations of the proxies. The count is doubled until some are redundant (E. Liberty,
     F. Woolfe, P. G. Martinsson, V. Rokhlin, M. Tygert, PNAS 104 (2007) 20167).
     """
     random = np.random.default_rng(0)
@@ -328,7 +328,7 @@ def _skeleton(
     while True:
         shape = len(proxies), count
         strengths = random.standard_normal(shape) + 1j * random.standard_normal(shape)
-        # columns of the sketch are right-hand sides at all nodes; dependent nodes are redundant
+        # Columns of the sketch are right-hand sides at all nodes. Dependent nodes are redundant.
         sketch = right_sides(surface, proxies, strengths)
         decomposed = scipy.linalg.qr(
             sketch.T.astype(kind), mode="r", pivoting=True, check_finite=False
