@@ -1,4 +1,4 @@
-"""Closed surfaces of bodies: their shapes, panels, union and checks."""
+"""Closed surfaces of bodies: their shapes, panels, unions and checks."""
 
 from airtact.lazy import attached
 

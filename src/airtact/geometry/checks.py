@@ -1,6 +1,6 @@
 """Checks of bodies: self-intersections, thin parts, and bodies that overlap.
 
-Distances are measured at points of the true, curved surfaces.
+Distances are measured between points of the true, curved surfaces.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ NEAREST = 0.3e-3
 # Smallest thickness of a body [m].
 THINNEST = 0.5e-3
 
-# Bodies that passed the checks; surfaces are immutable, so a moved body is not checked again.
+# Bodies that passed the checks. Surfaces are immutable, so a moved body is not checked again.
 _PASSED: WeakSet[Body] = WeakSet()
 
 
@@ -83,10 +83,11 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
     """Return thickness [m] and position (3,) [m] of a part thinner than ``THINNEST``, or None.
 
     The thickness at a point is the diameter of the largest inner ball that touches the surface
-    there and touches the opposite surface, whose normal must be opposite to within 20 degrees.
-    Edges of wedges therefore pass. The points are 0.25 mm apart, or more on large bodies. A part is
-    thin if the body is too thin everywhere within ``THINNEST`` of it, so small bumps, ribs and
-    necks pass. The limit is reduced by a tenth, because meshes may be rough or coarse.
+    there and also touches the opposite surface. The opposite normal must be antiparallel to within
+    20 degrees, so edges of wedges pass the check. The points are 0.25 mm apart, or more on large
+    bodies. A part is thin if the body is too thin everywhere within ``THINNEST`` of it, so small
+    bumps, ribs and necks pass. The limit is reduced by a tenth, because meshes may be rough or
+    coarse.
     """
     shape = surface.shape
     if shape.least_thickness >= THINNEST * (1.0 - 1e-9):
@@ -94,7 +95,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
     if shape.thinnest > 0.0:
         return shape.thinnest, surface.vertices.mean(axis=0)
     panels = surface.quadratic_triangles
-    # The points of each panel are an R2 sequence (M. Roberts, 2018).
+    # The points on each panel are an R2 sequence (M. Roberts, 2018).
     spacing = max(0.5 * THINNEST, np.sqrt(surface.area / 20_000))
     count = 1 + (panel_areas(panels) / spacing**2).astype(np.int64)
     number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
@@ -109,7 +110,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
     normals = normals[thin]
     diameter = np.full(len(touch), limit)
     facing = normals.copy()
-    # Shrink each ball until it lies inside (J. Ma, S. W. Bae, S. Choi, "3D medial axis point
+    # Each ball shrinks until it lies inside (J. Ma, S. W. Bae, S. Choi, "3D medial axis point
     # approximation using nearest neighbors and the normal field", Visual Computer 28, 7 (2012)).
     for _ in range(4):
         centres = touch - 0.5 * diameter[:, None] * normals
@@ -123,7 +124,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
         diameter[cut_off] = np.divide(square, height, out=np.zeros(len(square)), where=height > 0.0)
     centres = touch - 0.5 * diameter[:, None] * normals
     opposed = np.einsum("ni,ni->n", facing, normals) < -np.cos(np.radians(20.0))
-    # Near an edge a ball may protrude from the body, so 0.9 of its radius suffices.
+    # Near an edge a ball may protrude from the body, so 0.9 of its radius is enough.
     inside = shape.depth(centres) >= 0.9 * 0.5 * diameter
     thin = np.flatnonzero(inside & opposed)
     thin = thin[:: 1 + len(thin) // 2000]
@@ -135,7 +136,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
 
 
 def _stands_alone(surface: Surface, centres: PointVectors) -> Bool[np.ndarray, "points"]:
-    """Whether the body is too thin everywhere within ``THINNEST`` of each point."""
+    """Return where the body is too thin everywhere within ``THINNEST`` of a point."""
     directions = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=3).reshape(-1, 3)
     shares = np.array([0.4, 0.7, 1.0])
     around = THINNEST * (shares[:, None, None] * unit(directions)).reshape(-1, 3)
@@ -177,7 +178,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
 
 
 def approach(first: Surface, second: Surface, within: float = np.inf) -> Approach | None:
-    """Return the distance between the true surfaces of two bodies, or None beyond ``within``."""
+    """Return the distance between the true surfaces of two bodies; None if beyond ``within``."""
     if isinstance(first.shape, Capsule) and isinstance(second.shape, Capsule):
         on_first, on_second = nearest_on_segments(first.shape.axis, second.shape.axis)
         across = on_second - on_first
@@ -185,7 +186,7 @@ def approach(first: Surface, second: Surface, within: float = np.inf) -> Approac
         middle = on_first + (first.shape.radius + gap / 2.0) * unit(across)
         return Approach(gap, middle) if gap < within else None
     if isinstance(first.shape, Capsule):
-        first, second = second, first  # the depth in a capsule is fast
+        first, second = second, first  # computing the depth in a capsule is fast
     low = np.maximum(first.vertices.min(axis=0), second.vertices.min(axis=0))
     high = np.minimum(first.vertices.max(axis=0), second.vertices.max(axis=0))
     # The curved surface is at most half an edge away from the triangles.
@@ -210,7 +211,7 @@ def approach(first: Surface, second: Surface, within: float = np.inf) -> Approac
         lowest = gaps.reshape(-1, 6).min(axis=1)
         longest = longest_edges(panels)
         chosen = np.flatnonzero((lowest - 0.5 * longest < within) & (longest > 0.2e-3))
-        if nearest is not None:  # the few nearest panels suffice
+        if nearest is not None:  # the few nearest panels are enough
             chosen = chosen[np.argsort(lowest[chosen])[:256]]
         elif len(chosen) > 10_000:  # wide parallel faces that are just far enough apart
             return None

@@ -1,4 +1,4 @@
-"""Surfaces from files: STL, PLY, OBJ and GLB, read by trimesh within size limits."""
+"""Surfaces from STL, PLY, OBJ and GLB files, read by trimesh within size limits."""
 
 from pathlib import Path
 
@@ -26,25 +26,30 @@ def load_surface(
     union: bool = False,
     progress: Progress | None = None,
 ) -> Surface:
-    """Read a closed surface from a file and repair it if it is damaged.
+    """Read a closed surface from a file, and repair it if it is damaged.
 
     The nodes of a scene graph are placed by their transforms and joined. Vertices at the same
-    position are merged even if their textures or normals differ. The attribute ``repairs`` of the
-    surface lists the repairs (see ``airtact.geometry.mesh.repair.repaired``). Files may have up to
-    100 MB and 250,000 triangles, which take about 10 s and 1 GB. Materials and images are not read.
+    position are merged, even if their textures or normals differ. Materials and images are not
+    read. The attribute ``repairs`` of the surface lists the repairs (see
+    ``airtact.geometry.mesh.repair.repaired``). Files may contain up to 100 MB and 250,000
+    triangles, which take about 10 s and 1 GB of memory.
 
     Parameters
     ----------
     path : an STL, PLY, OBJ or GLB file.
-    scale : metres per unit of the file, such as 1e-3 for a file in millimetres; 1 by default. A
+    scale : metres per unit of the file, such as 1e-3 for a file in millimetres; by default 1. A
         body wider than 0.5 m needs an explicit ``scale=1.0``.
-    largest_hole : width of the widest hole that is filled [m]; 0 to fill none.
-    sharp_degrees : angle between neighbouring triangles above which their edge remains sharp; the
-        rest of the surface is curved.
+    largest_hole : width of the widest hole that is filled [m]; 0 fills none.
+    sharp_degrees : angle between neighbouring triangles above which their edge remains sharp
+        [degrees]; the rest of the surface is curved.
     union : whether to replace overlapping parts, such as those of a CAD export, by the surface
-        around all of them, on a grid of 1/256 of the body's length. Edges are cut off on that
-        scale, and those that turn by more than 30 degrees stay sharp.
-    progress : called with a description of each step when it begins.
+        around all of them, on a grid of 1/256 of the body's length. Edges are rounded on the scale
+        of the grid, and edges that turn by more than 30 degrees stay sharp.
+    progress : function that is called with a description of each step when the step begins.
+
+    Returns
+    -------
+    The closed surface, with outward normals and lengths in metres.
 
     Raises
     ------
@@ -92,7 +97,7 @@ def _check_unit(extent: float) -> None:
     units = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
     sizes = {name: 1e3 * unit * extent for name, unit in units.items()}
     listed = ", ".join(f"{size:.3g} mm in {name}" for name, size in sizes.items())
-    # Fingers, hands and boards.
+    # The body is probably a finger, a hand or a board.
     likely = [f"{units[name]:g} for {name}" for name, size in sizes.items() if 5 <= size <= 300]
     advice = f"such as {' or '.join(likely)}, " if likely else ""
     raise InvalidInput(

@@ -1,4 +1,4 @@
-"""Shape of a closed mesh at a pose, covered with panels of a given size."""
+"""The shape of a closed mesh at a pose, which is covered with panels of a given size."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -105,7 +105,7 @@ class MeshShape(Shape):
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
         """Cover the mesh with curved panels as large as equilateral triangles of a given edge [m].
 
-        Where the mesh is smooth, their rms deviation is at most about ``away`` [m].
+        Where the mesh is smooth, the rms deviation of the panels is at most about ``away`` [m].
         """
         settings = (edge, bend, away)
         if settings not in self.cached:
@@ -137,7 +137,7 @@ def covered(
 ) -> QuadraticTriangles:
     """Cover one closed piece with curved panels as large as equilateral triangles of an edge [m].
 
-    MMG makes the triangles. Their corners and midpoints are projected onto the surface, or onto its
+    MMG generates the triangles. Their corners and midpoints are projected onto the surface or its
     sharp edges. Panels that deviate by more than 0.4 % of the edge, or by more than ``away`` [m]
     where the surface is smooth, are divided into four.
     """
@@ -157,8 +157,8 @@ def covered(
         shorter *= shrink
     raise fault or InvalidInput(
         f"panels with edges of {1e3 * edge:.3g} to {2e3 * shorter:.3g} mm do not enclose the "
-        f"volume of {1e6 * mesh.volume:.4g} cm³ to 3 %: the surface is too rough or too thin; "
-        "simplify it, or make it thicker.",
+        f"volume of {1e6 * mesh.volume:.4g} cm³ to within 3 %: the surface is too rough or too "
+        "thin; simplify it, or make it thicker.",
         code="mesh_faulty",
     )
 
@@ -232,8 +232,8 @@ def _cut_where_it_helps(
         pieces = mesh.project(pieces.reshape(-1, 3)).reshape(-1, 6, 3)
         levelled = mesh.levelled(pieces)
         # Dividing reduces the deviation from a smooth surface to 1/8 or less, but has less effect
-        # on a rough one. Divisions are kept if they reduce it to a half for panels that are too far
-        # off, and to a fifth for those that only exceed ``away``.
+        # on a rough one. Divisions are kept if they reduce the deviation to a half for panels that
+        # are too far off, and to a fifth for panels that only exceed ``away``.
         enough = np.where(deviation[rough] > too_far, 0.5, 0.2) * deviation[rough]
         mean_square = np.mean(mesh.deviation(levelled).reshape(-1, 4) ** 2, axis=1)
         better = (np.sqrt(mean_square) < enough) | steep[rough]
@@ -244,7 +244,7 @@ def _cut_where_it_helps(
 
 
 def _bending(panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
-    """Largest angle between the normals at the corners of each panel [rad]."""
+    """Return the largest angle between the normals at the corners of each panel [rad]."""
     normals = [unit(normals_at(panels, corner)) for corner in NODE_REFERENCES[:3]]
     cosine = np.min([np.einsum("td,td->t", normals[i], normals[i - 1]) for i in range(3)], axis=0)
     return np.arccos(np.clip(cosine, -1.0, 1.0))

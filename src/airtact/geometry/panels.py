@@ -2,8 +2,8 @@
 
 Panels need not meet corner to corner, so each can be cut independently. They are smaller near given
 points, in gaps and thin walls, and where flat faces enclose a cavity. In a cavity, multiple
-reflections repeat the same error. Most of it arises at corners, where the errors of the nearest
-panels do not cancel.
+reflections repeat the same error. Most of this error arises at corners, where the errors of the
+nearest panels do not cancel.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,14 +27,14 @@ from airtact.geometry.mesh.quadratic_triangles import (
 )
 from airtact.geometry.shape import BEND, Shape
 
-# Ratio of a typical triangle's longest edge to the edge of the equilateral one of the same area.
+# Ratio of a typical triangle's longest edge to the edge of an equilateral triangle of equal area.
 LONGEST_TO_EQUILATERAL = 1.2
 
-# Ratio of the longest edge of panels near a point to their distance from it.
+# Ratio of the longest edge of panels near a point to their distance from the point.
 LARGEST_TO_POINT = 1.7
 
 # Ratio of the longest edge of panels that face another body to the gap. The sound in a gap is
-# smooth; most of its error comes from larger panels around it, so smaller ones gain nothing.
+# smooth; most of its error comes from larger panels around it, so smaller ones have no benefit.
 LARGEST_TO_GAP = 2.0
 
 
@@ -45,7 +45,7 @@ class Panels:
     Attributes
     ----------
     quadratic_triangles : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel
-        [m], anticlockwise seen from outside.
+        [m], anticlockwise when seen from outside.
     body : (T,) index of the body of each panel.
     deviation : (T,) largest distance of each panel from the true surface [m].
     farthest : (B,) largest distance of each body's panels from the triangles of its surface [m].
@@ -77,19 +77,19 @@ def panels_of(
     shapes : the bodies.
     edge : edge length of the equilateral triangles [m].
     near : points near which panels are smaller [m].
-    smallest : edge length below which panels are not divided near points [m]; in gaps and thin
-        walls, a quarter of it.
+    smallest : edge length below which panels are not divided near points [m]. In gaps and thin
+        walls, the limit is a quarter of it.
     bend : largest angle between a panel's normals at opposite edges, on a round surface [rad].
     away : largest root mean square distance of panels from a smooth mesh [m].
     image : function that mirrors points in a plane, for gaps to the mirror images of the bodies.
     walls : indices of bodies whose flat faces get smaller panels if they face each other.
-    close : gap between bodies, or to the mirror images, below which they get panels with edges of
-        0.8 times the length, because sound is scattered back and forth between them [m].
+    close : gap between bodies, or to the mirror images, below which the edges of their panels are
+        0.8 times as long [m], because sound is scattered back and forth between them.
     """
     bodies = [shape.panels(edge, bend, away) for shape in shapes]
 
     def opposite(index: int) -> Points:
-        """Points of the other bodies and of all images."""
+        """Return points of the other bodies and of all images."""
         points = [np.empty((0, 3))]
         points += [body.reshape(-1, 3) for other, body in enumerate(bodies) if other != index]
         if image is not None:
@@ -104,7 +104,7 @@ def panels_of(
         coarse = bodies[index]
         replaced = _in_faces(coarse, facing)
         if replaced.any():
-            # The error is proportional to the cube of the edge, so this factor gives 0.4 of it.
+            # The error is proportional to the cube of the edge, so this factor reduces it to 0.4.
             fine = shapes[index].panels(0.4 ** (1 / 3) * edge, bend, away)
             bodies[index] = np.concatenate([coarse[~replaced], fine[_in_faces(fine, facing)]])
     bodies = [
@@ -116,7 +116,7 @@ def panels_of(
         for index, shape in enumerate(shapes)
     ]
 
-    # Distances are measured at the nodes, the centre and the middles between them.
+    # Distances are measured at the nodes, the centre and the points midway between them.
     weights = np.concatenate(
         [np.eye(3), 1 - np.eye(3), 2 - np.eye(3), np.ones((1, 3)), 1 + 3 * np.eye(3)]
     )
@@ -178,7 +178,7 @@ def _refined(
 def _allowed(
     panels: QuadraticTriangles, edges: PanelSizes, points: Points, factor: float
 ) -> PanelSizes:
-    """Longest edge allowed for each panel by its distance from points [m]; may be inf."""
+    """Return the longest edge allowed for each panel by its distance from points [m], or inf."""
     limit = float(edges.max()) * 1.001 / factor
     return factor * _kernels.panel_distances(panels, points, limit)
 
@@ -186,7 +186,7 @@ def _allowed(
 def _allowed_by_own_surface(
     panels: QuadraticTriangles, chosen: Int64[np.ndarray, "chosen"]
 ) -> Float64[np.ndarray, "chosen"]:
-    """Longest edge [m] allowed for chosen panels by the gap or wall opposite each of them."""
+    """Return the longest edge [m] that the opposite gap or wall allows for each chosen panel."""
     share = 0.75  # ratio of the search radius for the opposite side to the longest edge
     edges = longest_edges(panels)
     reach = share * float(edges[chosen].max())
@@ -229,7 +229,7 @@ def _halved_in_corners(panels: QuadraticTriangles) -> Pieces:
     twin = order[first + 1]
     centres, normals = middles_of(panels[flat])
     towards = unit(centres[twin // 3] - middles[edge_use])
-    # The second panel rises by over 30 degrees in front of the first.
+    # The second panel rises by more than 30 degrees in front of the first.
     rising = np.einsum("ed,ed->e", towards, normals[edge_use // 3]) > 0.5
     parts = np.ones(len(panels), dtype=np.int64)
     parts[flat[np.concatenate([edge_use[rising], twin[rising]]) // 3]] = 2
@@ -245,12 +245,12 @@ class _Face:
     middles: PanelVectors
 
     def contains(self, middles: PanelVectors, normals: PanelVectors) -> Bool[np.ndarray, "panels"]:
-        """Whether flat panels lie in its plane."""
+        """Whether flat panels lie in the plane of this face."""
         aligned = np.abs(normals - self.normal).max(axis=1) < 1e-4
         return aligned & (np.abs(middles @ self.normal - self.distance) < 1e-6)
 
     def faces(self, opposite_face: "_Face") -> bool:
-        """Whether another face is oriented towards this one and partly in front of it."""
+        """Whether another face is oriented toward this one and partly in front of it."""
         ahead = opposite_face.middles @ self.normal - self.distance > 1e-6
         return bool(self.normal @ opposite_face.normal < -0.5 and ahead.any())
 

@@ -25,7 +25,7 @@ class Pose:
     Attributes
     ----------
     rotation : (3, 3) rotation matrix, without reflection.
-    translation : (3,) [m].
+    translation : (3,) translation [m].
 
     Raises
     ------
@@ -77,14 +77,14 @@ class Pose:
 
     @classmethod
     def shift(cls, translation: Vector) -> "Pose":
-        """Return the translation by (3,) [m]."""
+        """Return the translation by a vector (3,) [m]."""
         return cls(np.eye(3), point_of(translation, "the shift"))
 
     @classmethod
     def between(cls, first: Vector, second: Vector) -> "Pose":
-        """Return the rotation of one direction (3,) to another by the smallest angle.
+        """Return the rotation from one direction (3,) to another by the smallest angle.
 
-        For opposite directions the axis is any perpendicular direction.
+        For opposite directions, the axis is an arbitrary perpendicular direction.
         """
         start = point_of(first, "the first direction")
         end = point_of(second, "the second direction")
@@ -135,11 +135,11 @@ class Pose:
         return cls(rotation, np.asarray(translation, dtype=np.float64))
 
     def apply(self, points: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-        """Move points (..., 3) [m]."""
+        """Return points (..., 3) after the motion [m]."""
         return self.rotate(points) + self.translation
 
     def rotate(self, vectors: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-        """Rotate directions (..., 3), without the translation."""
+        """Return directions (..., 3) after the rotation, without the translation."""
         return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
 
     def inverse(self) -> "Pose":
@@ -165,6 +165,6 @@ def nearest_motion(
     old_mean = old.mean(axis=0)
     new_mean = new.mean(axis=0)
     left, _, right = np.linalg.svd((new - new_mean).T @ (old - old_mean))
-    # The determinant excludes mirror images.
+    # The sign of the determinant excludes mirror images.
     turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
     return turn, new_mean - turn @ old_mean

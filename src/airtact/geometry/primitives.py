@@ -1,4 +1,4 @@
-"""Sphere and capsule: exact shapes and their curved meshes."""
+"""Spheres and capsules: exact shapes and their curved meshes."""
 
 import math
 from dataclasses import dataclass
@@ -77,7 +77,7 @@ class Capsule(Shape):
 
     @property
     def axis(self) -> Float64[np.ndarray, "2 3"]:
-        """Start and end of the axis (2, 3) [m]."""
+        """Start and end of the axis, (2, 3) [m]."""
         half = self.length / 2.0
         return self.pose.apply(np.array([[0.0, 0.0, -half], [0.0, 0.0, half]]))
 
@@ -90,7 +90,7 @@ class Capsule(Shape):
         return self.pose.apply(self._around_axis(self.pose.inverse().apply(points), self.radius))
 
     def _around_axis(self, local: PointVectors, radius: float) -> PointVectors:
-        """Move points of the capsule's own frame to a distance ``radius`` from its axis [m]."""
+        """Move points of the capsule's own frame to a distance ``radius`` [m] from its axis."""
         along = np.clip(local[:, 2], -self.length / 2.0, self.length / 2.0)
         out = local.copy()
         out[:, 2] -= along
@@ -115,7 +115,7 @@ class Capsule(Shape):
         return [RidgedMesh(np.array(surface.vertices), np.array(surface.triangles), no_ridges)]
 
     def flat_mesh(self, away: float) -> FlatMesh:
-        """Flat triangles within ``away`` [m] and within 1 % of the radius of the surface."""
+        """Return flat triangles within ``away`` [m] and 1 % of the radius of the surface."""
         sagitta = min(away, 0.01 * self.radius)
         mesh = self.mesh(float(np.sqrt(8.0 * sagitta * self.radius)))
         return mesh.vertices, mesh.triangles
@@ -151,8 +151,8 @@ class Capsule(Shape):
         """Mesh the capsule with curved triangles whose vertices and midpoints are exactly on it.
 
         Each cap is a hemisphere of m rings, with 5 i points on ring i. The cylinder has rings of
-        5 m points, each turned by half a step. The mesh is made at rest and then moved. ``edge`` is
-        the longest straight edge [m]; a cap has at most 400 rings.
+        5 m points, each turned by half a step. The mesh is generated at rest and then moved.
+        ``edge`` is the longest straight edge [m]. A cap has at most 400 rings.
         """
         edge = positive(edge, "edge", "m")
         check_size(self.extent)
@@ -191,12 +191,12 @@ class Capsule(Shape):
 
 
 def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
-    """Build a sphere. Solvers use the exact shape and their own panels, not its mesh.
+    """Build a sphere. Solvers use the exact shape and their own panels instead of its mesh.
 
     Parameters
     ----------
     radius : radius of the sphere [m].
-    edge : longest edge of the triangles of its mesh, for pictures and files [m].
+    edge : longest edge of the triangles of its mesh [m], which is used for pictures and files.
     centre : (3,) centre of the sphere [m].
 
     Raises
@@ -217,9 +217,9 @@ def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
 
     Parameters
     ----------
-    start, end : (3,) ends of the axis [m]; equal ends make a sphere.
+    start, end : (3,) ends of the axis [m]; equal ends produce a sphere.
     radius : radius of the capsule [m].
-    edge : longest edge of its triangles [m].
+    edge : longest edge of the triangles of its mesh [m].
 
     Raises
     ------
@@ -312,10 +312,10 @@ def _triangles(rings: int, around: int, bands: int) -> Triangles:
 
 
 def _bands(around: int, length: float) -> int:
-    # Height of an equilateral triangle on an edge of the cylinder's rim.
+    # The step is the height of an equilateral triangle on an edge of the cylinder's rim.
     step = math.sqrt(3.0) * math.sin(math.pi / around)
     # A cylinder too short for a band of good triangles has no band. Both caps then share one ring
-    # in its middle.
+    # in the middle.
     return max(1, round(length / step)) if length > 0.6 * step else 0
 
 
@@ -342,7 +342,7 @@ def _cap(rings: int, around: int) -> tuple[Vertices, Triangles]:
     """
     points = [np.array([[0.0, 0.0, 1.0]])]
     triangles = []
-    inner = 0  # first vertex of the previous ring, and its number of points
+    inner = 0  # first vertex of the previous ring, then its number of points
     fewer = 1
     for ring in range(1, rings + 1):
         count = _ring_points(ring, rings, around)

@@ -1,4 +1,4 @@
-"""A closed mesh of quadratic triangles: depth and projection of points, fitted panels."""
+"""A closed mesh of quadratic triangles: depth and projection of points, and fitted panels."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -41,16 +41,16 @@ from airtact.geometry.mesh.topology import SHARP_DEGREES, edge_twins, shells
 _RULE_POINTS, _RULE_WEIGHTS = gauss_square(4)
 _RULE_SHAPE = shape_functions(_RULE_POINTS)
 _WEIGHTED_SHAPE = _RULE_SHAPE.T * _RULE_WEIGHTS
-# (6, 16): from values at the quadrature points to the nodes of the nearest quadratic.
+# (6, 16) matrix from values at the quadrature points to the nodes of the nearest quadratic.
 _RULE_FIT = np.linalg.solve(_WEIGHTED_SHAPE @ _RULE_SHAPE, _WEIGHTED_SHAPE)
 
 
 @dataclass(frozen=True, eq=False)
 class QuadraticMesh:
-    """A closed mesh of quadratic triangles at rest, curved on first use.
+    """A closed mesh of quadratic triangles at rest, which is curved on first use.
 
     ``midpoints`` are points of the surface at the middles of edges 01, 12, 20 [m]; by default the
-    mesh is curved by its normals. ``sharp_edges`` are by default the edges that bend by more than
+    mesh is curved by its normals. By default ``sharp_edges`` are the edges that bend by more than
     ``sharp_degrees``.
     """
 
@@ -76,12 +76,12 @@ class QuadraticMesh:
 
     @property
     def sharp(self) -> EdgeMask:
-        """Whether each of the edges 01, 12, 20 is sharp (T, 3)."""
+        """(T, 3) whether each of the edges 01, 12, 20 is sharp."""
         return self._curved[1]
 
     @cached_property
     def crossings(self) -> IndexPairs:
-        """Pairs of flat triangles (K, 2) that cross or touch beyond their shared corners."""
+        """(K, 2) pairs of flat triangles that cross or touch beyond their shared corners."""
         return self_crossings(self.vertices[self.triangles], self.triangles)
 
     @cached_property
@@ -100,7 +100,7 @@ class QuadraticMesh:
 
     @cached_property
     def ridges(self) -> Float64[np.ndarray, "ridges 3 3"]:
-        """Start, middle and end of each sharp edge (K, 3, 3) [m], each edge once."""
+        """(K, 3, 3) start, middle and end of each sharp edge [m], with each edge once."""
         triangle, edge = np.nonzero(self.sharp)
         once = 3 * triangle + edge < self._twins[triangle, edge]
         triangle = triangle[once]
@@ -117,7 +117,7 @@ class QuadraticMesh:
         nodes = self.quadratic_triangles
         total = np.zeros((int(self.triangles.max()) + 1, 3))
         for corner in range(3):
-            # Tangents of the two curved edges at the corner.
+            # These are the tangents of the two curved edges at the corner.
             following = (corner + 1) % 3
             before = (corner + 2) % 3
             out = 4 * nodes[:, 3 + corner] - 3 * nodes[:, corner] - nodes[:, following]
@@ -129,11 +129,11 @@ class QuadraticMesh:
         return total
 
     def depth(self, points: Points) -> PointLengths:
-        """Distance to the surface [m] of points (P, 3) [m], positive inside.
+        """Return the distance of points (P, 3) [m] from the surface [m], positive inside.
 
-        The sign follows from the normal at the closest point, or on edges and corners from the
-        angle-weighted mean normal (J. A. Bærentzen, H. Aanæs, IEEE Trans. Vis. Comput. Graph. 11,
-        243 (2005)).
+        The sign follows from the normal at the closest point. On edges and corners, it follows from
+        the angle-weighted mean normal (J. A. Bærentzen, H. Aanæs, IEEE Trans. Vis. Comput. Graph.
+        11, 243 (2005)).
         """
         panel, reference, distance = self.tree.closest(points)
         position, normal = points_at(self.quadratic_triangles[panel], reference)
@@ -151,7 +151,7 @@ class QuadraticMesh:
     def _edge_normals(
         self, panel: Indices, edge: Indices, weights: Float64[np.ndarray, "n 3"]
     ) -> Float64[np.ndarray, "n 3"]:
-        """Sum of the unit normals of both panels at a point of their edge."""
+        """Return the sum of the unit normals of both panels at a point of their edge."""
         rows = np.arange(len(panel))
         normal = unit(points_at(self.quadratic_triangles[panel], weights[:, 1:])[1])
         neighbour, across = np.divmod(self._twins[panel, edge], 3)
@@ -161,16 +161,16 @@ class QuadraticMesh:
         return normal + unit(points_at(self.quadratic_triangles[neighbour], mirrored[:, 1:])[1])
 
     def project(self, points: Points) -> PointVectors:
-        """Nearest points of the surface (P, 3) [m] to points (P, 3) [m]."""
+        """Return the points of the surface that are nearest to points (P, 3) [m]."""
         panel, reference, _ = self.tree.closest(points)
         return np.einsum("pn,pnd->pd", shape_functions(reference), self.quadratic_triangles[panel])
 
     def project_on_sharp_edges(self, points: Points) -> PointVectors:
-        """Nearest points of the sharp edges (P, 3) [m] to points (P, 3) [m]."""
+        """Return the points of the sharp edges that are nearest to points (P, 3) [m]."""
         steps = np.arange(9) / 8
         shape, _ = _along_ridge(steps)
         samples = np.einsum("sn,knd->ksd", shape, self.ridges).reshape(-1, 3)
-        # The nearest eight samples may lie on different edges; each is refined.
+        # The nearest eight samples may lie on different edges, and each is refined.
         nearest = KDTree(samples).query(points, k=min(8, len(samples)))[1].reshape(len(points), -1)
         ridge, step = np.divmod(nearest, len(steps))
         nodes = self.ridges[ridge]
@@ -186,7 +186,7 @@ class QuadraticMesh:
 
     @cached_property
     def pieces(self) -> "tuple[QuadraticMesh, ...]":
-        """The closed pieces of the mesh, as separate meshes."""
+        """Return the closed pieces of the mesh as separate meshes."""
         label = shells(self.triangles)
         if label.max() == 0:
             return (self,)
@@ -211,7 +211,7 @@ class QuadraticMesh:
         return with_short_edges(self.quadratic_triangles, self.triangles, self.sharp, longest)
 
     def deviation(self, panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
-        """Root mean square distance (P,) of panels (P, 6, 3) from the surface [m]."""
+        """Return the root mean square distance (P,) of panels (P, 6, 3) from the surface [m]."""
         points = np.einsum("qn,tnd->tqd", _RULE_SHAPE, panels).reshape(-1, 3)
         distance = self.tree.closest(points)[2].reshape(-1, len(_RULE_POINTS))
         return np.sqrt(distance**2 @ (2 * _RULE_WEIGHTS))
@@ -245,7 +245,7 @@ class QuadraticMesh:
 def _along_ridge(
     share: Float64[np.ndarray, "*points"],
 ) -> tuple[Float64[np.ndarray, "*points 3"], Float64[np.ndarray, "*points 3"]]:
-    """Shape functions of an edge's start, middle and end at a fraction of it, and derivatives."""
+    """Return the shape functions at a fraction of an edge, and their derivatives."""
     shape = np.stack(
         [(1 - share) * (1 - 2 * share), 4 * share * (1 - share), share * (2 * share - 1)], axis=-1
     )

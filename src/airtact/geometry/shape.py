@@ -1,4 +1,4 @@
-"""The interface of a body's true surface, with the defaults for a closed form."""
+"""The interface of a body's true surface, with defaults for closed forms."""
 
 import math
 from abc import ABC, abstractmethod
@@ -28,7 +28,7 @@ class Shape(ABC):
     @property
     @abstractmethod
     def extent(self) -> float:
-        """Largest distance between two points, or largest side of the box around it at rest [m]."""
+        """Largest distance between two points, or largest side of the bounding box at rest [m]."""
 
     @property
     @abstractmethod
@@ -42,20 +42,20 @@ class Shape(ABC):
 
     @property
     def thinnest(self) -> float:
-        """Diameter of the largest inner ball at every point of the surface, 0 if it varies [m]."""
+        """Diameter of the largest inner ball at every point of the surface [m]; 0 if it varies."""
         return 0.0
 
     @property
     def least_thickness(self) -> float:
-        """Lower bound of the diameter of inner balls at the surface, 0 if unknown [m]."""
+        """Lower bound on the diameter of inner balls at the surface [m]; 0 if unknown."""
         return self.thinnest
 
     def thickness_at(
         self, points: Points, normals: PointVectors, largest: float
     ) -> Float64[np.ndarray, "points"]:
-        """Lower bound of the diameter (P,) [m] of inner balls at points of the surface (P, 3) [m].
+        """Return a lower bound (P,) on the diameter of inner balls at surface points (P, 3) [m].
 
-        ``normals`` (P, 3) point outwards. Diameters above ``largest`` [m] are equivalent.
+        ``normals`` (P, 3) point outwards. Diameters above ``largest`` [m] need not be resolved.
         """
         return np.full(len(points), self.least_thickness)
 
@@ -65,19 +65,19 @@ class Shape(ABC):
         return np.zeros((0, 2), dtype=np.int64)
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
-        """Find a closed piece inside another: both indices, its depth [m] and a point (3,) [m]."""
+        """Return a closed piece inside another: both indices, its depth and a point (3,) [m]."""
         return None
 
     @abstractmethod
     def depth(self, points: Points) -> PointLengths:
-        """Distance to the surface [m] of points (P, 3) [m], positive inside."""
+        """Return the distance of points (P, 3) [m] from the surface [m], positive inside."""
 
     @abstractmethod
     def project(self, points: Points) -> PointVectors:
-        """Nearest points of the surface (P, 3) [m] to points (P, 3) [m]."""
+        """Return the points of the surface that are nearest to points (P, 3) [m]."""
 
     def project_on_sharp_edges(self, points: Points) -> PointVectors:
-        """Nearest points (P, 3) [m] of the sharp edges, or of the surface if there are none."""
+        """Return the nearest points of the sharp edges, or of the surface if there are none [m]."""
         return self.project(points)
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
@@ -85,34 +85,34 @@ class Shape(ABC):
         return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
 
     def edge_middles(self, corners: EdgeVectors) -> EdgeVectors:
-        """Points of the surface at the middles of edges 01, 12, 20 of triangles (T, 3, 3) [m]."""
+        """Return the surface points at the middles of edges 01, 12, 20 of triangles [m]."""
         straight = 0.5 * (corners + np.roll(corners, -1, axis=1))
         return self.project(straight.reshape(-1, 3)).reshape(straight.shape)
 
     def off_triangles(self, points: Points) -> PointLengths:
-        """Distance [m] of points (P, 3) from the defining triangles, 0 for closed forms."""
+        """Return the distance [m] of points from the defining triangles; 0 for closed forms."""
         return np.zeros(len(points))
 
     @abstractmethod
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
         """Cover the surface with curved panels as large as equilateral triangles of an edge [m].
 
-        Normals of panels of a closed form turn by at most about ``bend`` [rad] from edge to edge.
-        On smooth parts of a mesh, the rms deviation of panels is at most about ``away`` [m].
+        On a closed form, the normal of a panel turns by at most about ``bend`` [rad] from edge to
+        edge. On smooth parts of a mesh, the rms deviation of panels is at most about ``away`` [m].
         """
 
     @abstractmethod
     def extreme_points(self) -> PointVectors:
-        """Points (P, 3) [m] with the same axis-aligned bounding box as the body."""
+        """Return points (P, 3) [m] with the same axis-aligned bounding box as the body."""
 
     def farthest(self, direction: Vector3) -> Vector3:
-        """Point of the body (3,) [m] that is farthest along a unit direction."""
+        """Return the point of the body (3,) [m] that is farthest along a unit direction."""
         points = self.extreme_points()
         return points[(points @ direction).argmax()]
 
     @abstractmethod
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
-        """Build initial triangles for remeshing each piece, with edges up to about ``edge`` [m]."""
+        """Return initial triangles for remeshing each piece, with edges of about ``edge`` [m]."""
 
     @abstractmethod
     def moved(self, pose: Pose) -> "Shape":

@@ -45,31 +45,31 @@ from airtact.geometry.shape import Shape
 
 
 class Body:
-    """Identity of a rigid body; its surfaces at all poses share it."""
+    """Identity of a rigid body, which its surfaces at all poses share."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The surface of a body: a closed mesh of triangles, anticlockwise seen from outside.
+    """The surface of a body: a closed mesh of triangles, anticlockwise when seen from outside.
 
     Attributes
     ----------
-    vertices : (V, 3) [m].
+    vertices : (V, 3) positions of the vertices [m].
     triangles : (T, 3) vertex indices.
     midpoints : (T, 3, 3) points of the true surface at the middles of edges 01, 12, 20 [m]. If
         None, the panels are curved by the normals of the triangles around each vertex.
     primitive : the exact shape that the triangles approximate, or None.
-    sharp_degrees : angle between neighbouring triangles above which their edge remains sharp; 0
-        for flat triangles.
+    sharp_degrees : angle between neighbouring triangles above which their edge remains sharp
+        [degrees]; 0 keeps the triangles flat.
     repairs : a sentence for each kind of damage that was repaired.
-    shape : the true surface: the exact shape, or the curved triangles.
+    shape : the true surface, which is the exact shape or the curved triangles.
 
     Raises
     ------
     InvalidInput
-        For arrays of the wrong shape, NaN or infinity, indices out of range, an extent over 2 m or
-        under 0.5 mm, degenerate triangles, an open or inside-out mesh, and midpoints that
-        neighbours do not share. ``Scene`` checks for self-intersections.
+        If an array has the wrong shape, a number is NaN or infinite, an index is out of range, the
+        extent is over 2 m or under 0.5 mm, a triangle is degenerate, the mesh is open or inside
+        out, or neighbours do not share their midpoints. ``Scene`` checks for self-intersections.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class Surface:
     primitive: Shape | None = None
     sharp_degrees: float = SHARP_DEGREES
     repairs: tuple[str, ...] = ()
-    # The shape of triangles that were already checked, or repaired.
+    # The shape of triangles that were already checked or repaired.
     _known_shape: InitVar[Shape | None] = None
     shape: Shape = field(init=False, repr=False, compare=False)
 
@@ -128,7 +128,7 @@ class Surface:
 
     @cached_property
     def body(self) -> "Body":
-        """Identity of the body, the same at all poses."""
+        """Identity of the body, which is the same at all poses."""
         return Body()
 
     @cached_property
@@ -138,17 +138,17 @@ class Surface:
 
     @cached_property
     def corners(self) -> EdgeVectors:
-        """Corners of each triangle (T, 3, 3) [m]."""
+        """(T, 3, 3) corners of each triangle [m]."""
         return fixed(self.vertices[self.triangles])
 
     @cached_property
     def edge_lengths(self) -> TriangleVectors:
-        """Lengths of the straight edges 01, 12, 20 (T, 3) [m]."""
+        """(T, 3) lengths of the straight edges 01, 12, 20 [m]."""
         return fixed(edge_lengths(self.corners))
 
     @cached_property
     def quadratic_triangles(self) -> QuadraticTriangles:
-        """The triangles as curved panels (T, 6, 3) [m]."""
+        """(T, 6, 3) the triangles as curved panels [m]."""
         middles = self.midpoints
         if middles is None:
             middles = self.shape.edge_middles(self.corners)
@@ -171,7 +171,7 @@ class Surface:
 
     @property
     def crossings(self) -> IndexPairs:
-        """Pairs of triangles (K, 2) that meet outside a common corner or edge."""
+        """(K, 2) pairs of triangles that meet outside a common corner or edge."""
         return self.shape.crossings
 
     def panelled(self, edge: float) -> Panels:
@@ -179,7 +179,7 @@ class Surface:
 
         Parameters
         ----------
-        edge : edge length of an equilateral triangle with the area of a panel [m].
+        edge : edge length of an equilateral triangle that has the area of a typical panel [m].
 
         Raises
         ------
@@ -192,7 +192,8 @@ class Surface:
     def depth(self, points: Points) -> PointLengths:
         """Return the depth (P,) of points (P, 3) below the true surface [m]; negative outside.
 
-        It raises ``InvalidInput`` if the shape of ``points`` is wrong or a point is not finite.
+        The method raises ``InvalidInput`` if the shape of ``points`` is wrong or a point is not
+        finite.
         """
         return self.shape.depth(points_of(points, "points", least=0))
 
@@ -215,8 +216,8 @@ class Surface:
 def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
     """Return the least-squares rigid motion from one surface to another with the same triangles.
 
-    Also return the largest remaining distance of a vertex or edge midpoint [m], which is infinite
-    if the triangles or their curvature rules differ.
+    The second result is the largest remaining distance of a vertex or edge midpoint [m]. It is
+    infinite if the triangles or their curvature rules differ.
     """
     if before is after:
         return Pose.identity(), 0.0

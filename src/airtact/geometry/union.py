@@ -31,12 +31,12 @@ FLAT_TOLERANCE = 10e-6
 
 
 def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
-    """Merge bodies that overlap, touch or are less than a gap apart into one.
+    """Merge bodies that overlap, touch or are less than a gap apart into one body.
 
     Balls with a diameter of 0.6 mm, or 1.2 gaps if larger, fill the air between two bodies where
     the sum of the distances to both is at most the gap and their surfaces face each other. The gap
-    is filled completely if the surfaces are within 17 degrees of parallel, and less and less up to
-    53 degrees. Furrows with a wider angle remain. Enclosed air is filled. Elsewhere the surface is
+    is filled completely if the surfaces are within 17 degrees of parallel, and partly up to 53
+    degrees. Furrows with a wider angle remain. Enclosed air is filled. Elsewhere the surface is
     unchanged to within 10 micrometres.
 
     Parameters
@@ -51,8 +51,8 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     Raises
     ------
     InvalidInput
-        If there is no body, a body has self-intersections, bodies are farther apart than the gap,
-        or a part of the merged body is thinner than 0.5 mm.
+        If there are no bodies, a body has self-intersections, bodies are farther apart than the
+        gap, or a part of the merged body is thinner than 0.5 mm.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
         parts.append(solid_of(*_bridge(bodies[first], bodies[second], near, gap)).simplify(8e-6))
     union = Manifold.batch_boolean(parts, OpType.Add)
     for _ in range(2):
-        # Declared as original, the mesh can be simplified across the borders of its parts.
+        # A mesh declared as original can be simplified across the borders of its parts.
         union = union.as_original().simplify(1e-6)
     vertices, triangles = flat_mesh_of(union)
     piece = shells(triangles)
@@ -95,7 +95,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     result = Surface(
         vertices[used],
         triangles.reshape(-1, 3),
-        sharp_degrees=45.0,  # edges on round parts of merged bodies bend less
+        sharp_degrees=45.0,  # edges on round parts of merged bodies turn by less
         repairs=tuple(sentence for index in solids for sentence in bodies[index].repairs),
     )
     check_surface(result)
@@ -103,7 +103,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
 
 
 def _flattened(body: Surface) -> FlatMesh:
-    """Flat triangles of a body, split to within ``FLAT_TOLERANCE`` of the true surface."""
+    """Return the flat triangles of a body, split to within ``FLAT_TOLERANCE`` of its surface."""
     if isinstance(body.shape, Capsule):
         return body.shape.flat_mesh(FLAT_TOLERANCE)
     return near_surface(body.quadratic_triangles, body.triangles, FLAT_TOLERANCE)
@@ -112,7 +112,7 @@ def _flattened(body: Surface) -> FlatMesh:
 def _links(
     bodies: Sequence[Surface], chosen: list[int], gap: float
 ) -> dict[tuple[int, int], Approach]:
-    """Pairs of bodies at most a gap apart; raise ``InvalidInput`` if a body is left unconnected."""
+    """Return pairs of bodies at most a gap apart; raise ``InvalidInput`` for unconnected bodies."""
     near = {}
     for first, second in combinations(chosen, 2):
         distance = approach(bodies[first], bodies[second])
@@ -159,7 +159,7 @@ def _bridge(first: Surface, second: Surface, near: Approach, gap: float) -> Flat
 
 
 def _filling(first: Surface, second: Surface, near: Approach, gap: float) -> Points:
-    """Points to fill between two bodies that face each other, on a grid of half a gap."""
+    """Return points to fill between two bodies that face each other, on a grid of half a gap."""
     edge = gap / 2.0
     low = np.maximum(first.vertices.min(axis=0), second.vertices.min(axis=0)) - 2.0 * gap
     high = np.minimum(first.vertices.max(axis=0), second.vertices.max(axis=0)) + 2.0 * gap
@@ -167,7 +167,7 @@ def _filling(first: Surface, second: Surface, near: Approach, gap: float) -> Poi
     def depths(points: Points) -> tuple[PointLengths, PointLengths]:
         return first.shape.depth(points), second.shape.depth(points)
 
-    # Start with about eight cubes along the box and halve those that may contain filling.
+    # The search starts with about eight cubes along the box and halves those that may be filled.
     size = edge * 2.0 ** max(0, round(np.log2((high - low).max() / (8.0 * edge))))
     counts = np.maximum(np.ceil((high - low) / size), 1)
     cubes = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=3).reshape(-1, 3)
@@ -184,9 +184,9 @@ def _filling(first: Surface, second: Surface, near: Approach, gap: float) -> Poi
         cubes = (2 * cubes[:, None] + corners).reshape(-1, 3)
         size = size / 2.0
     points = low + size * (cubes + 0.5)
-    # The gradient of the sum of distances is the sum of two outward normals: 0 if the surfaces face
-    # each other, of length 1.41 at a right angle. The width decreases from 0.3 on; from 0.9 on
-    # nothing is filled.
+    # The gradient of the sum of distances is the sum of two outward normals. Its length is 0 if the
+    # surfaces face each other, and 1.41 at a right angle. The filled width decreases above a length
+    # of 0.3, and nothing is filled above 0.9.
     gradient = []
     for step in edge * np.eye(3):
         ahead = np.sum(depths(points + step), axis=0)

@@ -1,4 +1,4 @@
-"""Array types of meshes; axes of one name have the same length within a signature."""
+"""Array types of meshes. Axes with the same name in a signature have the same length."""
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64, Real
@@ -14,7 +14,7 @@ VertexSizes = Float64[np.ndarray, "vertices"]
 # Indices of the three vertices of each triangle.
 Triangles = Int64[np.ndarray, "triangles 3"]
 
-# Triangles of a result; their number differs from that of the arguments.
+# Triangles of a result, whose number differs from that of the arguments.
 NewTriangles = Int64[np.ndarray, "_ 3"]
 
 # Positions of the corners of each triangle [m].
@@ -32,7 +32,7 @@ TriangleVectors = Float64[np.ndarray, "triangles 3"]
 TriangleMask = Bool[np.ndarray, "triangles"]
 TriangleLabels = Int64[np.ndarray, "triangles"]
 
-# Both ends of each sharp edge.
+# The two ends of each sharp edge.
 Ridges = Int64[np.ndarray, "ridges 2"]
 
 # Curved panels: corners 0, 1, 2 and points of the surface at the middles of edges 01, 12, 20 [m].

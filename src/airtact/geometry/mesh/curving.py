@@ -1,10 +1,10 @@
 """Curving of a triangle mesh by its normals: midpoints of the edges on a smooth surface.
 
-Every edge has a tangent at each end: its projection onto the tangent plane there. The normal of the
-plane is the angle-weighted mean normal of the triangles around the corner, up to the next sharp
-edges. Along a sharp edge that continues smoothly, the tangent follows the line of sharp edges.
-The midpoint of the edge moves to the middle of a circular arc with these tangents. Spheres and
-cylinders become exactly round, flat faces remain flat, and sharp edges remain sharp.
+Every edge has a tangent at each end: the projection of the edge onto the tangent plane there. The
+normal of the plane is the angle-weighted mean normal of the triangles around the corner, up to the
+next sharp edges. Along a sharp edge that continues smoothly, the tangent follows the line of sharp
+edges. The midpoint of the edge moves to the middle of a circular arc with these tangents. Spheres
+and cylinders become exactly round, flat faces remain flat, and sharp edges remain sharp.
 
 Source of the weights: G. Thürmer, C. A. Wüthrich, "Computing vertex normals from polygonal facets",
 Journal of Graphics Tools 3, 43 (1998).
@@ -38,14 +38,14 @@ from airtact.geometry.mesh.topology import (
     smooth_patches,
 )
 
-# Smallest angle at the rim of a cap, and largest angle between its triangles and their mean
+# Smallest angle at the rim of a cap, and largest angle between its triangles and their mean.
 _CAP_DEGREES = 40.0
 
 
 def curved(
     vertices: Vertices, triangles: Triangles, sharp_degrees: float
 ) -> tuple[EdgeVectors, EdgeMask]:
-    """Points [m] of the curved surface at the middles of the edges, and the sharp edges.
+    """Return the middles of the edges on the curved surface [m], and which edges are sharp.
 
     Caps that close a cut body, such as a hand cut at the wrist, remain flat with sharp rims.
     """
@@ -59,7 +59,7 @@ def curved(
     rise = _rises(corners, triangles, twins, flat, sharp)
     rise[cap[:, None] & ~sharp] = 0.0
     straight = 0.5 * (corners + np.roll(corners, -1, axis=1))
-    # Rounding differs between the two triangles of an edge; their mean is the same for both.
+    # Rounding differs between the two triangles of an edge, but their mean is the same for both.
     straight = 0.5 * (straight + straight.reshape(-1, 3)[twins])
     rise = 0.5 * (rise + rise.reshape(-1, 3)[twins])
     for _ in range(8):
@@ -77,7 +77,7 @@ def _rises(
     flat: TriangleVectors,
     sharp: EdgeMask,
 ) -> EdgeVectors:
-    """Displacement of each edge's midpoint onto an arc with given tangents at its ends [m]."""
+    """Return the shift of each edge's midpoint onto an arc with given tangents at its ends [m]."""
     along = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(along, axis=2, keepdims=True)
     along = along / length
@@ -144,7 +144,7 @@ def _in_tangent_plane(along: EdgeVectors, normals: EdgeVectors) -> EdgeVectors:
 
 
 def _half_tangent(tangent: EdgeVectors, along: EdgeVectors) -> EdgeVectors:
-    """Vector of length tan(a/2) across an edge with a tangent at the angle a; zero over 60°."""
+    """Return vectors of length tan(a/2) across an edge, for tangents at angle a; 0 over 60°."""
     cosine = np.einsum("tei,tei->te", tangent, along)[:, :, None]
     across = (tangent - cosine * along) / (1 + np.maximum(cosine, 0))
     return np.where(cosine > np.cos(np.radians(60.0)), across, 0.0)
@@ -157,7 +157,7 @@ def _corner_normals(
     twins: Twins,
     sharp: EdgeMask,
 ) -> EdgeVectors:
-    """Mean normal at each corner, over its sector between the sharp edges around the vertex."""
+    """Return the mean normal at each corner, over its sector between the sharp edges there."""
     weighted = (corner_angles(along)[:, :, None] * flat[:, None, :]).reshape(-1, 3)
     sector = _sectors(triangles, twins, sharp)
     sums = np.stack([np.bincount(sector, weights=weighted[:, axis]) for axis in range(3)], axis=1)
@@ -177,14 +177,15 @@ def _sectors(triangles: Triangles, twins: Twins, sharp: EdgeMask) -> Int64[np.nd
 def _ridge_tangents(
     along: EdgeVectors, triangles: Triangles, sharp: EdgeMask
 ) -> tuple[EdgeVectors, EdgeVectors]:
-    """Tangents of sharp edges at their start and end, along a line of sharp edges.
+    """Return the tangents of sharp edges at their start and end, along a line of sharp edges.
 
-    If the line ends, forks or turns sharply there, the tangent is the direction of the edge.
+    If the line ends, forks or turns sharply at an end, the tangent there is the direction of the
+    edge.
     """
     triangle, edge = np.nonzero(sharp)
     start = triangles[triangle, edge]
     out = along[triangle, edge]
-    # Each sharp edge leaves either of its ends once, in one of its two triangles.
+    # Each sharp edge leaves each of its ends once, in one of its two triangles.
     count = np.bincount(start, minlength=int(triangles.max()) + 1)
     total = np.stack(
         [np.bincount(start, weights=out[:, axis], minlength=len(count)) for axis in range(3)],

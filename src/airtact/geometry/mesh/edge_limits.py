@@ -1,15 +1,15 @@
 """Upper limits of the edge length at each vertex when larger triangles replace a fine mesh.
 
-Each function finds one kind of detail that large triangles would lose, and returns a limit [m] for
+Each function finds one kind of detail that large triangles would lose. It returns a limit [m] for
 each vertex, at most ``largest``, the edge length used elsewhere:
 
 - ``bend_sizes``: tight bends, across which a large triangle would cut;
 - ``tip_sizes``: rounded tips, which bend in both directions;
-- ``wall_sizes``: thin walls, whose sides would stray too far from the true surface, or cross each
+- ``wall_sizes``: thin walls, whose sides would deviate too far from the true surface or cross each
   other;
 - ``strip_sizes``: narrow strips between two sharp edges, in which slivers would form.
 
-A ridge is a sharp edge of the mesh. Remeshing takes the smallest limit at each vertex.
+A ridge is a sharp edge of the mesh. Remeshing uses the smallest limit at each vertex.
 """
 
 import numpy as np
@@ -26,11 +26,11 @@ MAX_EDGE_TO_WALL = 3.0
 def bend_sizes(
     vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, factor: float = 1.0
 ) -> VertexSizes:
-    """At each vertex, the edge length over which the surface turns by 1 rad.
+    """Return, at each vertex, the edge length over which the surface turns by 1 rad [m].
 
     The radius of a bend is estimated from pairs of triangles whose normals differ by 75 to 150
     degrees and that lie on a common arc. Pairs across a sharp edge (``ridges``) are ignored.
-    ``factor`` scales the limits; it is below 1 if panels must be closer to the surface.
+    ``factor`` scales the limits. It is below 1 if panels must be closer to the surface.
     """
     corners = vertices[triangles]
     centres = corners.mean(axis=1)
@@ -42,8 +42,8 @@ def bend_sizes(
     reach = 2 * np.sin(np.radians(75.0) / 2) / (factor * 1.4) * largest
     tree = KDTree(centres)
     neighbours = tree.query_ball_point(centres, reach, return_length=True)
-    # Pairs are sought for a part of the triangles at a time, since a printed part with many holes
-    # has a thousand million.
+    # Pairs are sought for some of the triangles at a time, because a printed part with many holes
+    # has a thousand million pairs.
     part = np.cumsum(neighbours) // 10_000_000
     pairs = []
     for number in range(part[-1] + 1):
@@ -85,12 +85,12 @@ def bend_sizes(
 def tip_sizes(
     vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, turn: float
 ) -> VertexSizes:
-    """At each vertex, the edge length over which a rounded tip turns by ``turn`` [rad].
+    """Return, at each vertex, the edge length over which a rounded tip turns by ``turn`` [rad].
 
     The radius of a tip follows from its Gaussian curvature: the angle defects 2π − Σ angles around
-    vertices, over their area. Coarse triangles keep the sum of the defects (Gauss-Bonnet), and the
-    roughness of a scan cancels in it. Bends in one direction, such as creases, have no angle
-    defects. Defects at sharp edges (``ridges``) are ignored.
+    vertices, divided by their area. Coarse triangles keep the sum of the defects (Gauss-Bonnet),
+    and the roughness of a scan cancels in this sum. Bends in one direction, such as creases, have
+    no angle defects. Defects at sharp edges (``ridges``) are ignored.
     """
     count = len(vertices)
     corners = vertices[triangles]
@@ -101,20 +101,20 @@ def tip_sizes(
     defect[ridges] = 0.0
     thirds = np.linalg.norm(area_vectors(corners), axis=1) / 6
     area = np.bincount(start, np.repeat(thirds, 3), count)
-    # The mean over a vertex and its neighbours is less rough than the value at the vertex.
+    # The mean over a vertex and its neighbours is smoother than the value at the vertex.
     defect += np.bincount(start, defect[end], count)
     area += np.bincount(start, area[end], count)
     return np.minimum(largest, turn * np.sqrt(area / np.maximum(defect, 1e-9)))
 
 
 def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> VertexSizes:
-    """Longest edge at each vertex of a closed mesh: three thicknesses of the wall there."""
+    """Return the longest edge at each vertex of a closed mesh: three times the wall thickness."""
     normals = np.zeros((len(vertices), 3))
     np.add.at(normals, triangles, area_vectors(vertices[triangles])[:, None])
     normals = unit(normals)
-    # The other side of a wall is near and has the opposite normal, so the tree contains positions
-    # and scaled normals, and the queries have reversed normals. ``reach`` is both the largest
-    # distance and the length of the normals, so opposite sides may be 60 degrees from parallel.
+    # The other side of a wall is near and has the opposite normal. The tree therefore contains
+    # positions and scaled normals, and the queries have reversed normals. ``reach`` is both the
+    # largest distance and the length of the normals, so sides may be 60 degrees from parallel.
     reach = 0.6 * largest
     tree = KDTree(np.concatenate([vertices, reach * normals], axis=1))
     queries = np.concatenate([vertices, -reach * normals], axis=1)
@@ -138,7 +138,7 @@ def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSiz
     width = np.full(len(vertices), largest / 2.0)
     if not len(ridges):
         return 2.0 * width
-    # Distances to other ridges are measured at eight points on each.
+    # Distances to other ridges are measured at eight points on each ridge.
     steps = 8
     ends = vertices[ridges]
     fractions = np.arange(steps) / steps

@@ -26,7 +26,7 @@ _EDGES = ([0, 1], [1, 2], [2, 0])
 
 
 def self_crossings(corners: Corners, triangles: Triangles) -> IndexPairs:
-    """Pairs of triangles of one mesh that cross or touch beyond their shared corners, sorted."""
+    """Return the pairs of triangles that cross or touch beyond their shared corners, sorted."""
     # Triangles touch if they are closer than the rounding of positions in a mesh of this extent.
     tolerance = 1e-9 * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     pairs = _pairs_within(corners, tolerance)
@@ -59,7 +59,7 @@ def _same_corners(
 def _turned(
     corners: Corners, members: Int64[np.ndarray, "n"], shared: Bool[np.ndarray, "n 3"]
 ) -> PairedCorners:
-    """Corners of triangles, starting with the shared one, or the third if two are shared."""
+    """Return triangles' corners, starting at the shared one, or at the third if two are shared."""
     front = np.where(
         np.count_nonzero(shared, axis=1) == 2, shared.argmin(axis=1), shared.argmax(axis=1)
     )
@@ -106,7 +106,7 @@ def _folded(first: PairedCorners, second: PairedCorners, tolerance: float) -> Pa
 
 
 def _pairs_within(corners: Corners, tolerance: float) -> IndexPairs:
-    """Pairs i < j of triangles whose boxes overlap."""
+    """Return the pairs i < j of triangles whose boxes overlap."""
     centres = corners.mean(axis=1)
     reach = np.linalg.norm(corners - centres[:, None, :], axis=2).max(axis=1)
     # Triangles are grouped by size, because one large triangle would widen the search for all.

@@ -16,7 +16,7 @@ BoxCorners = Float64[np.ndarray, "boxes 3"]
 class PanelTree:
     """A binary tree of boxes around curved panels.
 
-    The corners of the boxes ``lower`` and ``upper`` [m] are stored as a heap: box 1 contains all
+    The corners of the boxes, ``lower`` and ``upper`` [m], are stored as a heap: box 1 contains all
     panels, and box b contains boxes 2 b and 2 b + 1. The leaves contain the panels in ``order``.
     """
 
@@ -28,9 +28,10 @@ class PanelTree:
     def closest(
         self, points: Points, within: PointLengths | None = None
     ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 2"], PointLengths]:
-        """Panel closest to each point (P, 3) [m], reference coordinates there, and distance [m].
+        """Return the panel closest to each point (P, 3) [m], and the closest point on it.
 
-        If no panel is closer than ``within`` [m], the panel is arbitrary and the distance infinite.
+        The closest point is returned as reference coordinates, together with its distance [m]. If
+        no panel is closer than ``within`` [m], the panel is arbitrary and the distance infinite.
         """
         return _kernels.closest_on_panels(
             points, self.quadratic_triangles, self.order, self.lower, self.upper, within
@@ -38,7 +39,7 @@ class PanelTree:
 
 
 def panel_tree(panels: QuadraticTriangles) -> PanelTree:
-    """Order panels (T, 6, 3) by position, and build boxes around them by repeated halving."""
+    """Sort panels (T, 6, 3) by position, and build boxes around them by repeated halving."""
     panels = np.ascontiguousarray(panels)
     corners = panels[:, :3]
     # A quadratic panel lies in the convex hull of its Bézier control points.

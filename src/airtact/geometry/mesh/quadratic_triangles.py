@@ -21,7 +21,7 @@ NODE_REFERENCES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.
 
 
 def shape_functions(points: References) -> NodeWeights:
-    """Quadratic shape functions of the six nodes at reference points (P, 2)."""
+    """Return the quadratic shape functions of the six nodes at reference points (P, 2)."""
     u, v = points.T
     w = 1 - u - v
     return np.stack(
@@ -42,7 +42,7 @@ def shape_gradients(points: References) -> tuple[NodeWeights, NodeWeights]:
 def points_at(
     panels: QuadraticTriangles, references: Real[np.ndarray, "panels 2"]
 ) -> tuple[PanelVectors, PanelVectors]:
-    """One point of each panel [m], and the outward normal there, of length twice the area."""
+    """Return a point of each panel [m], and the outward normal there, with twice the area."""
     along_u, along_v = (
         np.einsum("tn,tnd->td", gradient, panels) for gradient in shape_gradients(references)
     )
@@ -51,13 +51,13 @@ def points_at(
 
 
 def middles_of(panels: QuadraticTriangles) -> tuple[PanelVectors, PanelVectors]:
-    """Middle of each panel [m] and the outward unit normal there."""
+    """Return the middle of each panel [m] and the outward unit normal there."""
     middles, normals = points_at(panels, np.full((len(panels), 2), 1 / 3))
     return middles, unit(normals)
 
 
 def normals_at(panels: QuadraticTriangles, reference: Real[np.ndarray, "2"]) -> PanelVectors:
-    """Outward normals of all panels at the same reference coordinates; see ``points_at``."""
+    """Return the normals of all panels at the same reference coordinates, as in ``points_at``."""
     return points_at(panels, np.broadcast_to(reference, (len(panels), 2)))[1]
 
 
@@ -69,7 +69,7 @@ def with_middles(
 
 
 def area_vectors(corners: Corners) -> TriangleVectors:
-    """Outward normal of each flat triangle, of length twice its area [m²]."""
+    """Return the outward normal of each flat triangle, whose length is twice the area [m²]."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
@@ -80,26 +80,26 @@ def unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 
 
 
 def edge_lengths(panels: Real[np.ndarray, "panels nodes 3"]) -> Float64[np.ndarray, "panels 3"]:
-    """Straight lengths of edges 01, 12, 20 of flat or curved triangles [m]."""
+    """Return the straight lengths of edges 01, 12, 20 of flat or curved triangles [m]."""
     along = panels[:, [1, 2, 0]] - panels[:, :3]
     return np.sqrt(np.einsum("tki,tki->tk", along, along))
 
 
 def longest_edges(panels: Real[np.ndarray, "panels nodes 3"]) -> PanelSizes:
-    """Length of the longest straight edge of each flat or curved triangle [m]."""
+    """Return the length of the longest straight edge of each flat or curved triangle [m]."""
     return edge_lengths(panels).max(axis=1)
 
 
 def corner_angles(
     along: Float64[np.ndarray, "triangles 3 3"],
 ) -> TriangleVectors:
-    """Angles [rad] at corners 0, 1, 2, from the unit vectors along edges 01, 12, 20."""
+    """Return the angles [rad] at corners 0, 1, 2 from unit vectors along edges 01, 12, 20."""
     cosines = -np.einsum("tki,tki->tk", along, np.roll(along, 1, axis=1))
     return np.arccos(np.clip(cosines, -1.0, 1.0))
 
 
 def smallest_angles(panels: QuadraticTriangles) -> PanelSizes:
-    """Smallest angle between the straight edges of each panel [degrees]."""
+    """Return the smallest angle between the straight edges of each panel [degrees]."""
     along = np.roll(panels[:, :3], -1, axis=1) - panels[:, :3]
     return np.degrees(corner_angles(along / np.linalg.norm(along, axis=2, keepdims=True))).min(
         axis=1
@@ -109,7 +109,7 @@ def smallest_angles(panels: QuadraticTriangles) -> PanelSizes:
 def cut(
     panels: QuadraticTriangles, parts: Int[np.ndarray, "panels"]
 ) -> tuple[Pieces, Int64[np.ndarray, "_"]]:
-    """Divide each panel into ``parts``² pieces; also return the index of each piece's panel."""
+    """Divide each panel into ``parts``² pieces, and return the index of each piece's panel."""
     parents = np.repeat(np.arange(len(parts)), parts * parts)
     pieces = panels[parents]
     for count in np.flatnonzero(np.bincount(parts)).tolist():
@@ -122,7 +122,7 @@ def cut(
 
 @cache
 def _piece_shapes(count: int) -> Float64[np.ndarray, "pieces 6 6"]:
-    """Shape functions of a triangle at the six nodes of each of its count² pieces."""
+    """Return the shape functions of a triangle at the six nodes of each of its count² pieces."""
     corners = []
     for i in range(count):
         for j in range(count - i):
@@ -137,14 +137,14 @@ def _piece_shapes(count: int) -> Float64[np.ndarray, "pieces 6 6"]:
 def gauss_square(
     points: int,
 ) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points"]]:
-    """Points and weights of a collapsed Gauss rule with points² nodes on the unit triangle."""
+    """Return the points and weights of a collapsed Gauss rule of points² nodes on a triangle."""
     x, weights = np.polynomial.legendre.leggauss(points)
     u, v = (grid.ravel() for grid in np.meshgrid(0.5 * (x + 1), 0.5 * (x + 1)))
     return np.stack([u, v * (1 - u)], axis=1), np.outer(weights, weights).ravel() / 4 * (1 - u)
 
 
 def enclosed_volume(panels: QuadraticTriangles) -> float:
-    """Volume inside closed panels [m³], exact for the quadratic surface."""
+    """Return the volume inside closed panels [m³], which is exact for the quadratic surface."""
     # By the divergence theorem, the integral of position times normal is three volumes. One matrix
     # product evaluates positions and both derivatives at all quadrature points.
     nodes = panels.transpose(2, 1, 0).reshape(3, 6, -1)
@@ -156,13 +156,13 @@ def enclosed_volume(panels: QuadraticTriangles) -> float:
 
 @cache
 def _volume_rule() -> Float64[np.ndarray, "functions 6"]:
-    """Shape functions at the points of a Gauss rule, then their derivatives along u and along v."""
+    """Return the shape functions at the points of a Gauss rule, then their u- and v-derivatives."""
     references, _ = gauss_square(3)
     return np.concatenate([shape_functions(references), *shape_gradients(references)])
 
 
 def panel_areas(panels: QuadraticTriangles) -> PanelSizes:
-    """Area of each panel [m²], exact for flat ones."""
+    """Return the area of each panel [m²], which is exact for flat panels."""
     references, weights = gauss_square(3)
     along_u, along_v = (gradient @ panels for gradient in shape_gradients(references))
     return np.linalg.norm(np.cross(along_u, along_v), axis=2) @ weights

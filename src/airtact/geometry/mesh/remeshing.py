@@ -1,4 +1,4 @@
-"""Remeshing of a closed mesh with sharp edges by MMG.
+"""Remeshing of a closed mesh with sharp edges, using MMG.
 
 Source: C. Dapogny, C. Dobrzynski, P. Frey, "Three-dimensional adaptive domain remeshing, implicit
 domain meshing, and applications to free and moving boundary problems", J. Comput. Phys. 262, 358
@@ -29,13 +29,13 @@ from airtact.geometry.mesh.quadratic_triangles import (
 )
 from airtact.geometry.mesh.topology import edge_ends, edge_twins
 
-# Ratio of the shortest edge, except along sharp edges of the shape, to the target edge.
+# Ratio of the shortest edge to the target edge length, except along sharp edges of the shape.
 MIN_EDGE = 0.06
 
 
 @dataclass(frozen=True, eq=False)
 class RidgedMesh:
-    """A closed mesh with the ends (K, 2) of its sharp edges."""
+    """A closed mesh, and the two ends (K, 2) of each of its sharp edges."""
 
     vertices: Vertices
     triangles: Triangles
@@ -43,15 +43,15 @@ class RidgedMesh:
 
 
 def coarsened(mesh: RidgedMesh, edge: float, wall: float = np.inf) -> RidgedMesh:
-    """Coarsen a mesh with edges far shorter than ``edge`` [m].
+    """Coarsen a mesh whose edges are far shorter than ``edge`` [m].
 
-    This removes the roughness of scans, which MMG would resolve as bends. ``wall`` is the thickness
-    of the thinnest wall [m], which limits the deviation so that its rim remains.
+    This removes the roughness of scans, which MMG would treat as bends. ``wall`` is the thickness
+    of the thinnest wall [m], which limits the deviation so that the rim of the wall remains.
     """
-    fine = 0.25  # ratio of the mean edge to ``edge``, of a mesh to be coarsened and of the result
+    fine = 0.25  # ratio of the mean edge to ``edge``, for a mesh to coarsen and for the result
     if edge_lengths(mesh.vertices[mesh.triangles]).mean() > fine * edge:
         return mesh
-    # 0.06 of the edge is about the roughness of a scan.
+    # The roughness of a scan is about 0.06 of the edge length.
     deviation = min(0.06, 0.1 * wall / edge)
     return _mmg(mesh, np.full(len(mesh.vertices), fine), edge, deviation)
 
@@ -61,7 +61,7 @@ def remeshed(
 ) -> RidgedMesh:
     """Remesh a closed surface with triangles as large as equilateral ones of an edge length.
 
-    The vertices of the result are near the curved surface, not on it.
+    The vertices of the result are near the curved surface but not on it.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ def remeshed(
     sizes : (V,) longest edge allowed at each vertex [m].
     edge : edge length of the equilateral triangles [m].
     expected : expected number of triangles.
-    wall : thickness of the thinnest wall, see ``coarsened`` [m].
+    wall : thickness of the thinnest wall [m], as in ``coarsened``.
     """
     deviation = min(0.15, 0.3 * wall / edge)
-    # MMG makes fewer triangles than expected from the largest edge, so the edge is shortened until
-    # 90 % of the expected number is reached.
+    # MMG generates fewer triangles than expected from the largest edge, so the edge is shortened
+    # until 90 % of the expected number is reached.
     for stretch in (1.4, 1.2, 1.0):
         result = _mmg(mesh, np.clip(sizes / edge, MIN_EDGE, stretch), edge, deviation)
         if len(result.triangles) >= 0.9 * expected:
@@ -102,7 +102,7 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
             hmin=MIN_EDGE,
             hausd=deviation,
             hgrad=1.5,  # largest ratio between neighbouring edges
-            angle=0,  # the sharp edges are given; MMG must not detect others
+            angle=0,  # the sharp edges are known; MMG must not detect others
             verbose=-1,
         )
     except RuntimeError as fault:

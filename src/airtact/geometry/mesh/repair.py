@@ -1,9 +1,9 @@
 """Repair of damaged triangle meshes; ambiguous damage raises an error.
 
 Each step leaves an intact mesh unchanged. A sentence states the number of repairs and the position
-of the first. The order matters: vertices are merged before triangles are compared, holes are filled
-after triangles are oriented, and slivers are removed from closed meshes. Source for the kinds of
-damage and the order: M. Attene, M. Campen, L. Kobbelt, "Polygon mesh repairing: an application
+of the first one. The order matters: vertices are merged before triangles are compared, holes are
+filled after triangles are oriented, and slivers are removed from closed meshes. The kinds of damage
+and the order follow M. Attene, M. Campen, L. Kobbelt, "Polygon mesh repairing: an application
 perspective", ACM Computing Surveys 45(2), 2013, sections 2 and 3.
 """
 
@@ -39,7 +39,7 @@ from airtact.geometry.mesh.topology import (
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-# Largest width of a crack, and height of a sliver [m]. The surface may move by this distance.
+# Largest width of a crack and largest height of a sliver [m]. The surface may move this far.
 MAX_CRACK = 5e-6
 
 
@@ -71,10 +71,10 @@ def repaired(
     Raises
     ------
     InvalidInput
-        For indices out of range, NaN in a used vertex, an extent over 2 m or under 0.5 mm, edges of
-        more than two triangles, one-sided surfaces, wider holes, parts that touch in one vertex,
-        and triangles or pieces that remain flat. The message states the position.
-        ``check_surface`` checks for self-intersections.
+        If an index is out of range, a used vertex is NaN, the extent is over 2 m or under 0.5 mm,
+        an edge belongs to more than two triangles, the surface is one-sided, a hole is wider, parts
+        touch in a single vertex, or triangles or pieces remain flat. The message states the
+        position. Self-intersections are checked by ``check_surface``.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def repaired(
     notes: list[str] = []
     vertices, triangles = _with_used_vertices(vertices, triangles, notes)
     check_size(float(np.ptp(vertices, axis=0).max()))
-    # Only open meshes have cracks.
+    # Only open meshes contain cracks.
     for near in (min(1e-6 * float(np.ptp(vertices, axis=0).max()), 1e-6), MAX_CRACK):
         vertices, triangles = _with_merged_vertices(vertices, triangles, near, notes)
         triangles = _without_collapsed(vertices, triangles, notes)
@@ -163,7 +163,7 @@ def _with_merged_vertices(
     vertices: Vertices, triangles: Triangles, near: float, notes: list[str]
 ) -> FlatMesh:
     """Merge vertices within a distance [m] of each other into the first, which does not move."""
-    # Exact copies are not noted: some formats repeat the vertices for every triangle.
+    # Exact copies are not reported, because some formats repeat the vertices for every triangle.
     order = np.lexsort(vertices.T)
     ranked = vertices[order]
     new = np.r_[True, (ranked[1:] != ranked[:-1]).any(axis=1)]
@@ -245,14 +245,14 @@ def without_slivers(vertices: Vertices, triangles: Triangles, notes: list[str]) 
 
 
 def solid_of(vertices: Vertices, triangles: Triangles) -> "Manifold":
-    """Convert a closed mesh to a body of manifold3d."""
+    """Convert a closed mesh to a manifold3d body."""
     from manifold3d import Manifold, Mesh64
 
     return Manifold(Mesh64(np.array(vertices), triangles.astype(np.uint64)))
 
 
 def flat_mesh_of(solid: "Manifold") -> FlatMesh:
-    """Convert a body of manifold3d to vertices and triangles."""
+    """Convert a manifold3d body to vertices and triangles."""
     mesh = solid.to_mesh64()
     return mesh.vert_properties[:, :3].astype(np.float64), mesh.tri_verts.astype(np.int64)
 
@@ -301,7 +301,7 @@ def _without_holes(
 
 
 def _rims(triangles: Triangles) -> list[Indices]:
-    """Vertices around each hole, in the direction of the lid's triangles."""
+    """Return the vertices around each hole, in the direction of the lid's triangles."""
     border = np.flatnonzero(edge_twins(triangles).ravel() == -1)
     # The rim runs against the edges of adjacent triangles. Holes that meet in a vertex are split.
     starts = np.roll(triangles, -1, axis=1).ravel()[border].tolist()
@@ -333,8 +333,8 @@ def _oriented(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Tri
     """Reverse as few triangles as possible so that neighbours have the same orientation.
 
     The graph has two nodes for each triangle, one for each orientation. Every node is linked to the
-    consistent nodes of its neighbours. An orientable piece has two mirrored components. One-sided
-    pieces and edges of more than two triangles remain for ``check_closed`` to reject.
+    consistent nodes of its neighbours, so an orientable piece has two mirrored components.
+    One-sided pieces and edges of more than two triangles remain for ``check_closed`` to reject.
     """
     count = len(triangles)
     keys = edge_keys(triangles).ravel()
@@ -400,8 +400,8 @@ def _turned_outward(vertices: Vertices, triangles: Triangles, notes: list[str]) 
 
 def _check_no_bow_ties(vertices: Vertices, triangles: Triangles, twins: Twins) -> None:
     """Check that no parts of a closed mesh are joined by a single vertex."""
-    # Corners around a vertex form one ring, or several if parts only touch there. Edge c starts at
-    # corner c, and its twin ends there.
+    # Corners around a vertex form one ring, or several rings if parts only touch there. Edge c
+    # starts at corner c, and its twin ends there.
     corner = np.arange(triangles.size)
     ring = components(corner, (3 * (twins // 3) + (twins + 1) % 3).ravel(), len(corner))
     first_of_ring = np.unique(ring, return_index=True)[1]

@@ -23,9 +23,10 @@ SHARP_DEGREES = 75.0
 
 
 def edge_twins(triangles: AnyTriangles) -> Twins:
-    """Find the reverse of each directed edge 01, 12, 20 as an index 3 t + e (triangle t, edge e).
+    """Return the reverse of each directed edge 01, 12, 20 as an index 3 t + e.
 
-    It is -1 if there is none, and -2 if the directed edge itself occurs more than once.
+    The index refers to edge e of triangle t. It is -1 if there is no reverse edge, and -2 if the
+    directed edge itself occurs more than once.
     """
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)
@@ -44,7 +45,7 @@ def edge_twins(triangles: AnyTriangles) -> Twins:
 
 
 def edge_keys(triangles: AnyTriangles) -> Triangles:
-    """Key low * count + high of each edge 01, 12, 20, which is the same in both directions."""
+    """Return a key low * count + high of each edge 01, 12, 20, the same in both directions."""
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)
     count = int(triangles.max()) + 1 if triangles.size else 1
@@ -52,14 +53,14 @@ def edge_keys(triangles: AnyTriangles) -> Triangles:
 
 
 def edge_ends(triangles: AnyTriangles) -> Int[np.ndarray, "triangles 3 2"]:
-    """Start and end of edges 01, 12, 20 of each triangle."""
+    """Return the start and end of edges 01, 12, 20 of each triangle."""
     return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
 
 
 def are_among(
     edges: Int[np.ndarray, "*edges 2"], listed: Int[np.ndarray, "*listed 2"]
 ) -> Bool[np.ndarray, "*edges"]:
-    """Whether a list contains each edge, which is a pair of vertices in any order."""
+    """Return whether a list contains each edge, given as a pair of vertices in any order."""
     count = max(int(edges.max(initial=0)), int(listed.max(initial=0))) + 1
     return np.isin(np.sort(edges, axis=-1) @ [count, 1], np.sort(listed, axis=-1) @ [count, 1])
 

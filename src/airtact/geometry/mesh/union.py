@@ -1,7 +1,7 @@
 """The union of the overlapping parts of a mesh, from winding numbers on a grid.
 
 CAD programs export unions whose parts still cross each other, and edges of three triangles. The
-topology of such a mesh does not define its inside. The winding number does: it counts how many
+topology of such a mesh does not define its inside, but the winding number does: it counts how many
 times the surface encloses a point. The body is the region where this number is positive.
 """
 
@@ -15,12 +15,12 @@ from airtact.geometry.mesh.arrays import Triangles, Vertices
 def united_parts(
     vertices: Vertices, triangles: Triangles
 ) -> tuple[Float64[np.ndarray, "nodes 3"], Int64[np.ndarray, "faces 3"], str]:
-    """Return the surface of the union of all parts of a mesh, and a note with its precision.
+    """Return the surface of the union of all parts of a mesh, and a note on its precision.
 
     The winding number is counted along the lines of a grid in three directions, and the majority of
     the three decides. A hole or an edge of three triangles therefore only corrupts single lines.
-    Faces keep their position, but edges are rounded on the scale of a cell, and walls thinner than
-    two cells disappear.
+    Faces keep their position, but edges are rounded on the scale of a grid cell, and walls thinner
+    than two cells disappear.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def united_parts(
 
     low = vertices.min(axis=0)
     extent = vertices.max(axis=0) - low
-    # A cap of 110 mm gets cells of 0.43 mm, 1/20 of the wavelength at 40 kHz.
+    # A cap of 110 mm is divided into cells of 0.43 mm, 1/20 of the wavelength at 40 kHz.
     cell = float(extent.max()) / 256
     # A margin of two cells closes the surface; the odd fraction keeps nodes off faces and edges.
     origin = low - 2.3819 * cell
@@ -53,8 +53,8 @@ def united_parts(
         votes += np.transpose(winding > 0, np.argsort(order))
         hits.append((points[:, np.argsort(order)], owner, axis))
     inside = votes >= 2
-    # Walls of one or two cells cannot be resolved. They are removed, or fins and needles would
-    # remain.
+    # Walls of one or two cells cannot be resolved. They are removed because fins and needles would
+    # remain otherwise.
     inside = binary_opening(inside)
 
     # Only crossings between inside and outside are on the boundary of the union.
@@ -84,7 +84,7 @@ def united_parts(
 def _crossings(
     corners: Float[np.ndarray, "triangles 3 3"],
 ) -> tuple[Float[np.ndarray, "hits 3"], Int[np.ndarray, "hits"], Int[np.ndarray, "hits"]]:
-    """Points where vertical lines through integer (x, y) meet triangles, with sign and triangle."""
+    """Return where vertical lines through integer (x, y) meet triangles, with sign and triangle."""
     flat = corners[:, :, :2]
     first = np.ceil(flat.min(axis=1)).astype(int)
     sides = np.maximum(np.floor(flat.max(axis=1)).astype(int) - first + 1, 0)
@@ -118,7 +118,7 @@ def _distances(
     points: Float[np.ndarray, "points 3"],
     corners: Float[np.ndarray, "points 3 3"],
 ) -> Float[np.ndarray, "x y z"]:
-    """Signed distance [cells] of each node, exact next to flat faces and 1 farther away."""
+    """Return each node's signed distance [cells], exact next to flat faces and 1 farther away."""
     from scipy.ndimage import binary_dilation, binary_erosion
     from scipy.spatial import KDTree
 
