@@ -1,9 +1,9 @@
-"""Play a drive in AUTD3's own emulator, and compare its field with airtact's.
+"""Play a drive in AUTD3's own emulator, and compare its field with that of airtact.
 
     python examples/autd3_emulator.py [FOLDER]
 
-Plays a focus on one emulated board for 1 ms. Prints the largest difference of the fields. Writes
-autd3_emulator.png into FOLDER, or into the current folder. Needs two packages:
+Plays a focus on one emulated board for 1 ms. Prints the largest difference between the two fields,
+and writes autd3_emulator.png to FOLDER (by default the current folder). Requires two packages:
 pip install 'airtact[autd3]' pyautd3_emulator==36.0.2
 """
 
@@ -20,9 +20,9 @@ import airtact as at
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
 folder.mkdir(parents=True, exist_ok=True)
-SPEED = 340.0  # of sound [m/s]
+SPEED = 340.0  # speed of sound [m/s]
 
-# The emulator's transducers radiate to all sides, with this pressure at 1 m [Pa].
+# The emulator's transducers radiate in all directions, with this pressure at 1 m [Pa].
 array = at.autd3_board(element=at.monopole(275.574246 * 0.2 / (4 * np.pi)))
 scene = at.Scene(at.Medium(SPEED, 1.2), [])
 target = at.Target(np.array([[0.08, 0.06, 0.15]]))
@@ -31,7 +31,7 @@ frame = at.quantise(at.best(transfer, target))
 
 
 def play(controller):
-    """Send the frame, without the silencer, and emit it for 1 ms."""
+    """Send the frame without the silencer, and emit it for 1 ms."""
     levels = [
         pyautd3.Drive(phase=pyautd3.Phase(int(phase)), intensity=pyautd3.Intensity(int(amplitude)))
         for amplitude, phase in zip(frame.amplitude, frame.phase, strict=True)

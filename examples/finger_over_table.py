@@ -1,10 +1,10 @@
-"""A finger over a table, which reflects the sound.
+"""A finger above a table that reflects the sound.
 
     python examples/finger_over_table.py [FOLDER]
 
-The finger lies 30 mm above the table, and the board stands on the table beside it. Asks for
-1,000 Pa at the finger. Prints what this drive and one that ignores the table give at the same
-energy. Writes finger_over_table.png into FOLDER, or into the current folder.
+The finger is 30 mm above the table, and the board stands on the table beside it. Requests 1,000 Pa
+at the finger. Prints the pressure produced by this drive, and by a drive with the same energy that
+ignores the table. Writes finger_over_table.png to FOLDER (by default the current folder).
 """
 
 import sys
@@ -32,8 +32,8 @@ aware, unaware = (
 unaware = at.Drive(unaware.factor_to_match(aware) * unaware.amplitudes)  # to the same energy
 for name, drive in {"with": aware, "without": unaware}.items():
     played = at.evaluate(scenes[0], array, drive, target, solver=at.BoundaryElement(0.01))
-    print(f"drive made {name} the table: {played.magnitudes[0]:.0f} Pa")
+    print(f"drive computed {name} the table: {played.magnitudes[0]:.0f} Pa")
 
 axes = at.plot.scene(scenes[0], array, aware, target)
-axes.set_title("A finger over a table, and a board that stands on it")
+axes.set_title("A finger above a table, with a board standing on the table")
 axes.figure.savefig(folder / "finger_over_table.png", dpi=110)

@@ -2,8 +2,8 @@
 
     python examples/focus.py [FOLDER]
 
-There is no hand in the sound. Prints the pressure at the focus. Writes focus.png into FOLDER, or
-into the current folder.
+There is no hand in the sound field. Prints the pressure at the focus, and writes focus.png to
+FOLDER (by default the current folder).
 """
 
 import sys

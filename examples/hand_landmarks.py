@@ -1,10 +1,11 @@
-"""A hand from the 21 landmarks of a tracker, with a focus at three fingertips.
+"""A hand from the 21 landmarks of a tracker, with foci at three fingertips.
 
     python examples/hand_landmarks.py [FOLDER]
 
-hand_landmarks.json holds the landmarks in the order of MediaPipe and Leap, in metres. The board
-faces the palm from 150 mm. Prints the pressure at each fingertip. Writes hand_landmarks.png into
-FOLDER, or into the current folder. Needs the extra mesh: pip install 'airtact[mesh]'.
+hand_landmarks.json contains the landmarks in the order of MediaPipe and Leap, in metres. The board
+faces the palm at a distance of 150 mm. Prints the pressure at each fingertip, and writes
+hand_landmarks.png to FOLDER (by default the current folder). Requires the extra mesh:
+pip install 'airtact[mesh]'.
 """
 
 import sys
@@ -29,5 +30,5 @@ result = at.render(at.Setup(scene, array, target, accuracy=0.05))
 print(f"{hand.side} hand: {', '.join(f'{pressure:.0f}' for pressure in result.pressures)} Pa")
 
 axes = at.plot.scene(scene, array, result.drive, target)
-axes.set_title("A hand from 21 landmarks over a board")
+axes.set_title("A hand from 21 landmarks above a board")
 axes.figure.savefig(folder / "hand_landmarks.png", dpi=110)

@@ -1,10 +1,10 @@
-"""The live loop with a tracker of your own, which sends frames by websocket.
+"""The live loop with your own tracker, which sends frames over a websocket.
 
     python examples/live_websocket.py [FOLDER]
 
-Starts `airtact live` without boards and sends it a recorded motion for four seconds, as a camera
-would. Prints the number of frames and drives. Writes live_websocket.png and live/session.h5, the
-record of the loop, into FOLDER, or into the current folder. Needs two extras:
+Starts `airtact live` without boards and sends it a recorded motion for four seconds, as a tracker
+would. Prints the number of frames and drives. Writes live_websocket.png and live/session.h5 (the
+recorded session) to FOLDER (by default the current folder). Requires two extras:
 pip install 'airtact[mesh,tracking]'
 """
 
@@ -22,20 +22,20 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
 folder.mkdir(parents=True, exist_ok=True)
 PORT = 8765
 
-motion = at.hands.load_recording(at.example("reaching.jsonl"))  # your tracker's frames instead
+motion = at.hands.load_recording(at.example("reaching.jsonl"))  # replace with your tracker's frames
 command = [sys.executable, "-m", "airtact", "live", str(at.example("live_pinch"))]
 command += ["--from", f"websocket:{PORT}", "--out", str(folder / "live"), "--no-page", "--quiet"]
 loop = subprocess.Popen(command)
 
 
 def connected():
-    """Connect to the loop, which opens its port after some seconds."""
+    """Connect to the loop, which opens its port after a few seconds."""
     while loop.poll() is None:
         try:
             return connect(f"ws://127.0.0.1:{PORT}", compression=None)
         except OSError:
             time.sleep(0.2)
-    sys.exit("airtact live ended early")
+    sys.exit("airtact live ended before a connection was made.")
 
 
 try:

@@ -1,10 +1,10 @@
-"""An array of your own from a CSV file: a bowl of 91 transducers over a fingertip.
+"""A custom array from a CSV file: a bowl of 91 transducers above a fingertip.
 
     python examples/own_array.py [FOLDER]
 
-own_array.toml names the CSV file as its layout. The columns are the position of each transducer
+own_array.toml uses the CSV file as its layout. The columns are the position of each transducer
 (x, y, z in metres) and the direction in which it radiates (nx, ny, nz). Prints the pressure at the
-fingertip. Writes own_array.png into FOLDER, or into the current folder.
+fingertip, and writes own_array.png to FOLDER (by default the current folder).
 """
 
 import sys
@@ -24,5 +24,5 @@ print(f"{result.pressures[0]:.0f} Pa at the fingertip from {len(setup.array)} tr
 figure = plt.figure(figsize=(7, 5))
 axes = figure.add_subplot(projection="3d", azim=-60, elev=-8)  # from below, into the bowl
 at.plot.scene(setup.scene, setup.array, result.drive, setup.target, ax=axes)
-axes.set_title("Phases of a bowl of transducers over a fingertip")
+axes.set_title("Phases of a bowl of transducers above a fingertip")
 figure.savefig(folder / "own_array.png", dpi=110)

@@ -1,10 +1,11 @@
-"""An object of your own from an STL file: a focus over a hollow.
+"""A custom object from an STL file: a focus above a bowl.
 
     python examples/own_stl.py [FOLDER]
 
-Reads bowl.stl, in millimetres, and asks for 1,500 Pa at a point over its hollow. Prints what this
-drive and one made for empty air give at the same energy. Writes own_stl.png into FOLDER, or into
-the current folder. Needs the extra mesh: pip install 'airtact[mesh]'.
+Reads bowl.stl, which is in millimetres, and requests 1,500 Pa at a point above the bowl. Prints the
+pressure produced by this drive, and by a drive of the same energy that was computed for empty air.
+Writes own_stl.png to FOLDER (by default the current folder). Requires the extra mesh:
+pip install 'airtact[mesh]'.
 """
 
 import sys
@@ -24,11 +25,11 @@ array = at.autd3_board().facing((0, 0, 0), direction=(0, 0, 1), distance=0.15)
 
 result = at.render(at.Setup(scene, array, target, accuracy=0.05))
 print(
-    f"{result.pressures[0]:.0f} Pa over the bowl, "
-    f"{result.control_pressures[0]:.0f} Pa by a drive made for empty air"
+    f"{result.pressures[0]:.0f} Pa above the bowl, "
+    f"{result.control_pressures[0]:.0f} Pa with a drive computed for empty air"
 )
 
 played = at.evaluate(scene, array, result.drive, target, solver=at.BoundaryElement(accuracy=0.02))
 axes = at.plot.field(played, plane="xz")
-axes.set_title("Focus over a bowl")
+axes.set_title("Focus above a bowl")
 axes.figure.savefig(folder / "own_stl.png", dpi=120)

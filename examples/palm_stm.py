@@ -1,10 +1,10 @@
-"""A focus that draws a circle on the palm, 100 times a second.
+"""A focus that moves along a circle on the palm 100 times per second.
 
     python examples/palm_stm.py [FOLDER]
 
-Skin feels a focus that moves (spatiotemporal modulation) better than a static one. Prints
-the pressure along the circle. Writes palm_stm.png and the drives, sequence.h5, into FOLDER, or into
-the current folder; `airtact emit` plays them. Needs the extra mesh: pip install 'airtact[mesh]'.
+A moving focus (spatiotemporal modulation) is easier to feel than a static one. Prints the pressure
+along the circle. Writes palm_stm.png and sequence.h5 to FOLDER (by default the current folder);
+`airtact emit` plays sequence.h5. Requires the extra mesh: pip install 'airtact[mesh]'.
 """
 
 import sys
@@ -31,6 +31,6 @@ print(
 pressures = np.abs(moving.sequence.pressure(moving.transfer))
 figure, axes = plt.subplots(layout="constrained")
 image = axes.imshow(pressures.T, origin="lower", aspect="auto", cmap="magma")
-axes.set(xlabel="frame", ylabel="position on the circle", title="A focus that runs along a circle")
+axes.set(xlabel="frame", ylabel="position on the circle", title="A focus that moves along a circle")
 figure.colorbar(image, label="peak pressure [Pa]")
 figure.savefig(folder / "palm_stm.png", dpi=110)

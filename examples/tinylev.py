@@ -1,10 +1,10 @@
-"""Traps of a bead in the levitator TinyLev.
+"""Traps for a bead in the levitator TinyLev.
 
     python examples/tinylev.py [FOLDER]
 
-Two caps of 36 transducers face each other. Prints the traps next to the middle, with both caps in
-phase and opposed. Writes tinylev.png, a map of Gor'kov's potential, into FOLDER, or into the
-current folder.
+Two caps with 36 transducers each face each other. Prints the traps near the middle for both caps
+in phase and in opposite phase. Writes tinylev.png, a map of Gor'kov's potential, to FOLDER (by
+default the current folder).
 """
 
 import sys

@@ -1,8 +1,8 @@
-"""A virtual ball between thumb and index finger, in the box of Inoue and others (2014).
+"""A virtual ball between thumb and index finger, in the box of Inoue et al. (2014).
 
     python examples/touch_ball.py [FOLDER]
 
-Finds where the fingers touch the ball, makes the drive, and writes touch_ball.png.
+Finds where the fingers touch the ball, computes the drive, and writes touch_ball.png.
 """
 
 import sys

@@ -1,9 +1,10 @@
-"""Two foci between thumb and finger, in the box of 996 transducers of Inoue and others (2014).
+"""Two foci between a thumb and a finger, in the box of 996 transducers of Inoue et al. (2014).
 
     python examples/two_fingers.py [FOLDER]
 
-Asks for 1,500 Pa half a millimetre from each pad. Prints what this drive and one made for empty air
-give at the same energy. Writes two_fingers.png into FOLDER, or into the current folder.
+Requests 1,500 Pa half a millimetre away from each pad. Prints the pressures produced by this drive,
+and by a drive of the same energy that was computed for empty air. Writes two_fingers.png to FOLDER
+(by default the current folder).
 """
 
 import sys
@@ -22,15 +23,15 @@ scene = at.Scene(at.air(celsius=22.0), bodies, frequency=40e3)
 target = at.Target(fingers.foci(offset=0.5e-3), pressures=1500.0)
 array = at.surrounding_box()
 
-# A source at a focus makes the same pressure at a transducer as the transducer makes at the focus,
-# so one solve per focus serves all 996.
+# A source at a focus produces the same pressure at a transducer as the transducer does at the
+# focus, so one solve per focus covers all 996 transducers.
 solver = at.BoundaryElement(accuracy=0.03)
 transfer = at.transfer_matrix(solver.radiate(scene, target.beacons()), array)
 aware = at.best(transfer, target)
 unaware = at.best(at.open_air_matrix(scene, array, target), target)
 unaware = at.Drive(unaware.factor_to_match(aware) * unaware.amplitudes)  # to the same energy
 
-# A second, finer solve with the transducers as sources gives the pressures.
+# The pressures come from a second, finer solve with the transducers as sources.
 drives = {"for the fingers": aware, "for empty air": unaware}
 figure, axes = plt.subplots(1, 2, figsize=(10, 3.5), layout="constrained")
 for ax, (name, drive) in zip(axes, drives.items(), strict=True):

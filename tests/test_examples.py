@@ -22,7 +22,7 @@ PRINTED = {
     "hand_landmarks": r"left hand: (79\d|80\d), (79\d|80\d), (79\d|80\d) Pa",
     "live_websocket": r"[12]\d\d frames received, [1-9]\d+ drives played",
     "own_array": r"2000 Pa at the fingertip from 91 transducers",
-    "own_stl": r"1500 Pa over the bowl, 7\d\d Pa by a drive made for empty air",
+    "own_stl": r"1500 Pa above the bowl, 7\d\d Pa with a drive computed for empty air",
     "palm_stm": r"24 frames; (199\d|200\d) to (199\d|200\d) Pa at the focus",
     "tinylev": r"trap at \(.*, -2\.3\d, .*\(0\.0034\d*, 0\.06[23]\d*, 0\.0034",
     "touch_ball": r"\d+ Pa at the contact \(-6\.00, -?0\.00, -?0\.00\) mm\n\d+ Pa .* \(6\.00,",

@@ -1,6 +1,6 @@
 // A client of `airtact live SCENE --from websocket` for Unity and other programs in C# (.NET Standard 2.0 or later).
 //
-// In Unity, copy this file into Assets, make one Airtact.Client, and call Focus or Move in Update:
+// In Unity, copy this file into Assets, create one Airtact.Client, and call Foci or Move in Update:
 //
 //     var client = new Airtact.Client();
 //     client.AddSphere("ball", 0.02);
@@ -8,7 +8,7 @@
 //     client.Foci(new Airtact.Focus { id = "tip", place = "index.pad", strength = 0.5 });
 //     Debug.Log(client.State?.state);
 //
-// Nothing here waits: messages are sent in the background, and State is the newest one that arrived.
+// No call blocks: messages are sent in the background, and State is the newest state that arrived.
 
 using System;
 using System.Collections.Concurrent;
@@ -24,7 +24,7 @@ using System.Threading.Tasks;
 
 namespace Airtact
 {
-    /// <summary>A focus: give point or place.</summary>
+    /// <summary>A focus; set either point or place.</summary>
     public class Focus
     {
         public string id, place, on;
@@ -57,7 +57,7 @@ namespace Airtact
         [DataMember] public double? pressure;
     }
 
-    /// <summary>A message of the loop: its state, or with type "rejected" why a message had no effect.</summary>
+    /// <summary>A message from the loop: its state, or with type "rejected" the reason why a message was rejected.</summary>
     [DataContract]
     public class State
     {
@@ -71,7 +71,7 @@ namespace Airtact
         /// <summary>Newest state of the loop; null before the first.</summary>
         public volatile State State;
 
-        /// <summary>Why the newest rejected message was rejected, or why the connection failed; null if nothing was.</summary>
+        /// <summary>Reason of the newest rejection or of a failed connection; null if there was none.</summary>
         public volatile string Rejected;
 
         readonly ClientWebSocket socket = new ClientWebSocket();
@@ -83,7 +83,7 @@ namespace Airtact
             Task.Run(() => Run(new Uri(address)));
         }
 
-        /// <summary>Ask for these foci instead of the earlier ones. Call it several times per second.</summary>
+        /// <summary>Replace the foci of this client. Call this several times per second.</summary>
         public void Foci(params Focus[] foci)
         {
             Send("foci", "\"foci\":[" + string.Join(",", foci.Select(focus => focus.Json())) + "]");
@@ -99,7 +99,7 @@ namespace Airtact
             Send("objects", $"\"add\":[{{\"name\":{Text.Of(name)},\"box\":{{\"sides\":{Text.Of(sides)}}}}}]");
         }
 
-        /// <summary>Give an object a pose: a point in metres, and a quaternion x, y, z, w.</summary>
+        /// <summary>Set the pose of an object: a point in metres, and a quaternion x, y, z, w.</summary>
         public void Move(string name, double[] point, double[] turn)
         {
             var pose = $"{{\"translation\":{Text.Of(point)},\"quaternion\":{Text.Of(turn)}}}";
@@ -111,7 +111,7 @@ namespace Airtact
             Send("objects", $"\"remove\":[{Text.Of(name)}]");
         }
 
-        /// <summary>Send a frame of a hand; no landmarks mean that it is lost.</summary>
+        /// <summary>Send a frame of a hand; omit the landmarks if the hand is lost.</summary>
         public void Hand(string side, double time, long sequence, double[][] landmarks)
         {
             var points = landmarks == null ? "null" : "[" + string.Join(",", landmarks.Select(Text.Of)) + "]";
@@ -133,7 +133,7 @@ namespace Airtact
         void Send(string type, string values)
         {
             var rest = values == null ? "" : "," + values;
-            // A message that finds 64 others waiting is left out: newer ones follow.
+            // Drop the message if 64 others are waiting; newer ones will follow.
             waiting.TryAdd($"{{\"type\":\"{type}\",\"version\":1{rest}}}");
         }
 
@@ -184,7 +184,7 @@ namespace Airtact
         }
     }
 
-    /// <summary>JSON in any country: with points in numbers.</summary>
+    /// <summary>Writes JSON numbers with decimal points, whatever the locale.</summary>
     static class Text
     {
         public static string Of(double value)
@@ -205,7 +205,7 @@ namespace Airtact
 
 #if UNITY_5_3_OR_NEWER
     /// <summary>
-    /// Unity's frame (left-handed, y up) to that of airtact (right-handed, z up): y and z are swapped.
+    /// Converts Unity's frame (left-handed, y up) to that of airtact (right-handed, z up) by swapping y and z.
     /// </summary>
     public static class Frames
     {

@@ -2,8 +2,8 @@
 //
 //   node airtact.mjs [ADDRESS]
 //
-// connects to `airtact live touch_ball --from websocket`, puts a ball in the air and a focus on the index finger, and prints
-// the state for two seconds.
+// connects to `airtact live touch_ball --from websocket`, adds a ball and a focus on the index finger, and prints the state
+// for two seconds.
 
 export class Client {
   /** Connect; `onState` and `onRejected` are called with each message of the loop. */

@@ -2,8 +2,8 @@
 
     python examples/clients/ball.py [ADDRESS]
 
-A recorded hand, which stands for your tracker, grasps a ball of 24 mm. Prints where it touches the
-ball and the pressure there. Needs pip install 'airtact[mesh,tracking]'.
+A recorded hand, in place of your tracker, grasps a ball of 24 mm diameter. Prints where the hand
+touches the ball, and the pressure there. Requires pip install 'airtact[mesh,tracking]'.
 """
 
 import sys

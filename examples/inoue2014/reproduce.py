@@ -1,9 +1,9 @@
-"""Repeat the experiment of Inoue, Makino and Shinoda (SICE 2014) from the paper's own numbers.
+"""Reproduce the experiment of Inoue, Makino and Shinoda (SICE 2014) from the numbers in the paper.
 
 Run ``python examples/inoue2014/reproduce.py [--quick] [--out FOLDER] [--parts PART ...]``. The
-results go into FOLDER (``out/inoue2014``) as ``results.md`` with its figures, and the numbers of
-each figure and table as CSV files. Each part is written as soon as it is done, so an interrupted
-run keeps the finished parts.
+results are written to FOLDER (``out/inoue2014``): ``results.md``, its figures, and a CSV file with
+the numbers of each figure and table. Each part is written as soon as it is complete, so an
+interrupted run keeps the finished parts.
 """
 
 import argparse
@@ -39,11 +39,11 @@ RED = "#b3202a"
 class Extent:
     """Accuracies, sweeps and limits of a run, in metres, degrees and seconds.
 
-    ``order`` and ``elements_per_wavelength`` belong to the finite elements that make the drive,
-    ``verifying`` and ``reference`` to the boundary elements that verify it and that errors refer
-    to; ``sweep_drive`` and ``sweep_verify`` do the same in the sweep of fingers. A solve of the
-    mesh study that is expected to take more than ``study_limit`` is skipped, and none starts after
-    ``study_budget``. ``node_spacings`` are fractions of a wavelength.
+    ``order`` and ``elements_per_wavelength`` apply to the finite elements that compute the drive.
+    ``verifying`` and ``reference`` are the accuracies of the boundary elements that verify the
+    drive and that serve as the reference for errors; ``sweep_drive`` and ``sweep_verify`` are used
+    in the sweep of fingers. The mesh study skips solves that are expected to take more than
+    ``study_limit``, and starts none after ``study_budget``. A node spacing of n is λ/n.
     """
 
     order: int = 5
@@ -52,7 +52,7 @@ class Extent:
     reference: float = 0.003
     sweep_drive: float = 0.02
     sweep_verify: float = 0.01
-    # The standing wave between the fingers needs steps well below half a wavelength.
+    # The standing wave between the fingers requires steps well below half a wavelength.
     gaps: Sequence[float] = (
         *(6e-3, 6.75e-3, 7.5e-3, 8.25e-3, 9e-3, 9.75e-3, 10.5e-3, 12e-3, 13.5e-3),
         *(15e-3, 16.5e-3, 18e-3, 19.5e-3, 21e-3, 24e-3, 27e-3, 30e-3),
@@ -92,7 +92,7 @@ class Results:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.lines = ["# Inoue, Makino, Shinoda 2014, repeated"]
+        self.lines = ["# Reproduction of Inoue, Makino and Shinoda (2014)"]
         folder.mkdir(parents=True, exist_ok=True)
 
     def add(self, *paragraphs: str) -> None:
@@ -121,9 +121,9 @@ class Results:
 
 @dataclass(frozen=True)
 class Fingers:
-    """Thumb and finger as capsules, tip to tip along x, with all parameters the paper leaves open.
+    """A thumb and a finger as capsules, tip to tip along x, with the parameters missing in the paper.
 
-    ``gap`` and ``radius`` are in metres; ``tilt`` is in degrees, 0 to 90, which lays both along x.
+    ``gap`` and ``radius`` are in metres. ``tilt`` is in degrees; at 90, both fingers lie along x.
     """
 
     gap: float = 12e-3
@@ -155,7 +155,7 @@ class Fingers:
 
     @property
     def foci(self) -> np.ndarray:
-        """Foci where the fingers are nearest to each other (2, 3) [m]."""
+        """Foci where the fingers are closest to each other (2, 3) [m]."""
         return np.array([[-self.gap / 2, 0.0, 0.0], [self.gap / 2, 0.0, 0.0]])
 
     @property
@@ -166,7 +166,7 @@ class Fingers:
 
 @dataclass(frozen=True)
 class Solved:
-    """The paper's drives: one solution by finite elements, verified by boundary elements."""
+    """The drives of the paper, computed by finite elements and verified by boundary elements."""
 
     fingers: Fingers
     field: at.acoustics.RadiatedField
@@ -176,7 +176,7 @@ class Solved:
 
     @cached_property
     def factors(self) -> np.ndarray:
-        """Factors (4,) to equal energy of both drives, and of their phases alone."""
+        """Factors (4,) that give both drives, and their phases alone, equal energy."""
         energy, peak = (
             self.compared.pressures[held][:, 0] for held in ("equal energy", "equal peak")
         )
@@ -184,7 +184,7 @@ class Solved:
 
 
 def solve(extent: Extent) -> Solved:
-    """Make the drives that consider and ignore the fingers, and verify both."""
+    """Compute the drives that consider and ignore the fingers, and verify both."""
     fingers = Fingers()
     solver = at.FiniteElement(extent.order, extent.elements_per_wavelength)
     field = solver.radiate(fingers.scene, fingers.beacons)
@@ -214,7 +214,7 @@ def plane(half_x: float, half_z: float, step: float, centre: float = 0.0) -> np.
 def draw_planes(
     points: np.ndarray, values: dict[str, np.ndarray], label: str, foci: np.ndarray, **scale
 ) -> Figure:
-    """Draw values at points of a plane side by side on one scale, with the bodies (NaN) in grey."""
+    """Draw values in a plane side by side on the same scale, with bodies (NaN) in grey."""
     figure = Figure(figsize=(5.5 * len(values) + 1, 5.5), layout="constrained")
     row = figure.subplots(1, len(values), squeeze=False, sharey=True)[0]
     x, z = 1e3 * points[0, :, 0], 1e3 * points[:, 0, 2]
@@ -241,12 +241,11 @@ def beacons(results: Results, extent: Extent, solved: Solved) -> None:
     report = solved.field.report
     results.add(
         "## The field of the beacons (Fig. 5)",
-        "The paper meshes a quarter of its whole box, which took COMSOL about 120 minutes. Here a "
-        f"tight box around the fingers is meshed ({report.settings['tetrahedra']} tetrahedra of "
-        "order "
-        f"{report.settings['order']}, {report.nodes} unknowns) and solved in "
-        f"{sum(report.seconds.values()):.1f} s; outside it the field follows from the surface "
-        "integral of Kirchhoff and Helmholtz.",
+        "The paper meshes a quarter of the whole box, which took about 120 minutes in COMSOL. Here, "
+        f"a tight box around the fingers is meshed ({report.settings['tetrahedra']} tetrahedra of "
+        f"order {report.settings['order']}, {report.nodes} unknowns) and solved in "
+        f"{sum(report.seconds.values()):.1f} s. The field outside this box is computed by the "
+        "Kirchhoff-Helmholtz integral over the surfaces.",
     )
     shown = {"phase of the beacons' field": np.angle(pressure)}
     caption = (
@@ -269,21 +268,21 @@ def pressures(results: Results, extent: Extent, solved: Solved) -> None:
     }
     header = ["x_m", "y_m", "z_m", "considered_Pa", "ignored_Pa"]
     results.data("pressures", header, zip(*points.reshape(-1, 3).T, *energy.values(), strict=True))
-    # By reciprocity the finite elements predict the sum of the pressures at both foci.
+    # By reciprocity, the finite elements predict the sum of the pressures at both foci.
     drive = solved.drives["considered"].amplitudes
     predicted = ARRAY.element.sensitivity * (solved.received @ drive) / 2
     off = abs(compared.at(foci)["considered"].mean() - predicted) / abs(predicted)
     results.add(
         "## Fingers considered and ignored (Fig. 6 and 7)",
-        "Finite elements make the drives and boundary elements, which share no code with them, "
-        f"verify them: at the foci they differ by {off:.2%}. The estimated error of the boundary "
-        f"elements is {compared.report.estimated_error:.1%}.",
+        "The drives are computed by finite elements and verified by boundary elements, which share "
+        f"no code with them. The two differ by {off:.2%} at the foci. The estimated error of the "
+        f"boundary elements is {compared.report.estimated_error:.1%}.",
     )
     strongest = max(np.nanmax(magnitude) for magnitude in energy.values())
     shown = {f"fingers {name}": magnitude / strongest for name, magnitude in energy.items()}
-    caption = "Fig. 6 and 7 of the paper on one scale, both drives at equal energy."
+    caption = "Fig. 6 and 7 of the paper on the same scale, with both drives at equal energy."
     scale = {"cmap": "magma", "vmin": 0.0, "vmax": 1.0}
-    figure = draw_planes(points, shown, "pressure over the largest", foci, **scale)
+    figure = draw_planes(points, shown, "pressure relative to the largest", foci, **scale)
     results.figure("pressures", figure, caption)
     rows = [
         (held, name, focus, pressure)
@@ -297,8 +296,16 @@ def pressures(results: Results, extent: Extent, solved: Solved) -> None:
         ratio = compared.ratios(held)[1].mean()
         squared = (compared.ratios(held)[1] ** 2).mean()
         rows.append([held, f"{ratio:.3f}", f"{squared:.3f}", "about half", "0.60"])
-    results.add("Pressure at the foci, ignored divided by considered:")
-    header = ["held equal", "pressure", "pressure squared", "paper, simulated", "paper, measured"]
+    results.add(
+        "Pressure at the foci with the fingers ignored, divided by that with them considered:"
+    )
+    header = [
+        "equal quantity",
+        "pressure",
+        "pressure squared",
+        "paper, simulated",
+        "paper, measured",
+    ]
     results.table(header, rows)
 
 
@@ -316,38 +323,38 @@ def microphone(results: Results, extent: Extent, solved: Solved) -> None:
         "A quarter-inch microphone points down along z and moves around the focus on the right "
         "finger. "
         "It measures the mean pressure over its face with 1 % noise and does not scatter sound. At "
-        f"{int(np.isnan(read[:, 0]).sum())} of {len(read)} positions a finger is in its way.",
+        f"{int(np.isnan(read[:, 0]).sum())} of {len(read)} positions, a finger is in the way.",
     )
     largest = np.nanmax(read[:, :2])
     shown = {f"fingers {name}": read[:, i] / largest for i, name in enumerate(solved.drives)}
-    caption = "Fig. 9 and 10 of the paper: readings of the microphone, both drives at equal energy."
+    caption = "Fig. 9 and 10 of the paper: microphone readings with both drives at equal energy."
     scale = {"cmap": "magma", "vmin": 0.0, "vmax": 1.0}
-    figure = draw_planes(points, shown, "reading over the largest", focus[None], **scale)
+    figure = draw_planes(points, shown, "reading relative to the largest", focus[None], **scale)
     results.figure("microphone", figure, caption)
     rows = [
         [held, f"{ratio:.3f}", f"{ratio**2:.3f}", "0.60"]
         for held, ratio in zip(HELD_EQUAL, peak_ratios(read, solved.factors), strict=True)
     ]
-    results.add("Largest reading, ignored divided by considered:")
-    results.table(["held equal", "pressure", "pressure squared", "paper"], rows)
+    results.add("Largest reading with the fingers ignored, divided by that with them considered:")
+    results.table(["equal quantity", "pressure", "pressure squared", "paper"], rows)
 
 
 def noisy(pressure: np.ndarray) -> np.ndarray:
-    """Magnitudes [Pa] with 1 % of the largest as complex noise; NaN stays."""
+    """Magnitudes [Pa] with complex noise of 1 % of the largest; NaN stays NaN."""
     random = np.random.default_rng(2014)
     real, imaginary = random.standard_normal((2, *pressure.shape)) / np.sqrt(2)
     return np.abs(pressure + 0.01 * np.nanmax(np.abs(pressure)) * (real + 1j * imaginary))
 
 
 def peak_ratios(read: np.ndarray, factors: np.ndarray) -> tuple[float, float, float]:
-    """Largest readings (N, 4), ignored divided by considered, for each of ``HELD_EQUAL``."""
+    """Ratio of the largest readings (N, 4), ignored to considered, for each of ``HELD_EQUAL``."""
     considered, ignored, considered_phases, ignored_phases = np.nanmax(read, axis=0)
     energy = ignored / considered
     return energy * factors[0] / factors[1], energy, ignored_phases / considered_phases
 
 
 def differences(results: Results, extent: Extent, solved: Solved) -> None:
-    """Table 1: water against rigid fingers, and boundary against finite elements."""
+    """Table 1: differences of water-filled and rigid fingers, and of the two solvers."""
     fingers = solved.fingers
     half = 3 * WAVELENGTH
     points = plane(half + fingers.foci[1, 0], half, WAVELENGTH / 18).reshape(-1, 3)[::7]
@@ -372,11 +379,11 @@ def differences(results: Results, extent: Extent, solved: Solved) -> None:
     header = ["field", "against", "at_the_transducers", "in_the_plane"]
     results.data("differences", header, rows)
     results.add(
-        "## Water against rigid, boundary against finite elements (Table 1)",
-        "The paper fills its fingers with water, which reflects 0.9994 of the pressure; everything "
-        "above models them as rigid. Relative differences of the beacons' field:",
+        "## Water-filled and rigid fingers, boundary and finite elements (Table 1)",
+        "The fingers of the paper are filled with water, which reflects 0.9994 of the pressure. All "
+        "results above are for rigid fingers. Relative differences of the beacons' field:",
     )
-    header = ["field", "against", "at the transducers", "in the plane, 0.5 λ off the fingers"]
+    header = ["field", "against", "at the transducers", "in the plane, 0.5 λ from the fingers"]
     results.table(header, [[*row[:2], f"{row[2]:.2%}", f"{row[3]:.2%}"] for row in rows])
 
 
@@ -389,7 +396,7 @@ def relative_error(values: np.ndarray, reference: np.ndarray) -> float:
 
 
 def ratio_of(fingers: Fingers, extent: Extent) -> np.ndarray:
-    """Pressure ignored divided by considered per ``HELD_EQUAL``, mean over the foci (3,)."""
+    """Mean ratio (3,) of the pressures at the foci, ignored to considered, per ``HELD_EQUAL``."""
     scene, target = fingers.scene, at.Target(fingers.foci)
     solver = at.BoundaryElement(accuracy=extent.sweep_drive)
     transfer = at.transfer_matrix(solver.radiate(scene, target.beacons()), ARRAY)
@@ -421,16 +428,15 @@ def ratios(results: Results, extent: Extent) -> None:
         for held, low, high in zip(HELD_EQUAL, values.min(0), values.max(0), strict=True)
     ]
     results.add(
-        "## What the paper leaves open",
-        "The paper does not give the size, the gap or the tilt of its dummies, and does not say "
-        "what "
-        f"it holds equal between its drives. Over {len(found)} pairs of fingers the pressure at "
-        "the "
-        f"foci, ignored divided by considered, is: {'; '.join(spans)}.",
+        "## Parameters missing in the paper",
+        "The paper states neither the size, the gap and the tilt of the dummy fingers, nor which "
+        f"quantity is equal for the two drives. For {len(found)} pairs of fingers, the pressure at "
+        "the foci with the fingers ignored, divided by that with them considered, is: "
+        f"{'; '.join(spans)}.",
     )
-    caption = "Pressure ratio over gap, radius and tilt. Red lines: the paper's 0.60 and 0.50."
+    caption = "Pressure ratio against gap, radius and tilt. Red lines: 0.60 and 0.50 of the paper."
     results.figure("sweep", draw_ratios(extent, found), caption)
-    results.add("Fingers that come nearest to the paper's numbers:")
+    results.add("Fingers for which the ratio is closest to the numbers in the paper:")
     rows = []
     for wanted, power in product((0.5, 0.6), (1, 2)):
         for column, held in enumerate(HELD_EQUAL):
@@ -439,7 +445,7 @@ def ratios(results: Results, extent: Extent) -> None:
             quantity = "pressure" if power == 1 else "pressure squared"
             ratio = found[nearest][column] ** power
             rows.append([f"{wanted:.2f}", quantity, held, f"{ratio:.3f}", str(nearest)])
-    results.table(["paper", "taken as", "held equal", "nearest ratio", "fingers"], rows)
+    results.table(["paper", "interpreted as", "equal quantity", "closest ratio", "fingers"], rows)
 
 
 def draw_ratios(extent: Extent, found: dict[Fingers, np.ndarray]) -> Figure:
@@ -475,7 +481,7 @@ def draw_ratios(extent: Extent, found: dict[Fingers, np.ndarray]) -> Figure:
 
 @dataclass(frozen=True)
 class Nodes:
-    """A field known only at nodes, interpolated as in the paper."""
+    """A field that is only known at nodes and is interpolated as in the paper."""
 
     points: np.ndarray
     pressure: np.ndarray
@@ -493,20 +499,20 @@ class Nodes:
         return (shares * self.pressure[nearest]).sum(axis=1)
 
     def carrier_free(self, points: np.ndarray) -> np.ndarray:
-        """Do the same with the beacon's own wave divided out before and multiplied in after."""
+        """Do the same, but divide by the wave of the beacon before and multiply by it afterward."""
         nearest, shares = self.weights(points)
         carrier = self.carrier(self.points[nearest].reshape(-1, 3)).reshape(nearest.shape)
         return self.carrier(points) * (shares * self.pressure[nearest] / carrier).sum(axis=1)
 
     def weights(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the 4 nearest nodes and their weights (N, 4); below 0 the point lies outside."""
+        """Return the 4 nearest nodes and their weights (N, 4), negative for a point outside them."""
         nearest = np.asarray(self.tree.query(points, k=4)[1])
         corners = self.points[nearest]
         edges = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
         flat = np.abs(np.linalg.det(edges)) < 1e-12 * np.linalg.norm(edges, axis=1).prod(axis=1)
         edges[flat] = np.eye(3)
         others = np.linalg.solve(edges, (points - corners[:, 0])[:, :, None])[:, :, 0]
-        others[flat] = 0.0  # the nearest node has all the weight if the 4 are coplanar
+        others[flat] = 0.0  # if the 4 nodes are coplanar, only the nearest has a weight
         return nearest, np.concatenate([1 - others.sum(axis=1, keepdims=True), others], axis=1)
 
 
@@ -517,13 +523,13 @@ def nodes_beside(points: np.ndarray, step: float, scene: at.Scene) -> np.ndarray
     near = np.zeros(cells.max(axis=0) + 4, dtype=np.bool_)
     near[tuple(cells.T)] = True
     grid = np.argwhere(binary_dilation(near, np.ones((3, 3, 3)), iterations=1)) + 0.5
-    grid += np.random.default_rng(33).uniform(-0.3, 0.3, grid.shape)  # a mesh is not a grid
+    grid += np.random.default_rng(33).uniform(-0.3, 0.3, grid.shape)  # as uneven as a mesh
     nodes = low + step * grid
     return nodes[scene.depth(nodes) < 0.0]
 
 
 def random_poses(count: int) -> list[at.Pose]:
-    """Motions by up to 5 mm along each axis and 10 degrees, the same every time."""
+    """Random motions, equal in every run, by up to 5 mm along each axis and 10 degrees."""
     random = np.random.default_rng(33)
     poses = []
     for _ in range(count):
@@ -569,16 +575,14 @@ def rigid_motion(results: Results, extent: Extent) -> None:
     shares = [f"{share:.0%} at λ/{spacing:g}" for spacing, share in outside.items()]
     results.add(
         "## Rigid motion (section 3.3)",
-        f"One solution serves every rigid motion. The hand was moved {len(poses)} times at "
-        "random, by "
-        "up to 5 mm along each axis and 10 degrees, and the beacon evaluated at the transducers: by "
-        "the surface integral, and by the paper's scheme, linear interpolation between the 4 "
-        "nearest "
-        f"nodes. Most points lie outside the tetrahedron of these ({', '.join(shares)}), where the "
-        "scheme extrapolates. Error of the drive, the conjugate of the pressure at the "
-        "transducers:",
+        f"A single solution covers all rigid motions. The hand was moved {len(poses)} times at "
+        "random, by up to 5 mm along each axis and 10 degrees. The field of the beacon at the "
+        "transducers was computed by the surface integral, and by the paper's scheme, which "
+        "interpolates linearly between the 4 nearest nodes. Most points lie outside the tetrahedron "
+        f"of these nodes ({', '.join(shares)}), where the scheme extrapolates. The table lists the "
+        "error of the drive, which is the conjugate of the pressure at the transducers:",
     )
-    header = ["read by", "median", "largest", "one transducer, median", "time a pose"]
+    header = ["method", "median", "largest", "one transducer, median", "time per pose"]
     cells = [
         [row[0], *(f"{error:.3g}" for error in row[1:4]), f"{1e3 * row[4]:.1f} ms"] for row in rows
     ]
@@ -587,9 +591,9 @@ def rigid_motion(results: Results, extent: Extent) -> None:
     axes = figure.subplots()
     for name, values in errors.items():
         axes.plot(np.linspace(0, 100, len(values)), sorted(values), label=name)
-    axes.set(yscale="log", xlabel="share of the poses [%]", ylabel="error of the drive")
+    axes.set(yscale="log", xlabel="fraction of the poses [%]", ylabel="error of the drive")
     axes.legend(fontsize=8)
-    results.figure("rigid_motion", figure, "Error of the drive, the poses sorted by it.")
+    results.figure("rigid_motion", figure, "Error of the drive, sorted over the poses.")
 
 
 # --- future work 1: mesh and order ---------------------------------------------------------------
@@ -597,7 +601,7 @@ def rigid_motion(results: Results, extent: Extent) -> None:
 
 @dataclass(frozen=True)
 class Mesh:
-    """A solve of the mesh study, with its cost and its error at the transducers."""
+    """The cost of a solve in the mesh study and its error at the transducers."""
 
     order: int
     elements_per_wavelength: float
@@ -642,21 +646,22 @@ def mesh_sizes(results: Results, extent: Extent) -> None:
     uncertain = relative_error(coarser, exact)
     results.add(
         "## Mesh and order (future work 1)",
-        "The paper takes a mesh of λ/6 to λ/10 from a rule and asks which mesh and solver are "
-        "best. "
-        f"{len(solved)} combinations of order and mesh were solved; those expected to take over "
-        f"{extent.study_limit:g} s were not. The error is that of the beacons' pressure at the "
-        f"transducers, against boundary elements (error about {uncertain:.1%}). A box around the "
-        "fingers is meshed; the pressure outside follows from the surface integral.",
+        "The paper uses a rule of thumb for the mesh size, λ/6 to λ/10, and asks which mesh and "
+        f"solver are best. {len(solved)} combinations of order and mesh size were solved, except "
+        f"those expected to take more than {extent.study_limit:g} s. The error is that of the "
+        "beacons' pressure at the transducers, relative to boundary elements (whose error is about "
+        f"{uncertain:.1%}). Only a box around the fingers is meshed; the pressure outside is "
+        "computed by the surface integral.",
     )
     good = [one for one in solved if one.error <= 0.02]
     if good:
         best = min(good, key=lambda one: one.seconds)
         results.add(
-            f"The fastest to 2 %: order {best.order} at λ/{best.elements_per_wavelength:g}: "
-            f"{best.error:.1%} in {best.seconds:.1f} s and {best.memory / 2**30:.2f} GiB."
+            f"The fastest combination with an error below 2 % is order {best.order} at "
+            f"λ/{best.elements_per_wavelength:g}, with an error of {best.error:.1%} in "
+            f"{best.seconds:.1f} s and {best.memory / 2**30:.2f} GiB."
         )
-    caption = "Error over time, memory and mesh. Grey: the paper's λ/6 to λ/10."
+    caption = "Error against time, memory and mesh size. Grey: λ/6 to λ/10, as in the paper."
     results.figure("mesh_sizes", draw_meshes(extent, solved), caption)
 
 
@@ -713,25 +718,26 @@ OTHER_PARTS = {"ratios": ratios, "rigid_motion": rigid_motion, "mesh_sizes": mes
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the parts and write the results."""
-    parser = argparse.ArgumentParser(description="Repeat the experiment of Inoue et al. 2014.")
-    parser.add_argument("--quick", action="store_true", help="do less of everything: 3 minutes")
-    parser.add_argument("--out", type=Path, default=Path("out/inoue2014"), help="folder of results")
+    parser = argparse.ArgumentParser(description="Reproduce the experiment of Inoue et al. (2014).")
+    parser.add_argument("--quick", action="store_true", help="run a reduced version (3 minutes)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/inoue2014"), help="folder for the results"
+    )
     names = [*FIELD_PARTS, *OTHER_PARTS]
     parser.add_argument("--parts", nargs="+", choices=names, default=names, metavar="PART")
     given = parser.parse_args(arguments)
     extent = QUICK if given.quick else FULL
     results = Results(given.out)
     run = (
-        "quick run: fewer fingers, poses and meshes, coarser solutions"
+        "quick run with fewer fingers, poses and meshes and coarser solutions"
         if given.quick
         else "full run"
     )
     results.add(
-        f"This is a {run}. 996 transducers as monopoles round 14 x 14 x 18 cm at 40 kHz, two "
-        "fingers "
-        "as capsules, a focus on the skin of each. Every drive is rounded to 256 levels of "
-        "amplitude "
-        "and phase before it is verified."
+        f"These are the results of a {run}. The model consists of 996 transducers (monopoles) "
+        "around a box of 14 x 14 x 18 cm at 40 kHz, and of two fingers (capsules) with a focus on "
+        "the skin of each. Every drive is rounded to 256 levels of amplitude and phase before it is "
+        "verified."
     )
     solved = None
     for name in given.parts:

@@ -1,6 +1,6 @@
 """Solve for the paper's beacons with one mesh, and print its cost and the pressures as JSON.
 
-``reproduce.py`` runs this in a process of its own, whose peak memory is that of the solve.
+``reproduce.py`` runs this script in a separate process, whose peak memory is that of the solve.
 """
 
 import json
@@ -24,7 +24,7 @@ def peak_memory() -> float:
 
 
 def main() -> None:
-    """Solve with the order and the elements per wavelength given as JSON."""
+    """Solve with the order and the number of elements per wavelength, given as JSON."""
     order, elements_per_wavelength = json.loads(sys.argv[1])
     solver = at.FiniteElement(order, elements_per_wavelength)
     fingers = Fingers()

@@ -1,16 +1,15 @@
-"""Send the hands tracked by a Leap Motion controller to airtact, as JSON by websocket.
+"""Send the hands tracked by a Leap Motion controller to airtact, as JSON over a websocket.
 
 The script reads the websocket of the Leap service (protocol 6, ws://127.0.0.1:6437/v6.json) and
-needs only ``websockets``::
+only requires the package ``websockets``::
 
     python leap.py --to ws://127.0.0.1:8765
 
-Landmarks are the 25 joints of WebXR in the frame of the controller: origin at the middle of its
-top, x to its right along its long side, y upwards, z towards the user, in metres (the service uses
-millimetres). The time is that of the controller.
+The landmarks are the 25 joints of WebXR in the frame of the controller, in metres (the service uses
+millimetres). The origin is the middle of its top; x points to the right along its long side, y
+upward, and z toward the user. Times are those of the controller's clock.
 
-Source: *WebSocket Communication*, Leap Motion developer documentation 2.3: frames, hands,
-pointables and units.
+Source: *WebSocket Communication*, Leap Motion developer documentation 2.3.
 """
 
 import argparse
@@ -19,11 +18,11 @@ from collections.abc import Iterator
 from typing import Any
 
 JOINTS = ("carpPosition", "mcpPosition", "pipPosition", "dipPosition", "btipPosition")
-"""Ends of the bones of a finger, from the wrist to the tip; the thumb lacks the first."""
+"""Ends of the bones of a finger, from the wrist to the tip; the thumb does not have the first."""
 
 
 def main() -> None:
-    """Receive from the service and send the frames, until either connection ends."""
+    """Receive messages from the service and send frames until either connection ends."""
     from websockets.exceptions import ConnectionClosed
     from websockets.sync.client import connect
 
@@ -48,10 +47,10 @@ def main() -> None:
 
 
 def hands_in(messages: Iterator[str]) -> Iterator[dict[str, Any]]:
-    """Yield the hands in messages of the service; messages that are not frames are ignored.
+    """Yield a frame for each hand in the messages of the service.
 
-    There is a frame for each hand, and one without landmarks when a hand is lost. Missing joints
-    are null.
+    A frame without landmarks means that a hand was lost. Missing joints are null. Messages that do
+    not contain frames are ignored.
     """
     seen: set[str] = set()
     for message in messages:

@@ -1,20 +1,21 @@
-"""Send the hands that MediaPipe finds in camera images to airtact, as JSON by websocket.
+"""Send the hands that MediaPipe finds in camera images to airtact, as JSON over a websocket.
 
-MediaPipe 0.10.21 needs NumPy 1, airtact NumPy 2. This file does not import airtact and runs in its
-own environment::
+MediaPipe 0.10.21 requires NumPy 1, whereas airtact requires NumPy 2. This script does not import
+airtact and can run in a separate environment::
 
     python3 -m venv camera
     camera/bin/pip install mediapipe==0.10.21 'websockets<17'
     camera/bin/python mediapipe_camera.py --to ws://127.0.0.1:8765
 
-Landmarks are the 21 of MediaPipe in the camera's frame: origin at its lens, x to the right and y
-down in its picture, z away from it, in metres. MediaPipe gives the shape of the hand twice, each
-time with errors of its own: as *world landmarks*, metres round the middle of the hand, and as
-landmarks in the picture with a depth; the mirror image is looked at as well, unless ``--once``. The
-mean of all is moved and turned until it is seen in its place, by ``solvePnP`` with the focal
-length. The size of the hand cannot be known from a picture: MediaPipe guesses, unless
-``--hand-length`` is given, and distance grows with size. Time is this computer's, when the picture
-was there.
+The landmarks are the 21 landmarks of MediaPipe in the frame of the camera, in metres. The origin is
+the lens; x points to the right and y down in the image, and z away from the camera.
+
+MediaPipe returns the shape of a hand twice, with independent errors: as *world landmarks* in metres
+about the centre of the hand, and as landmarks in the image with a depth. Unless ``--once`` is set,
+the script also processes the mirror image. The mean of all shapes is moved and rotated until its
+projection matches the image (``solvePnP`` with the focal length). The size of the hand cannot be
+determined from an image: MediaPipe guesses it unless ``--hand-length`` is set, and the distance is
+proportional to the size. The time of a frame is the time of this computer when the image arrived.
 """
 
 import argparse
@@ -27,11 +28,11 @@ from pathlib import Path
 from typing import Any
 
 Picture = Any
-"""Rows, columns and three colours of 8 bits: red, green, blue."""
+"""Array of rows and columns with three colours of 8 bits: red, green and blue."""
 
 
 def main() -> None:
-    """Read images, find hands and send frames until the images end."""
+    """Read images, find hands, and send frames until there are no more images."""
     options = _options()
     frames = _hands_in(_pictures(options), options)
     if options.to is None:
@@ -48,7 +49,7 @@ def main() -> None:
 def _hands_in(
     pictures: Iterator[tuple[float, Picture]], options: argparse.Namespace
 ) -> Iterator[dict[str, Any]]:
-    """Yield frames of each side in timed images, and a lost one when it disappears."""
+    """Yield a frame for each hand in timed images, and a lost frame when a hand disappears."""
     import mediapipe
     import numpy as np
 
@@ -80,7 +81,7 @@ def _hands_in(
 
 
 def _look(result: Any, mirrored: bool) -> list[tuple[str, tuple[Any, Any]]]:
-    """Return the sides of hands in an image, and landmarks in it and about the hand's centre."""
+    """Return the sides of the hands in an image, and their landmarks in the image and in metres."""
     import numpy as np
 
     def array(points: Any) -> Any:
@@ -164,7 +165,7 @@ def _pictures(options: argparse.Namespace) -> Iterator[tuple[float, Picture]]:
     camera = cv2.VideoCapture(int(options.camera) if options.camera.isdigit() else options.camera)
     if not camera.isOpened():
         raise SystemExit(
-            f"camera {options.camera} cannot be opened; use another number, or the path of a video."
+            f"camera {options.camera} cannot be opened; use another number or the path of a video."
         )
     while True:
         taken, picture = camera.read()
@@ -184,44 +185,42 @@ def _upright(picture: Picture, options: argparse.Namespace) -> Picture:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        description="Send hands that MediaPipe finds in pictures to airtact."
+        description="Send the hands that MediaPipe finds in camera images to airtact."
     )
     parser.add_argument(
         "--to",
-        help="address of the receiver, ws://127.0.0.1:8765; JSON lines are printed without it",
+        help="address of the receiver, such as ws://127.0.0.1:8765; by default, frames are printed",
     )
     parser.add_argument(
-        "--camera", default="0", help="number of the camera, or a video file; 0 by default"
+        "--camera", default="0", help="number of the camera, or a video file (default: 0)"
     )
     parser.add_argument(
-        "--pictures", type=Path, help="take the .png files of this folder instead of a camera"
+        "--pictures", type=Path, help="read the .png files in this folder instead of a camera"
     )
     parser.add_argument(
-        "--rate", type=float, default=30.0, help="pictures of a folder per second; 30 by default"
+        "--rate", type=float, default=30.0, help="rate of these files per second (default: 30)"
     )
     parser.add_argument(
-        "--mirrored", action="store_true", help="the pictures are mirrored, as of a selfie camera"
+        "--mirrored", action="store_true", help="the images are mirrored, as from a selfie camera"
     )
     parser.add_argument(
-        "--once", action="store_true", help="do not look at mirror images too: quicker, more off"
+        "--once", action="store_true", help="skip the mirror images: faster, but less accurate"
     )
     parser.add_argument(
         "--focal",
         type=float,
-        help="focal length in pixels; that of a view of 60 degrees by default",
+        help="focal length in pixels; by default, that of a field of view of 60 degrees",
     )
     parser.add_argument(
-        "--hand-length", type=float, help="wrist to middle fingertip along the bones, in metres"
+        "--hand-length", type=float, help="length of the bones from wrist to middle fingertip [m]"
     )
-    parser.add_argument("--side", choices=("left", "right"), help="send this hand only")
-    parser.add_argument(
-        "--hands", type=int, default=2, help="largest number of hands; 2 by default"
-    )
+    parser.add_argument("--side", choices=("left", "right"), help="only send this hand")
+    parser.add_argument("--hands", type=int, default=2, help="largest number of hands (default: 2)")
     parser.add_argument(
         "--confidence",
         type=float,
         default=0.5,
-        help="of a hand that is found, 0 to 1; 0.5 by default",
+        help="smallest confidence of a detected hand, 0 to 1 (default: 0.5)",
     )
     return parser.parse_args()
 

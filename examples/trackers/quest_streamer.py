@@ -1,13 +1,13 @@
-"""Send the hands of a Meta Quest to airtact, as JSON by websocket.
+"""Send the hands of a Meta Quest to airtact, as JSON over a websocket.
 
-The app hand-tracking-streamer on the Quest sends lines by UDP to this computer, by default to port
-9000. This script needs only ``websockets``::
+The app hand-tracking-streamer on the Quest sends lines of text to this computer over UDP, by
+default to port 9000. This script only requires the package ``websockets``::
 
     python quest_streamer.py --to ws://127.0.0.1:8765
 
-Landmarks are 21 joints in metres, with x to the right and y upwards as on the Quest, and z towards
-the user: the app's z points the other way, which makes its axes left-handed. The app sends no
-times, so a frame gets the time of its arrival.
+The landmarks are 21 joints in metres. As on the Quest, x points to the right and y upward. z points
+toward the user; the app's z points the other way, which makes its axes left-handed. The app does
+not send times, so the time of a frame is the time of its arrival.
 
 Source: ``CONNECTIONS.md`` of hand-tracking-streamer.
 """
@@ -21,7 +21,7 @@ from typing import Any
 
 
 def main() -> None:
-    """Receive lines and send the frames, until the receiver ends."""
+    """Receive lines and send frames until the receiver ends."""
     from websockets.exceptions import ConnectionClosed
     from websockets.sync.client import connect
 
@@ -55,7 +55,7 @@ def _lines(app: socket.socket, receiver: Any) -> Iterator[tuple[float, str]]:
 
 
 def frames_in(lines: Iterator[tuple[float, str]]) -> Iterator[dict[str, Any]]:
-    """Yield a frame for each line of landmarks; their wrist comes in a line before."""
+    """Yield a frame for each line of landmarks; the wrist is in an earlier line."""
     wrists: dict[str, list[float]] = {}
     sequence = 0
     for arrived, line in lines:

@@ -1,16 +1,17 @@
-"""Send the point cloud of a hand from a RealSense depth camera to airtact, as JSON by websocket.
+"""Send the point cloud of a hand from a RealSense camera to airtact, as JSON over a websocket.
 
-It needs ``pyrealsense2`` (which needs the system's libusb 1.0), NumPy and ``websockets``::
+The script requires ``pyrealsense2`` (which requires the system's libusb 1.0), NumPy and
+``websockets``::
 
     python realsense.py --side left --to ws://127.0.0.1:8765
 
-Clouds are in the frame of the depth camera: origin at its left lens, x to the right and y down in
-its picture, z away from it, in metres. All points nearer than ``--farthest`` are taken to be the
-hand, so nothing else may be in front of the camera. There are no landmarks; ``fit_hand`` needs
-rough ones from another tracker. Time is the camera's own.
+Point clouds are in the frame of the depth camera, in metres. The origin is the left lens; x points
+to the right and y down in the image, and z away from the camera. All points closer than
+``--farthest`` are assumed to belong to the hand, so nothing else may be in front of the camera.
+``fit_hand`` also requires rough landmarks from another tracker. Times are those of the camera's
+clock.
 
-Without a camera, ``--depths`` plays pictures of depth through a *software device* of the same
-library.
+Without a camera, ``--depths`` plays depth images through a *software device* of the same library.
 """
 
 import argparse
@@ -38,7 +39,7 @@ def main() -> None:
 
 
 def _clouds_in(depths: Iterator[Any], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Yield frames with the points of a hand, and lost ones if there are too few points."""
+    """Yield frames with the points of a hand, or lost frames if there are too few points."""
     import numpy as np
 
     cloud = _library().pointcloud()
@@ -62,8 +63,8 @@ def _library() -> ModuleType:
         return importlib.import_module("pyrealsense2")
     except ImportError as error:
         raise SystemExit(
-            f"pyrealsense2 does not load ({error}): pip install 'airtact[realsense]', and libusb "
-            "(libusb-1.0-0)."
+            f"pyrealsense2 does not load ({error}); run pip install 'airtact[realsense]' and "
+            "install libusb (libusb-1.0-0)."
         ) from None
 
 
@@ -77,7 +78,7 @@ def _seen() -> Iterator[Any]:
         pipeline.start(config)
     except RuntimeError as error:
         raise SystemExit(
-            f"no RealSense camera can be read: {error}; plug one in, or use --depths."
+            f"no RealSense camera can be read: {error}; connect one, or use --depths."
         ) from None
     # The camera is in use until the pipeline is stopped.
     try:
@@ -95,7 +96,7 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
     files = sorted(file for file in options.depths.glob("*.npy") if file.is_file())
     if not files:
         raise SystemExit(
-            f"{options.depths} holds no .npy files; use a folder with pictures of depth."
+            f"{options.depths} contains no .npy files; use a folder with depth images."
         )
     rows, columns = _picture(files[0]).shape
     # A pinhole camera without distortion.
@@ -152,47 +153,47 @@ def _picture(file: Path, shape: tuple[int, int] | None = None) -> Any:
         metres = np.load(file, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError, SyntaxError) as error:
         raise SystemExit(
-            f"{file.name} is no picture of depth: {error}; save it with numpy.save."
+            f"{file.name} is not a depth image: {error}; save depth images with numpy.save."
         ) from None
     if metres.ndim != 2 or not 1 <= metres.size <= 2**24 or metres.dtype.kind not in "fiu":
         raise SystemExit(
-            f"{file.name} has the shape {metres.shape} of {metres.dtype}; a picture of depth is "
-            "(H, W) metres, 2^24 pixels at most."
+            f"{file.name} has shape {metres.shape} and type {metres.dtype}; a depth image must "
+            "have shape (H, W), in metres, with at most 2^24 pixels."
         )
     if shape is not None and metres.shape != shape:
         raise SystemExit(
-            f"{file.name} has the shape {metres.shape}, and the first picture has {shape}; use "
-            "all the same."
+            f"{file.name} has shape {metres.shape}, but the first image has shape {shape}; all "
+            "images must have the same shape."
         )
     return metres
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        description="Send the points that a RealSense camera sees of a hand to airtact."
+        description="Send the point cloud of a hand from a RealSense camera to airtact."
     )
     parser.add_argument(
         "--to",
-        help="address of the receiver, ws://127.0.0.1:8765; JSON lines are printed without it",
+        help="address of the receiver, such as ws://127.0.0.1:8765; by default, frames are printed",
     )
-    parser.add_argument("--side", choices=("left", "right"), required=True, help="which hand it is")
+    parser.add_argument("--side", choices=("left", "right"), required=True, help="side of the hand")
     parser.add_argument(
         "--nearest",
         type=float,
         default=0.1,
-        help="nearer points are none, in metres; 0.1 by default",
+        help="closer points are ignored [m] (default: 0.1)",
     )
     parser.add_argument(
-        "--farthest", type=float, default=0.6, help="farther are no hand, in metres; 0.6 by default"
+        "--farthest", type=float, default=0.6, help="farther points are ignored [m] (default: 0.6)"
     )
     parser.add_argument(
-        "--points", type=int, default=4000, help="points sent at most; 4000 by default"
+        "--points", type=int, default=4000, help="largest number of points (default: 4000)"
     )
     parser.add_argument(
-        "--depths", type=Path, help="folder of pictures of depth to play instead of a camera"
+        "--depths", type=Path, help="folder of depth images to play instead of a camera"
     )
     parser.add_argument(
-        "--focal", type=float, default=600.0, help="focal length of those in pixels; 600 by default"
+        "--focal", type=float, default=600.0, help="their focal length in pixels (default: 600)"
     )
     return parser.parse_args()
 
