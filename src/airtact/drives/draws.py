@@ -112,7 +112,7 @@ def _motion(
 
 
 def _slower(kelvin: float, humidity: float) -> float:
-    """Ratio of the wavenumber in warmer, more humid air to that at 20 °C and 50 % humidity."""
+    """Return the ratio of the wavenumber in warmer, more humid air to that at 20 °C and 50 %."""
     if not (kelvin or humidity):
         return 1.0
     # ``air`` is valid from −20 to 50 °C, so the rare draws outside this range are clipped.

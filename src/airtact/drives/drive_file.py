@@ -8,12 +8,12 @@ Version 1 of the HDF5 files has these datasets; those in parentheses are optiona
 - ``amplitude`` [share of full scale] and ``phase`` [rad, of Re[d e^{−iωt}]]: (E,) for a drive, (N,
   E) for a sequence. ``amplitude_level`` and ``phase_level`` are the same values in levels:
   ``shares_of_levels`` (A,) lists the amplitudes, ``levels_of_a_turn`` is the number of phases. A
-  sequence has its ``rate`` [frames/s].
+  sequence also has a ``rate`` [frames/s].
 - (``frequency`` [Hz], ``sound_speed`` [m/s], ``density`` [kg/m³], ``absorption`` [Np/m])
 - (``positions`` and ``normals`` (E, 3) in the obstacles' frame [m], ``sensitivity`` [Pa m],
   ``element_radius`` [m])
 - (``board``, the name of the kind of board; ``board_positions`` (B, 3) [m] and ``board_rotations``
-  (B, 3, 3) from the frame of each board to the obstacles')
+  (B, 3, 3) from the frame of each board to the obstacles' frame)
 - (``foci`` (F, 3) [m], ``wanted_pressures`` (F,) [Pa], ``transfer_matrix`` (F, E) [Pa per unit
   drive])
 - further texts, such as ``scene`` and ``report``.
@@ -59,7 +59,7 @@ COLUMNS = (
     *("index", "x", "y", "z", "nx", "ny", "nz"),
     *("amplitude", "phase", "amplitude_level", "phase_level"),
 )
-"""Columns of a drive's table. Positions are in metres, the rest in the units of the datasets."""
+"""Columns of a drive's table. Positions are in metres; other units are those of the datasets."""
 
 PLAIN = (
     *("rate", "frequency", "positions", "normals", "sensitivity", "element_radius", "board"),
@@ -303,7 +303,7 @@ LAYOUT = {
 def read_drive_file(path: Path) -> DriveFile:
     """Read a drive or a sequence (.h5), or the table of a drive (.csv).
 
-    The file must contain ``amplitude`` and ``phase``, and a table also ``index``.
+    A file must contain ``amplitude`` and ``phase``; a table must also contain ``index``.
 
     Raises
     ------

@@ -87,9 +87,9 @@ class Frame:
 def frame_at(amplitudes: Complex[np.ndarray, "elements"], levels: Levels, share: float) -> Frame:
     """Multiply the amplitudes of a drive by ``share``, and round them to levels.
 
-    Boards with amplitude levels reduce the amplitude of every element. Boards without them switch
-    on only this share of their elements, spread evenly over the array, because the pressure at a
-    focus is proportional to the number of active elements.
+    Boards with amplitude levels reduce the amplitude of every element. Boards without amplitude
+    levels switch on only this share of their elements, spread evenly over the array, because the
+    pressure at a focus is proportional to the number of active elements.
     """
     if not levels.phase_only:
         return Frame(*levels.rounded(share * amplitudes), levels)

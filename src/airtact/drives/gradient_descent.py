@@ -1,4 +1,4 @@
-"""Gradient descent on amplitudes and phases, for the worst focus and for suppression points."""
+"""Gradient descent on amplitudes and phases, for the weakest focus and for suppression points."""
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -12,7 +12,7 @@ from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput, counted
 
 SHARPNESS = 200.0
-"""Minus the exponent of the power mean that approximates the smallest pressure.
+"""Negative exponent of the power mean that approximates the smallest pressure.
 
 With 16 foci, the mean exceeds the smallest pressure by at most 1.4 %."""
 

@@ -32,7 +32,7 @@ def sound_pressure_level(pressure: Num[np.ndarray, "points"]) -> Float64[np.ndar
 
     Parameters
     ----------
-    pressure : (P,) peak pressures [Pa], complex or not.
+    pressure : (P,) peak pressures [Pa], real or complex.
 
     Returns
     -------
@@ -134,7 +134,8 @@ class HeadLevel:
     @property
     def strongest(self) -> Complex[np.ndarray, "frames elements"]:
         """The 32 most powerful drives."""
-        # They determine the level around the array; evaluating thousands of drives takes minutes.
+        # These drives determine the level around the array; evaluating thousands would take
+        # minutes.
         powers = np.linalg.norm(self.drives, axis=1)
         return self.drives[np.argsort(-powers, kind="stable")[:32]]
 

@@ -1,4 +1,4 @@
-"""Drive with the strongest weakest focus (``max_min``), and a bound that no drive exceeds.
+"""Drive with the largest pressure at the weakest focus (``max_min``), and its upper bound.
 
 Inoue, Makino and Shinoda (IEEE World Haptics 2015) relax the choice of drive to a semidefinite
 matrix X = V Vᴴ. Row V_e contains the emission of element e in R equal intervals, divided by √R. The
@@ -274,7 +274,7 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
 
 
 def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
-    """Return the sources s whose phase-only drive phase(Hᴴ s) has the strongest weakest focus.
+    """Return the sources s of the phase-only drive phase(Hᴴ s) that is best at its weakest focus.
 
     Each row of ``matrix`` is divided by the request of its focus.
     """

@@ -185,12 +185,12 @@ METHODS: dict[str, Method] = {
         Method(
             "max_min",
             "max_min",
-            "the strongest worst focus, from a semidefinite relaxation",
+            "the largest pressure at the weakest focus, by semidefinite relaxation",
         ),
         Method(
             "gradient",
             "gradient_descent",
-            "max_min improved along the gradient, suppression points silenced",
+            "max_min improved by gradient descent, which also quiets suppression points",
             heeds_suppression_points=True,
         ),
         Method(

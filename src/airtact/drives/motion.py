@@ -216,7 +216,8 @@ def moving_foci(
     foci : number of foci in one frame.
     turns : rounds per second [Hz].
     method : computes the drive of each frame from its rows of the matrix.
-    clock : frequency of the sound [Hz]. Each frame lasts a whole number of periods, as boards need.
+    clock : frequency of the sound [Hz]. Each frame lasts a whole number of periods, as boards
+        require.
 
     Returns
     -------
@@ -247,7 +248,7 @@ def moving_foci(
             f"{clock / frames:.4g} Hz or less.",
             code="out_of_range",
         )
-    # Boards hold a frame for a whole number of periods, so the rate is rounded here.
+    # Boards play a frame for a whole number of periods, so the rate is rounded here.
     periods = round(clock / (turns * frames))
     return _sequence_through(transfer, target, indices, clock / periods, method)
 
@@ -293,7 +294,7 @@ def _frame_amplitudes(
     if not weights.any():
         return np.zeros(transfer.matrix.shape[1], dtype=np.complex128)
     phases = 1.0 if target.phases is None else np.exp(1j * target.phases[foci])
-    # Shares also hold across frames: a frame of weaker foci has less energy.
+    # Shares also apply across frames: a frame of weaker foci has less energy.
     scale = 1.0
     asked = {}
     if target.shares is not None:

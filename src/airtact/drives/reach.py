@@ -199,7 +199,7 @@ def scaled_to_target(
             "the contributions of the foci cancel at every element, so all amplitudes are 0.",
             code="all_zero",
         )
-    # The fraction at full scale tells whether the drive must be scaled down.
+    # The fraction at full scale determines whether the drive must be scaled down.
     full = Drive(amplitudes / largest)
     if target.pressures is None:
         return full

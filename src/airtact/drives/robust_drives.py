@@ -1,7 +1,7 @@
 """Drives for a hand with an uncertain position (``robust``).
 
-The hand scatters the sound, so each possible position of the hand has its own transfer matrix, a
-sample. The drive is optimised over many samples.
+The hand scatters the sound, so each possible position of the hand has its own transfer matrix,
+which is called a sample. The drive is optimised over many samples.
 
 The value of a sample is the smallest ratio of pressure to request among its foci. A goal is a
 statistic of these values: their mean, the value that 9 of 10 samples exceed ("lowest tenth"), or
@@ -58,12 +58,12 @@ EXPONENTS: dict[str, tuple[tuple[float, ...], ...]] = {
 }
 """Sequences of exponents of the power mean, for each goal.
 
-Each exponent of a sequence is one climb, which starts where the previous one ended. For large
-displacements of the hand there are many distant local optima. Each sequence finds one of them, and
-the best is used."""
+Each exponent of a sequence corresponds to one climb, which starts where the previous one ended. For
+large displacements of the hand there are many distant local optima. Each sequence finds one of
+them, and the best is used."""
 
 FOCUS_SHARPNESS = 8.0
-"""The weakest focus of a sample is smoothed to a power mean with minus this exponent."""
+"""Negative exponent of the power mean that approximates the weakest focus of a sample."""
 
 MAX_STEPS = 60
 """Largest number of L-BFGS steps in one climb."""
@@ -95,9 +95,9 @@ def robust(
     Returns
     -------
     The drive. Its largest amplitude is 1, or less if a weaker drive reaches the requested
-    pressures. If nothing is uncertain, it is the drive with the strongest weakest focus at that
-    limit. For one focus this is the drive of ``time_reversal`` or, with "phases", of
-    ``phase_conjugate``.
+    pressures. If nothing is uncertain, it is the drive that maximises the pressure at the weakest
+    focus within that limit. For one focus this is the drive of ``time_reversal`` or, with "phases",
+    of ``phase_conjugate``.
 
     Raises
     ------

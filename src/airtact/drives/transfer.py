@@ -237,7 +237,7 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
 def focus_by_distance(
     array: PhasedArray, target: Target, medium: Medium, frequency: float
 ) -> Drive:
-    """Focus by the distances from the elements to the foci, without a hand, for comparison.
+    """Compute a drive only from the distances between elements and foci, for comparison.
 
     The drive is d_e = Σ_f e^{−ik r_ef} (equations 5 and 11 of the paper), scaled to a largest
     amplitude of 1. All foci have the same weight, whatever their requests. k is the real part of

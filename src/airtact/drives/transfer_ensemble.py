@@ -153,8 +153,8 @@ def ensemble(
     uncertainty : standard deviations of the motions, the air and the gains.
     samples : number of samples, 1 to 10 000. Powers of 2 sample the distributions most evenly.
     seed : seed of the random numbers, 0 or more.
-    solver : solves each sample if bodies move independently, foci move along the skin, or there is
-        a plane.
+    solver : solver for the samples if bodies move independently, foci move along the skin, or there
+        is a plane.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def ensemble(
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``transfer_matrix``. Also if ``samples`` or ``seed`` is out
+        Under the conditions listed in ``transfer_matrix``, or if ``samples`` or ``seed`` is out
         of range, all samples are impossible, the scene has no body for ``along_skin``, samples in
         front of a plane need ``solver``, or the temperature or humidity is uncertain but the medium
         is not air.
@@ -350,7 +350,7 @@ class _Sampler:
         return sines, np.real(self.array.element.far_pattern(directions, wavenumber))
 
     def draw(self, samples: int, seed: int) -> Iterator[Draw]:
-        """Draw samples; each body moves independently with a solver, else each group of foci."""
+        """Draw samples; with a solver each body moves independently, else each group of foci."""
         foci = self.field.sources.positions
         obstacles = self.field.scene.obstacles
         if self.solver is None or not obstacles:
@@ -394,9 +394,9 @@ class _Sampler:
     ) -> tuple[FociRows, FociRows]:
         """Return the centre pressures of the elements times their directivity, and the carrier.
 
-        This takes a twelfth of the time of the mean over the faces. The carrier is the wave from
-        the focus to the centre. The remainder comes from the nominal matrix and is multiplied by
-        the carrier.
+        This is twelve times as fast as computing the mean over the faces. The carrier is the wave
+        from the focus to the centre. The remainder comes from the nominal matrix and is multiplied
+        by the carrier.
         """
         element = self.array.element
         turned = (self.array.positions - pose.translation) @ pose.rotation
@@ -502,14 +502,14 @@ def _expanded(field: RadiatedField) -> RadiatedField:
 
 
 def _plane_seen(plane: Plane, hand: Pose) -> Plane:
-    """Return a plane in the frame of a moved hand, or the same object if the motion keeps it."""
+    """Return a plane in the frame of a moved hand, or the same object if it has not moved."""
     return plane if plane.kept_by(hand) else plane.moved(hand.inverse())
 
 
 def _if_possible(make: Callable[[Draw], Made], draw: Draw) -> Made | None:
     """Return the result of a function of a draw, or None if the draw is geometrically impossible.
 
-    Other errors, such as a hand metres away, are raised.
+    Other errors are raised, for example if the hand is metres away.
     """
     try:
         return make(draw)

@@ -34,12 +34,12 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
         self.code = code
 
     def __reduce__(self) -> Any:
-        # The default would lose the code, because it is a keyword argument.
+        # The default implementation would lose the code, which is a keyword argument.
         return partial(type(self), code=self.code), (str(self),)
 
 
 class Link(ABC):
-    """Connection to boards of one kind, which can open, send frames, play a sequence and close.
+    """Connection to boards of one kind, which sends frames or plays a sequence.
 
     A link sends every frame unchanged. ``Emission`` adds the safety features: ramp, cap,
     watchdog, and silence at the end.

@@ -3,7 +3,7 @@
 The owner starts the guard, which forks the link process. The link process plays the owner's drives,
 and silences the boards when the owner, the guard or the connection ends. The guard has a copy of
 the link. If the link process ends or stops responding, the guard kills it, opens the link itself,
-and silences the boards. Both processes have their own session and ignore every signal that can be
+and silences the boards. Each process runs in its own session and ignores every signal that can be
 ignored. Only if all three processes are lost do boards that repeat a frame by themselves keep
 emitting.
 """

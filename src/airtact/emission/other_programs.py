@@ -162,7 +162,7 @@ def _table(path: Path) -> Drives:
 
 
 def _radians(path: Path, phases: Phases, name: str) -> Phases:
-    """Convert phases to radians; unnamed units are degrees if the range exceeds a radian turn."""
+    """Convert phases to radians; without a named unit, a range above 2π means degrees."""
     if "rad" in name or "deg" in name:
         return np.radians(phases) if "deg" in name else phases
     largest = float(np.abs(phases).max())
@@ -276,7 +276,7 @@ def _ultraino(path: Path, data: bytes) -> DriveFile:
 
 
 def _fields(root: ElementTree.Element) -> dict[tuple[str, str], float]:
-    """Return the numbers that are set, keyed by the names of the object and its field."""
+    """Return the numbers that are set, by the names of the object and its field."""
     fields = {}
     for entry in root.iter("void"):
         setting = entry.find("void[@method='set']")

@@ -121,7 +121,7 @@ class Capsule(Shape):
         return mesh.vertices, mesh.triangles
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the surface with curved panels like equilateral triangles of an edge length [m].
+        """Cover the surface with curved panels as large as equilateral ones with this ``edge`` [m].
 
         The normal of a panel turns by at most ``bend`` [rad] from edge to edge.
         """

@@ -95,7 +95,7 @@ class Shape(ABC):
 
     @abstractmethod
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the surface with curved panels as large as equilateral triangles of an edge [m].
+        """Cover the surface with curved panels as large as equilateral ones with this ``edge`` [m].
 
         On a closed form, the normal of a panel turns by at most about ``bend`` [rad] from edge to
         edge. On smooth parts of a mesh, the rms deviation of panels is at most about ``away`` [m].

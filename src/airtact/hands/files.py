@@ -1,4 +1,4 @@
-"""Reading of hands from JSON files and rigged meshes, of landmarks and of point clouds."""
+"""Functions that read hands, tracker landmarks and point clouds from files."""
 
 import io
 import re

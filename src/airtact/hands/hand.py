@@ -60,8 +60,8 @@ class Hand:
     joints : (25, 3) positions of the joints in WebXR order [m].
     radii : (25,) radius of the skin around each joint [m].
     side : ``"right"`` or ``"left"``.
-    follows : keyframe of a sequence, or None. If this hand is similar to it, its meshes are
-        deformed to this hand.
+    follows : keyframe of a sequence, or None. Its meshes are deformed to this hand if both are
+        similar.
     """
 
     joints: Joints
@@ -201,7 +201,7 @@ class Hand:
         return self.moved(Pose(turned.rotation, goal - turned.apply(point)))
 
     def open_to(self, gap: float, first: str = "thumb", second: str = "index") -> "Hand":
-        """Return the hand with two fingers turned at their roots until their gap is as given.
+        """Return the hand with two fingers turned at their roots to set the gap between them.
 
         Parameters
         ----------

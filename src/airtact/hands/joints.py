@@ -254,8 +254,8 @@ def checked_side(
 def side_evidence(joints: Joints) -> float:
     """Return how far the fingers and the thumb bend in a way that only a right hand can.
 
-    The result is the sum of the sines of all bends and of the thumb's lean. Each bend only counts
-    as far as it exceeds what fingers bend backwards: 30 degrees at a knuckle, and 9 and 17 degrees
+    The result is the sum of the sines of all bends and of the thumb's lean. A bend only counts by
+    the amount that exceeds the largest backward bend: 30 degrees at a knuckle, and 9 and 17 degrees
     at the next joints. The result is negative for a left hand, and about 0 for straight fingers.
     """
     # Fingers bend toward the palm. Viewed across the palm from the little finger, all bends of a

@@ -1,4 +1,4 @@
-"""Echoes of bodies near an initial pose, and their derivatives by the pose, in closed form.
+"""Closed-form echoes of bodies near an initial pose, and their derivatives by that pose.
 
 By reciprocity, the regular waves w_e that element e of unit strength emits toward the bodies also
 describe its reception: E[r, e] = w_rᵀ T w_e/(4πik). A motion of the bodies multiplies all w_e by
@@ -89,7 +89,7 @@ class EchoModel:
         return self._received(twist, self._scattered(self._incident(twist)))[0]
 
     def derivatives(self, twist: Twist) -> Complex[np.ndarray, "6 receivers transmissions"]:
-        """Return the derivatives by a further translation [Pa/m] and rotation [Pa/rad]."""
+        """Return derivatives with respect to a further translation [Pa/m] and rotation [Pa/rad]."""
         incident = self._incident(twist)
         # One large matrix product is faster than seven.
         along = np.concatenate([incident, *along_motions(incident, self._wavenumber)], axis=1)

@@ -270,7 +270,7 @@ class _Fit:
         return _parts(model.echoes(unknowns[:6]) - self.measured)
 
     def derivatives(self, unknowns: Unknowns) -> Float64[np.ndarray, "parts unknowns"]:
-        """Differentiate the residual by motions [Pa/m], [Pa/rad] and by the opening."""
+        """Differentiate the residual with respect to motions [Pa/m], [Pa/rad] and opening."""
         twist = unknowns[:6]
         if self.family is None:
             by = self.model.derivatives(twist)

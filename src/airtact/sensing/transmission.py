@@ -1,4 +1,4 @@
-"""Direct sound between elements of an array, and its derivatives by motions of the boards.
+"""Direct sound between elements of an array, and its derivatives for motions of the boards.
 
 An element of unit gain emits s Σ_q w_q e^{ikR}/R over the points of its face, where s is the
 sensitivity, and receives the mean over its face with the same weights. A small rigid motion of a
@@ -30,9 +30,9 @@ def transmission(
     Returns
     -------
     The (R, E) pressures at receiver r from emitter e [Pa], both with unit gain; they are the same
-    in both directions. Then their (13, R, E) derivatives by a translation of the receiving board
-    [Pa/m] and a rotation about its centre [Pa/rad], by the same motions of the emitting board, and
-    by the wavenumber [Pa·m].
+    in both directions. Then their (13, R, E) derivatives with respect to a translation of the
+    receiving board [Pa/m], a rotation about its centre [Pa/rad], the same motions of the emitting
+    board, and the wavenumber [Pa·m].
     """
     weights = receiving.element.weights
     faces = receiving.face_points
@@ -54,7 +54,7 @@ def transmission(
         )
         wave = wave.reshape(distance.shape)
         slopes[12, block] = 1j * _summed(wave, count, emitters)
-        # The derivative by k, computed above, lacks the factor 1/R.
+        # The derivative with respect to k, computed above, lacks the factor 1/R.
         wave /= distance
         pressures[block] = _summed(wave, count, emitters)
         slope = (wave * (1j * wavenumber - 1.0 / distance) / distance)[..., None] * away

@@ -165,7 +165,7 @@ def motions(order: int) -> tuple[csr_matrix, ...]:
 
 
 def along_motions(waves: Waves, wavenumber: float) -> Complex[np.ndarray, "6 waves columns"]:
-    """Differentiate regular waves by translations [1/m] and rotations [1/rad]."""
+    """Differentiate regular waves with respect to translations [1/m] and rotations [1/rad]."""
     along = np.stack([matrix @ waves for matrix in motions(order_of(waves))])
     along[:3] *= wavenumber
     return along

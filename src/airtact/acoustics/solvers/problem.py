@@ -32,7 +32,7 @@ BOARDS = "reflecting_boards"
 
 @dataclass(frozen=True)
 class SolveReport:
-    """Method, errors, time and settings of the solution of a field.
+    """Report of a solve: its method, errors, times and settings.
 
     Attributes
     ----------
@@ -183,7 +183,7 @@ class RadiatedField(ABC):
         return self._scattered_at(points_of(points, "points", least=0))
 
     def valid(self, points: Points) -> Mask:
-        """Return whether the field exists at points (P, 3): False inside bodies, except filled."""
+        """Return at which points (P, 3) the field exists; inside, only filled bodies have one."""
         return self._valid(points_of(points, "points", least=0))
 
     def velocity(self, points: Points) -> Gradients:

@@ -59,7 +59,7 @@ def coarsened(mesh: RidgedMesh, edge: float, wall: float = np.inf) -> RidgedMesh
 def remeshed(
     mesh: RidgedMesh, sizes: VertexSizes, edge: float, expected: float, wall: float = np.inf
 ) -> RidgedMesh:
-    """Remesh a closed surface with triangles as large as equilateral ones of an edge length.
+    """Remesh a closed surface with triangles as large as equilateral ones of edge length ``edge``.
 
     The vertices of the result are near the curved surface but not on it.
 

@@ -193,7 +193,8 @@ class ArticulatedHand:
         self.covariance = 0.5 * (self.covariance + self.covariance.T)
         self.joints = self._changed(change[:COUNT])
         self.rates = self.rates + change[COUNT:]
-        # The agility of a part rises if it surprises more than expected, and otherwise falls.
+        # The agility of a part rises if its motion is less predictable than expected, or else
+        # falls.
         excess = (surprise**2 / np.diag(expected)).reshape(-1, 3).mean(axis=1) - 1.0
         of_groups = np.array([excess[GROUPS[seen] == group].mean() for group in range(6)])
         self._agilities *= np.exp(0.1 * np.minimum(of_groups, 4.0))

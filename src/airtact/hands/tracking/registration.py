@@ -79,9 +79,9 @@ def register(
     touched : (T, 3) positions of the fingertip's joint in the tracker's frame [m], at least 3.
     points : (T, 3) touched points in the scene [m], not in one line.
     normals : (T, 3) outward unit normals of the touched faces.
-    offset : distance between the joint and a touched face [m]. None fits it, which requires faces
-        in different directions.
-    scale : factor for the tracker's lengths; None fits it.
+    offset : distance between the joint and a touched face [m]. None determines it from the touches,
+        which requires faces in different directions.
+    scale : factor for the tracker's lengths; None determines it from the touches.
 
     Raises
     ------

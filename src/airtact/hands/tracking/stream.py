@@ -280,7 +280,7 @@ class HandStream:
                 left = end - time.monotonic()
                 if left <= 0.0:
                     return None
-                # Silence does not wake this thread, so it is checked for regularly.
+                # Silence does not wake this thread, so the thread checks for it regularly.
                 self._changed.wait(min(left, self._silence / 4))
 
     def _continued(self, frame: HandFrame, source: str) -> tuple[HandFrame, int]:
@@ -413,7 +413,7 @@ class HandStream:
             newest = hand.newest
             if newest is None or newest.lost or now - hand.arrived < self._silence:
                 continue
-            # A frame without landmarks and cloud is a lost one.
+            # A frame without landmarks and cloud means that the hand is lost.
             hand.newest = HandFrame(newest.time, side, newest.sequence)
             hand.taken = False
             hand.silent = True

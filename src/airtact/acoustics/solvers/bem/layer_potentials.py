@@ -288,10 +288,11 @@ class Located:
 def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> Located:
     """Locate points relative to the panels.
 
-    Away from the panels the solid angle decides, or the scene's signed distance if all surfaces
-    are closed forms. Near the panels the signed distance decides if it exceeds the panels'
-    deviation from the true surface. Points closer to the surface are projected onto a panel, or the
-    solid angle from near integrals decides. Points behind a plane are not outside.
+    Away from the panels, points are classified by the solid angle, or by the scene's signed
+    distance if all surfaces are closed forms. Near the panels, they are classified by the signed
+    distance if it exceeds the panels' deviation from the true surface. Points closer to the surface
+    are projected onto a panel or classified by the solid angle from near integrals. Points behind a
+    plane are not outside.
     """
     positions = np.array(points, dtype=np.float64)
     contact = np.zeros(len(positions), dtype=bool)
@@ -325,7 +326,8 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
         close = measured[np.abs(depth) < CONTACT_REACH * touch[measured]]
         positions[close], contact[close] = project_contacts(nodes, positions[close])
         outside[contact] = True
-        # Between the true surface and the panels, the panels decide, because they carry the field.
+        # Between the true surface and the panels, the side of the panels counts, because the field
+        # is computed from them.
         doubtful = measured[(np.abs(depth) < touch[measured]) & ~contact[measured]]
         solid = double_layer_pressure(positions[doubtful], nodes, ones, 0j, near_rule, "float32")
         outside[doubtful] = np.real(solid[:, 0]) > -0.5

@@ -1,4 +1,4 @@
-"""BoundaryElement: the field of monopoles around bodies, by boundary elements."""
+"""``BoundaryElement``, which computes the field of monopoles around bodies."""
 
 import math
 from collections.abc import Sequence
@@ -193,7 +193,7 @@ class BoundaryElement(Solver):
     def _from_boards(
         self, scene: Scene, sources: Monopoles, inside: Bool[np.ndarray, "sources"]
     ) -> BoardField:
-        """Solve for sources of which some are in the faces of reflecting boards.
+        """Solve for sources, some of which are in the faces of reflecting boards.
 
         The transposed solution around all obstacles provides monopoles that radiate the boards'
         reflections. A second solve around the other bodies uses these monopoles and the sources.
@@ -218,7 +218,8 @@ class BoundaryElement(Solver):
             warnings=(*with_boards.report.warnings, NOT_ESTIMATED, *around.report.warnings),
         )
         nodes = with_boards.surface.nodes
-        # Within the largest radius of a board's panels, its monopoles are too sparse.
+        # Points closer to a board than its largest panel radius are too close to its sparse
+        # monopoles.
         reach = float(nodes.radii[np.isin(nodes.body[::6], scene.boards)].max())
         return BoardField(rest, sources, report, boards, around, reach)
 
@@ -230,7 +231,7 @@ class BoundaryElement(Solver):
         tolerance: float | None = None,
         equations: Sequence[Equation] = (),
     ) -> BoundaryField:
-        """Solve for sources of which none is in a board's face.
+        """Solve for sources, none of which is in a board's face.
 
         Parameters
         ----------

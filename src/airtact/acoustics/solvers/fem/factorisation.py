@@ -250,7 +250,7 @@ def factorised(
 def check_memory(
     box: Box, wavelength: float, order: int, elements_per_wavelength: float, method: str
 ) -> None:
-    """Raise an error if the memory is not enough for a factorisation."""
+    """Raise an error if there is not enough memory for a factorisation."""
     volume = float((box.outer_high - box.outer_low).prod()) / wavelength**3
     # Netgen fills a cube with about 8 tetrahedra whose edges are as long as those of the cube.
     unknowns = 8.0 * volume * elements_per_wavelength**3 * order**3 / 6

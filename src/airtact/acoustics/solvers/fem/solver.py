@@ -1,4 +1,4 @@
-"""FiniteElement: the paper's equation (8) in a box around the bodies, solved with NGSolve."""
+"""``FiniteElement``, which solves the paper's equation (8) in a box with NGSolve."""
 
 from dataclasses import dataclass, field, replace
 

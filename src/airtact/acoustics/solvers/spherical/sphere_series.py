@@ -100,7 +100,7 @@ class SphereField(RadiatedField):
         """Sum the series at points on one side of the surface.
 
         The error is ``ACCURACY`` times the open-air pressure. With ``alone``, this pressure is
-        taken at no less than the distance of the image, so that it is finite at the source itself.
+        evaluated no closer than at the image's distance, so that it is finite at the source itself.
         """
         pressure = np.zeros((len(points), self.excitations), dtype=np.complex128)
         radii, directions = self._polar(points)

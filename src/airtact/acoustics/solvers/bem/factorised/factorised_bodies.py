@@ -381,8 +381,8 @@ class FactorisedBodies(Solver):
             # Vertices may deviate by a thousandth of the wavelength.
             if not same or off > 1e-3 * self.scene.wavelength:
                 raise InvalidInput(
-                    f"body {index} is not the one that was factorised, moved rigidly: factorise "
-                    "the scene again, or solve it with BoundaryElement.",
+                    f"body {index} differs from the factorised body by more than a rigid motion: "
+                    "factorise the scene again, or solve it with BoundaryElement.",
                     code="not_supported",
                 )
             placed.append(PlacedBody(self.bodies[index], pose))
