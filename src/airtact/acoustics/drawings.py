@@ -131,7 +131,6 @@ def svg_path(
 
 
 def _strokes_of(drawing: bytes | str, name: str) -> Strokes:
-    """Return the strokes of an SVG file, or of the text of one path, in its own units."""
     import svgelements
 
     try:

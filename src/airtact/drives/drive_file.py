@@ -216,7 +216,6 @@ def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
 
 
 def _write_table(path: Path, contents: DriveFile) -> None:
-    """Write one line per element of a drive."""
     positions = contents.positions
     normals = contents.normals
     levels = contents.levels
@@ -236,7 +235,6 @@ def _write_table(path: Path, contents: DriveFile) -> None:
 
 
 def _datasets(contents: DriveFile) -> dict[str, Any]:
-    """Return the available datasets of a file by name."""
     drives = contents.drives
     # A drive is stored as one frame without a rate, so its arrays have no frame axis.
     if contents.rate is None and len(drives) == 1:
@@ -391,7 +389,6 @@ def _drives(
     amplitude: Float64[np.ndarray, "*frames elements"],
     phase: Float64[np.ndarray, "*frames elements"],
 ) -> Complex128[np.ndarray, "frames elements"]:
-    """Return the drives, one row per frame."""
     if amplitude.shape != phase.shape:
         raise InvalidInput(
             f"amplitude has shape {amplitude.shape}, but phase has shape {phase.shape}. Give one "

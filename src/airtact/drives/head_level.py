@@ -102,7 +102,6 @@ def pressures_around(
 
 
 def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:
-    """Return evenly spread unit vectors along a spiral from pole to pole."""
     index = np.arange(count) + 0.5
     height = 1.0 - 2.0 * index / count
     turn = np.pi * (1.0 + np.sqrt(5.0)) * index

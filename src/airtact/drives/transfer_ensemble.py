@@ -373,7 +373,6 @@ class _Sampler:
     # --- from one solve ---
 
     def _evaluated(self, draw: Draw) -> FociRows:
-        """Evaluate the solved field at the array, placed relative to each group of foci."""
         foci = self.field.sources.positions
         poses = [draw.hand] * len(self.groups)
         if not self.together:

@@ -424,7 +424,6 @@ class Emission:
         rate: float,
         seconds: float,
     ) -> Played:
-        """Play frames for some time [s], and return the statistics."""
         self._play(drives, factors, rate)
         dropped_before = self._ask("dropped")
         sent_before = self.link.sent

@@ -362,7 +362,6 @@ def serve(
 
 
 def _carried(error: BaseException) -> BaseException:
-    """Return an error in a form that can be raised in another process."""
     if isinstance(error, InvalidInput | LinkFailed):
         error.__cause__ = error.__context__ = None
         return error

@@ -301,7 +301,6 @@ def _property(node: "ElementTree.Element | None", name: str, default: float) -> 
 
 
 def _numpy(path: Path) -> Drives:
-    """Read complex amplitudes, real phases, or phase and intensity bytes of AUTD3's boards."""
     try:
         values = np.load(io.BytesIO(bytes_of(path)), allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
@@ -325,7 +324,6 @@ def _numpy(path: Path) -> Drives:
 
 
 def _messages(path: Path, board: str | None, elements: int | None) -> Drives:
-    """Read the bytes that a program sends to the boards, frame by frame."""
     if board is None:
         raise InvalidInput(
             f"{path.name} contains the bytes of a board; name the board, such as sonicsurface.",

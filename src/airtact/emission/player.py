@@ -400,7 +400,6 @@ class Player:
         self._write("silence confirmed")
 
     def _write(self, event: str) -> None:
-        """Write the time of the system's monotonic clock [s] and an event to the log."""
         if self._log is not None:
             try:
                 self._log.write(f"{time.monotonic():.6f} {event}\n")

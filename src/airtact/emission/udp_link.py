@@ -271,8 +271,6 @@ class UDPLink(AUTD3Boards):
         self._check_lost()
 
     def _done(self, start: Callable[[], Awaitable[Any]]) -> Any:
-        """Start an operation of the library, and wait for its result."""
-
         async def work() -> Any:
             return await start()
 

@@ -91,7 +91,6 @@ def load_surface(
 
 
 def _check_unit(extent: float) -> None:
-    """Raise ``InvalidInput`` if an extent [units of the file] is too large to be in metres."""
     if not 0.5 < extent < np.inf:
         return
     units = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254}

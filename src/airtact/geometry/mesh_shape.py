@@ -244,7 +244,6 @@ def _cut_where_it_helps(
 
 
 def _bending(panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
-    """Return the largest angle between the normals at the corners of each panel [rad]."""
     normals = [unit(normals_at(panels, corner)) for corner in NODE_REFERENCES[:3]]
     cosine = np.min([np.einsum("td,td->t", normals[i], normals[i - 1]) for i in range(3)], axis=0)
     return np.arccos(np.clip(cosine, -1.0, 1.0))

@@ -147,7 +147,6 @@ def _refined(
     obstacles: Real[np.ndarray, "obstacles 3"],
     smallest: float,
 ) -> Pieces:
-    """Divide panels into four until they are small enough for near points, gaps and thin walls."""
     beside_point = LONGEST_TO_EQUILATERAL * smallest
     in_gap = LONGEST_TO_EQUILATERAL * smallest * 0.25
     points = np.asarray(points, dtype=np.float64)
@@ -216,7 +215,6 @@ def _are_flat(panels: QuadraticTriangles) -> Bool[np.ndarray, "panels"]:
 
 
 def _halved_in_corners(panels: QuadraticTriangles) -> Pieces:
-    """Divide flat panels that meet in a concave corner into four."""
     flat = np.flatnonzero(_are_flat(panels))
     if not len(flat):
         return panels.copy()  # the caller may change the result in place
@@ -276,7 +274,6 @@ def _facing_faces(bodies: Sequence[Pieces]) -> list[_Face]:
 
 
 def _in_faces(panels: QuadraticTriangles, faces: Sequence[_Face]) -> Bool[np.ndarray, "panels"]:
-    """Whether panels are flat and lie in the plane of a face."""
     middles, normals = middles_of(panels)
     within = np.zeros(len(panels), dtype=bool)
     for face in faces:

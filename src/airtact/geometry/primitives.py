@@ -90,7 +90,6 @@ class Capsule(Shape):
         return self.pose.apply(self._around_axis(self.pose.inverse().apply(points), self.radius))
 
     def _around_axis(self, local: PointVectors, radius: float) -> PointVectors:
-        """Move points of the capsule's own frame to a distance ``radius`` [m] from its axis."""
         along = np.clip(local[:, 2], -self.length / 2.0, self.length / 2.0)
         out = local.copy()
         out[:, 2] -= along

@@ -151,7 +151,6 @@ class QuadraticMesh:
     def _edge_normals(
         self, panel: Indices, edge: Indices, weights: Float64[np.ndarray, "n 3"]
     ) -> Float64[np.ndarray, "n 3"]:
-        """Return the sum of the unit normals of both panels at a point of their edge."""
         rows = np.arange(len(panel))
         normal = unit(points_at(self.quadratic_triangles[panel], weights[:, 1:])[1])
         neighbour, across = np.divmod(self._twins[panel, edge], 3)
@@ -245,7 +244,6 @@ class QuadraticMesh:
 def _along_ridge(
     share: Float64[np.ndarray, "*points"],
 ) -> tuple[Float64[np.ndarray, "*points 3"], Float64[np.ndarray, "*points 3"]]:
-    """Return the shape functions at a fraction of an edge, and their derivatives."""
     shape = np.stack(
         [(1 - share) * (1 - 2 * share), 4 * share * (1 - share), share * (2 * share - 1)], axis=-1
     )

@@ -263,7 +263,6 @@ def _triangles_of(triangles: np.ndarray) -> Triangles:
 
 
 def _check_midpoints(midpoints: np.ndarray, corners: EdgeVectors, twins: Twins) -> None:
-    """Check that neighbours share their midpoints, and that these are near their edges."""
     if midpoints.shape != corners.shape:
         raise InvalidInput(
             f"surface midpoints have shape {midpoints.shape}, but {len(corners)} triangles need "

@@ -103,7 +103,6 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
 
 
 def _flattened(body: Surface) -> FlatMesh:
-    """Return the flat triangles of a body, split to within ``FLAT_TOLERANCE`` of its surface."""
     if isinstance(body.shape, Capsule):
         return body.shape.flat_mesh(FLAT_TOLERANCE)
     return near_surface(body.quadratic_triangles, body.triangles, FLAT_TOLERANCE)

@@ -124,7 +124,6 @@ class SampledField(RadiatedField):
         return self._simplices(points) >= 0
 
     def _simplices(self, points: Vectors) -> np.ndarray:
-        """Tetrahedron of each point, or -1 outside the convex hull."""
         # A point on the hull counts as inside despite rounding.
         return self._tetrahedra.find_simplex(points, tol=1e-6)
 
@@ -229,7 +228,6 @@ def load_samples(
 
 
 def _scale_of(table: TextTable, scale: float | None) -> float:
-    """Return metres per unit of a file's lengths, from ``scale`` or from the file's comments."""
     if scale is not None:
         scale = positive(scale, "the scale of the samples", "metres per unit")
     units = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}

@@ -92,7 +92,6 @@ def _rises(
 
 
 def _is_folded(panels: QuadraticTriangles, flat: TriangleVectors) -> TriangleMask:
-    """Whether a panel turns by more than 60 degrees from its flat triangle at any node."""
     corners = panels[:, :3]
     rise = panels[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))
     twice_area = np.linalg.norm(area_vectors(corners), axis=1)

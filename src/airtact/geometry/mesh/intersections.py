@@ -106,7 +106,6 @@ def _folded(first: PairedCorners, second: PairedCorners, tolerance: float) -> Pa
 
 
 def _pairs_within(corners: Corners, tolerance: float) -> IndexPairs:
-    """Return the pairs i < j of triangles whose boxes overlap."""
     centres = corners.mean(axis=1)
     reach = np.linalg.norm(corners - centres[:, None, :], axis=2).max(axis=1)
     # Triangles are grouped by size, because one large triangle would widen the search for all.

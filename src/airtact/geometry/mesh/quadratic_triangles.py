@@ -122,7 +122,6 @@ def cut(
 
 @cache
 def _piece_shapes(count: int) -> Float64[np.ndarray, "pieces 6 6"]:
-    """Return the shape functions of a triangle at the six nodes of each of its count² pieces."""
     corners = []
     for i in range(count):
         for j in range(count - i):

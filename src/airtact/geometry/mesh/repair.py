@@ -136,7 +136,6 @@ def _with_vertices(
 
 
 def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[str]) -> FlatMesh:
-    """Remove unused vertices, and check that the others are not NaN."""
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
     wrong = np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))
@@ -301,7 +300,6 @@ def _without_holes(
 
 
 def _rims(triangles: Triangles) -> list[Indices]:
-    """Return the vertices around each hole, in the direction of the lid's triangles."""
     border = np.flatnonzero(edge_twins(triangles).ravel() == -1)
     # The rim runs against the edges of adjacent triangles. Holes that meet in a vertex are split.
     starts = np.roll(triangles, -1, axis=1).ravel()[border].tolist()

@@ -246,7 +246,6 @@ def _fitted(
 
 
 def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> None:
-    """Raise an error if many points do not match the hand, or a landmark is far from it."""
     # A sample of 2000 points is enough to test for a share of 80 %.
     sampled = cloud[:: max(len(cloud) // 2000, 1)]
     residuals = skin_residuals(sampled, fitted.hand.shape.hulls, seen.camera)

@@ -131,7 +131,6 @@ def silhouette_of(points: Points, camera: Point) -> Silhouette:
 def _closed(
     hit: Bool[np.ndarray, "width height"], pixel: float
 ) -> Bool[np.ndarray, "width height"]:
-    """Fill the small holes of an image and remove its specks."""
     around = ndimage.uniform_filter(hit.astype(np.float64), 3)
     hit = ndimage.binary_closing(hit & (around > 0.4), np.ones((3, 3)))
     parts, count = cast("tuple[Int32[np.ndarray, 'width height'], int]", ndimage.label(hit))

@@ -210,7 +210,6 @@ class ArticulatedHand:
         return slopes @ self.covariance[:COUNT, :COUNT] @ slopes.T
 
     def _bones(self) -> Bones:
-        """Return the bones of the present joints."""
         joints = self.joints
         if self._known is not None and self._known[0] is joints:
             return self._known[1]
@@ -232,7 +231,6 @@ class ArticulatedHand:
         return self._known[1]
 
     def _slopes(self) -> Float64[np.ndarray, "25 3 dofs"]:
-        """Return the derivatives of the joints with respect to the degrees of freedom."""
         joints = self.joints
         along, _, _, axes = self._bones()
         axes = np.concatenate([np.eye(3), axes.reshape(-1, 3)])

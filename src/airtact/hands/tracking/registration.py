@@ -149,7 +149,6 @@ def _fitted(
     offset: float | None,
     scale: float | None,
 ) -> _Fit:
-    """Fit the used touches."""
     middle = touched[used].mean(axis=0)
     goals = points + (0.0 if offset is None else offset) * normals
     spread = np.linalg.svd(goals[used] - goals[used].mean(axis=0), compute_uv=False)

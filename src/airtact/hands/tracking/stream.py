@@ -376,7 +376,6 @@ class HandStream:
             )
 
     def _check_speed(self, frame: HandFrame) -> None:
-        """Reject a frame if the hand moved too fast since it was last seen."""
         seen = self._hands[frame.side].seen
         if seen is None or seen.landmarks is None or frame.landmarks is None:
             return

@@ -461,7 +461,6 @@ class BoundaryElement(Solver):
         transposed: bool,
         tolerance: float,
     ) -> GmresResult:
-        """Solve with the sum of the matrices of the bodies and of their images, by GMRES."""
         # The right-hand side is scaled because squares would leave the range of single precision.
         size = np.abs(right).max(axis=0, initial=0.0)
         size[size == 0.0] = 1.0

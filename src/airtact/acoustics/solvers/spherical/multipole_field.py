@@ -363,7 +363,6 @@ def _kernel(off: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]
 def _transform(
     frequencies: Int64[np.ndarray, "frequencies"], fine: int
 ) -> Float64[np.ndarray, "frequencies"]:
-    """Return the Fourier transform of the kernel, on a grid with ``fine`` points per turn."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
     off = 0.5 * SPREAD * nodes
     waves = np.cos(2 * np.pi / fine * frequencies[:, None] * off)

@@ -328,7 +328,6 @@ class FactorisedBodies(Solver):
         )
 
     def _coarse(self, placed: Sequence[PlacedBody], sources: Monopoles) -> Iterator[str]:
-        """Warn about sources so close to a surface that its panels should be smaller."""
         for index, body in enumerate(placed):
             distance, node = body.reduced.tree.query(body.local.apply(sources.positions))
             edges = body.reduced.panel_edges[np.asarray(node) // 6]
