@@ -16,11 +16,13 @@ SCRIPTS = ROOT / "examples"
 
 # What each script prints
 PRINTED = {
+    "bead_near_finger": r"considered: trap .*0\.49\d, .* N/m.*\n.*ignored: trap .*0\.45\d?, ",
     "autd3_emulator": r"the fields differ by 0\.0\d+ Pa of 67\d\d Pa",
     "finger_over_table": r"with the table: (99\d|100\d) Pa\n.* without the table: 7\d\d Pa",
     "focus": r"45\d\d Pa at the focus with 249 transducers",
     "hand_landmarks": r"left hand: (79\d|80\d), (79\d|80\d), (79\d|80\d) Pa",
     "live_websocket": r"[12]\d\d frames received, [1-9]\d+ drives played",
+    "opposed_boards": r"(trap at \(.*, 0\.13\d, .*\n){4}",
     "own_array": r"2000 Pa at the fingertip from 91 transducers",
     "own_stl": r"1500 Pa above the bowl, 7\d\d Pa with a drive computed for empty air",
     "palm_stm": r"24 frames; (199\d|200\d) to (199\d|200\d) Pa at the focus",

@@ -16,6 +16,10 @@ TRAP = """
 [[traps]]
 point = [0.0, {}, 0.0]
 """
+BALL = """
+[[obstacles]]
+sphere = { centre = [0.0, 0.0, 0.0], radius = 8e-3 }
+"""
 FOCUS = """
 [[foci]]
 point = [0.01, 0.0, 0.0]
@@ -83,6 +87,10 @@ def test_the_page_lists_stiffness_and_verdict(levitator, tmp_path) -> None:
     stiffness = levitator.traps[1].stiffness[1, 1]
     assert f"{stiffness:.3g}" in row[1]
     assert "yes" in row[1]
+    # Three planes and the force for each of two beads
+    assert page.count("Map of the potential along") == 6
+    assert page.count("Curves of the force") == 2
+    assert page.count(str(levitator.traps[1])[1:]) >= 2
 
 
 def test_impossible_settings_beside_traps_are_rejected(read) -> None:
@@ -95,5 +103,7 @@ def test_impossible_settings_beside_traps_are_rejected(read) -> None:
         read(TINYLEV, trap, "[uncertainty]\nposition = 1e-3\n")
     with raises_code("all_zero", "traps[0]"):
         read(TINYLEV, trap, "axis = [0.0, 0.0, 0.0]\n")
-    with raises_code("out_of_range", "0.005"):
+    with raises_code("inside_body", "trap 0 at (0.00, 0.00, 0.00) mm is 8 mm inside a body"):
+        read(TINYLEV, trap, BALL)
+    with raises_code("out_of_range", "body_force"):
         at.render(read(TINYLEV, trap, "radius = 5e-3\n"))

@@ -100,5 +100,12 @@ def test_impossible_traps_are_rejected(as_outside_the_tests) -> None:
         at.traps.hold(SCENE, PAIR, FOUR, "bottle")
     with raises_code("all_zero"):
         at.traps.hold(SCENE, PAIR, FOUR, axis=(0, 0, 0))
+    ball = at.Scene(SCENE.medium, [at.sound_hard(at.sphere(8e-3, 2e-3, centre=(0, 0, 0.1)))])
+    for height, words in (
+        (0.1, "trap 0 at (0.00, 0.00, 100.00) mm is 8 mm inside"),
+        (0.109, "lobe"),
+    ):
+        with raises_code("inside_body", words):
+            at.traps.hold(ball, PAIR, np.array([[0.0, 0.0, height]]), axis=UP)
     with raises_code("behind_faces"):
         at.traps.hold(SCENE, LEVEL, np.array([[0.0, 0.0, -0.05]]))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.emission.codecs import codec_of
 from faults import raises_code
 
 SCENE = at.Scene(at.Medium(sound_speed=343.1, density=1.2))
@@ -53,6 +54,28 @@ def test_a_path_is_exported(tmp_path) -> None:
     sequence.save(tmp_path / "path.h5", ARRAY, SCENE)
     loaded = at.load_drive(tmp_path / "path.h5")
     assert len(loaded) == len(sequence)
+
+
+@pytest.mark.parametrize("name", ["autd3", "openmpd", "sonicsurface"])
+def test_the_messages_of_boards_carry_the_bead(name, tmp_path) -> None:
+    board = codec_of(name).board
+    places = board.positions - board.positions.mean(axis=0)
+    lower = at.PhasedArray(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)))
+    pair = at.transducers.join(
+        [lower, lower.moved(at.Pose.turn((1, 0, 0), np.pi, (0.0, 0.0, 0.2)))]
+    )
+    corners = np.array([[0.0, 0.0, 0.1], [0.5e-3, 0.0, 0.101]])
+    sequence = at.traps.path(SCENE, pair, corners, axis=(0, 0, 1), speed=0.03)
+    file = tmp_path / "path.bin"
+    count, rate = at.emission.write_frames(file, sequence, name)
+    assert count == len(sequence)
+    loaded = at.load_drive(file, board=name, elements=len(pair), rate=rate)
+    place = corners[:1]
+    for index in range(len(sequence)):
+        played = at.traps.find(SCENE, pair, loaded.drive(index), place)
+        place = at.traps.find(SCENE, pair, sequence.drive(index), place)
+        # The levels of the boards shift the bead.
+        np.testing.assert_allclose(played, place, atol=0.03e-3)
 
 
 def test_impossible_paths_are_rejected() -> None:

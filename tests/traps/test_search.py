@@ -36,6 +36,7 @@ def test_an_antinode_is_no_trap() -> None:
     assert not verdict.stable
     assert "no trap" in str(verdict)
     assert "along y the stiffness is -0.06" in str(verdict)
+    assert "pushes the bead away on all sides" in str(verdict)
 
 
 def test_a_point_off_the_equilibrium_is_no_trap() -> None:
@@ -51,6 +52,7 @@ def test_a_weak_drive_does_not_hold_the_bead() -> None:
     assert verdict.stable
     assert verdict.balanced
     assert not verdict.is_trap
+    assert "too weak for the bead" in str(verdict)
     assert verdict.holds == pytest.approx(0.2**2 * judged(IN_PHASE, (0, 2.353e-3, 0)).holds)
 
 

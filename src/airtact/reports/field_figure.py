@@ -70,7 +70,7 @@ def draw_field(
     """
     scale = ScalarMappable(Normalize(0.0, peak), COLOURS)
     values = np.abs(cut.pressures[drive])
-    return _draw_plane(axes, cut, values, scale, foci, names, "peak pressure [Pa]")
+    return draw_plane(axes, cut, values, scale, foci, names, "peak pressure [Pa]")
 
 
 def draw_difference(
@@ -90,10 +90,10 @@ def draw_difference(
     strength = np.clip(np.maximum(first, second) / (FAINT * peak) - 0.5, 0.0, 1.0)
     strength = np.nan_to_num(strength)
     label = f"{drives[0]} over {drives[1]} [dB]"
-    return _draw_plane(axes, cut, change, DIFFERENCES, foci, names, label, strength)
+    return draw_plane(axes, cut, change, DIFFERENCES, foci, names, label, strength)
 
 
-def _draw_plane(
+def draw_plane(
     axes: Axes | None,
     cut: Cut,
     values: Float64[np.ndarray, "points"],
@@ -103,6 +103,10 @@ def _draw_plane(
     label: str,
     strength: Float64[np.ndarray, "points"] | None = None,
 ) -> Figure:
+    """Draw values at the points of a cut, with bodies, foci and a colour bar.
+
+    ``strength`` is the opacity of each point.
+    """
     window = cut.window
     left, right, bottom, top = window.extent
     # Given axes may have other axes below them, so the colour bar goes next to them.

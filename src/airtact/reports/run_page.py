@@ -23,6 +23,7 @@ from airtact.reports.field_figure import (
 )
 from airtact.reports.page import picture, write_page
 from airtact.reports.plots import draw_shares
+from airtact.reports.trap_figures import trap_pictures
 from airtact.reports.viewer import (
     SceneView,
     scene_view,
@@ -224,7 +225,7 @@ def _foci(run: Rendering) -> dict[str, Any]:
     trap_rows = [
         [
             f"trap {index}",
-            *(f"{1e3 * value:.2f}" for value in verdict.point),
+            *(f"{value:.2f}" for value in np.round(1e3 * verdict.point, 2) + 0.0),
             *(f"{value:.3g}" for value in verdict.stiffness.diagonal()),
             f"{verdict.holds:.1f}",
             "yes" if verdict.is_trap else "no",
@@ -233,6 +234,7 @@ def _foci(run: Rendering) -> dict[str, Any]:
     ]
     return {
         "trap_rows": trap_rows,
+        "trap_pictures": [trap_pictures(run, index) for index in range(min(len(run.traps), 6))],
         "focus_header": header,
         "focus_rows": list(zip(*columns, strict=True)),
         "amplitude": f"{run.drive.peak:.2f}",

@@ -46,7 +46,7 @@ from airtact.transducers.known import KNOWN_ARRAYS, known_array
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.traps.holding import Trap
+from airtact.traps.holding import Trap, check_free
 
 # Distance of a focus from the surface of its body [m]
 DEFAULT_OFFSET = 0.5e-3
@@ -124,6 +124,7 @@ def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
     target, foci = _target(
         file, points, surfaces, path.parent, contacts, traps=traps, wavelength=scene.wavelength
     )
+    check_free(traps, scene)
     with about("solver"):
         solver = _solver(file, scene)
     with about("tracker"):

@@ -34,6 +34,7 @@ from airtact.setup.sentences import (
     shadows,
     share_of_bound,
     touches,
+    trap_sentences,
 )
 from airtact.setup.setup import Setup
 from airtact.setup.solving import (
@@ -316,7 +317,7 @@ def render(
         headline=headline(comparison, drive, body_word(setup.bodies), setup.foci),
         remarks=(
             *touches(setup),
-            *(f"Trap {index}: {verdict}." for index, verdict in enumerate(traps, 1)),
+            *trap_sentences(setup, traps),
             *remarks,
             share_of_bound(setup, transfer, drive),
             *in_real_air(pressures, steepening),

@@ -1,10 +1,11 @@
 """Sentences about a setup and its drive: warnings before the solve, and remarks after it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float64
 
+import airtact as at
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import upper_bound
 from airtact.drives.methods import METHODS
@@ -56,6 +57,16 @@ def touches(setup: Setup) -> tuple[str, ...]:
                 "the drive by it."
             )
     return tuple(sentences)
+
+
+def trap_sentences(setup: Setup, verdicts: "Sequence[at.traps.Verdict]") -> Iterator[str]:
+    """State the verdict on each trap, and its distance from the request if that is large."""
+    for index, (trap, verdict) in enumerate(zip(setup.traps, verdicts, strict=True), 1):
+        away = float(np.linalg.norm(verdict.point - trap.point))
+        moved = ""
+        if away > setup.scene.wavelength / 20.0:
+            moved = f" It is {1e3 * away:.2g} mm from the requested point."
+        yield f"Trap {index}: {verdict}.{moved}"
 
 
 def reach_cautions(setup: Setup) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from scipy.special import spherical_jn
 
 from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene
+from airtact.acoustics.scene import Scene, check_outside
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
@@ -103,8 +103,7 @@ def potential(
     """Return Gor'kov's potential (P,) of a bead [J]; ``force`` describes the arguments."""
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     sound = derivatives(field, points, bead)
-    a, b = bead.factors(scene)
-    return a * np.abs(sound.pressure) ** 2 - b * np.sum(np.abs(sound.first) ** 2, axis=1)
+    return potential_of(sound.pressure, sound.first, bead, scene)
 
 
 def force(
@@ -210,6 +209,7 @@ def solved(
     """Check the arguments of ``force`` and solve for the field of the drive."""
     bead = bead_of(scene, radius, density, sound_speed)
     points = points_of(points, "bead points")
+    check_outside(scene, points, "bead")
     solver = solver or default_solver(scene)
     # The points are foci, because they must be in front of the elements.
     return radiate_drives(scene, array, [drive], solver, foci=points), points, bead
@@ -294,6 +294,17 @@ def _symmetric(vectors: np.ndarray) -> np.ndarray:
     """Return δ_ij v_k + δ_ik v_j + δ_jk v_i (N, 3, 3, 3) of vectors (N, 3)."""
     product = np.einsum("ij,nk->nijk", np.eye(3), vectors)
     return product + product.transpose(0, 1, 3, 2) + product.transpose(0, 3, 2, 1)
+
+
+def potential_of(
+    pressure: Complex128[np.ndarray, "points"],
+    gradient: Complex128[np.ndarray, "points 3"],
+    bead: Bead,
+    scene: Scene,
+) -> Float64[np.ndarray, "points"]:
+    """Return a|p|² − b|∇p|² (P,) [J]."""
+    a, b = bead.factors(scene)
+    return a * np.abs(pressure) ** 2 - b * np.sum(np.abs(gradient) ** 2, axis=1)
 
 
 def force_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.ndarray, "points 3"]:

@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Real
 from scipy.linalg import block_diag
 
-from airtact.acoustics.scene import Scene
+from airtact.acoustics.scene import Scene, check_outside
 from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.methods import best
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.errors import InvalidInput, Vector, check_choice, point_of, points_of
+from airtact.errors import InvalidInput, Vector, check_choice, in_mm, point_of, points_of
 from airtact.transducers.layout import PhasedArray
 from airtact.traps.gorkov import Bead, bead_of, default_solver
 
@@ -86,6 +86,24 @@ def target_of(
     foci = points_of(foci, "the foci beside traps")
     shares = np.concatenate([np.ones(len(points)), np.full(len(foci), focus_share)])
     return Target(np.concatenate([points, foci]), shares=shares)
+
+
+def check_free(traps: Sequence[Trap], scene: Scene) -> None:
+    """Raise ``InvalidInput`` if a trap or one of its lobes is in a body or behind a plane."""
+    if not traps:
+        return
+    points = np.array([point_of(trap.point, "a trap") for trap in traps])
+    check_outside(scene, points, "trap")
+    for index, trap in enumerate(traps):
+        depth = scene.depth(trap.lobes(scene.wavelength)).max()
+        if depth > 0.0:
+            raise InvalidInput(
+                f"trap {index} at {in_mm(points[index])} is too close to a body: one of its lobes, "
+                f"{1e3 * scene.wavelength / 6.0:.2g} mm beside the bead, is {1e3 * depth:.2g} mm "
+                "inside the body. Move the trap away, or turn its axis.",
+                points[index],
+                code="inside_body",
+            )
 
 
 def merged(traps: Sequence[Trap], target: Target) -> Target:
@@ -162,6 +180,7 @@ def hold(
     -1.0
     """
     traps = [Trap(tuple(point), kind, axis) for point in points_of(points, "trap points")]
+    check_free(traps, scene)
     target = target_of(traps, scene.wavelength, foci, focus_share)
     field = (solver or default_solver(scene)).radiate(scene, target.beacons())
     return holding(best, traps)(transfer_matrix(field, array), target)

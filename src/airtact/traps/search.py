@@ -75,6 +75,8 @@ class Verdict:
             reasons.append(f"stable along x, y and z ({values} N/m)")
         elif held:
             reasons.insert(0, f"stable along {' and '.join(held)}")
+        else:
+            reasons.insert(0, "the force pushes the bead away on all sides")
         if not self.stable and len(held) == 3:
             # The axes do not show an instability between them.
             values, ways = np.linalg.eigh(self.stiffness)
@@ -88,7 +90,10 @@ class Verdict:
             place = f"about {1e3 * distance:.2g} mm" if near else "over a quarter of a wavelength"
             reasons.append(f"the equilibrium is {place} away")
         if self.stable:
-            reasons.append(f"holds {self.holds:.2g} times the weight of the bead")
+            # Two digits without an exponent
+            holds = f"{float(f'{self.holds:.2g}'):g} times the weight of the bead"
+            enough = "holds" if self.holds > 1.0 else "too weak for the bead: holds only"
+            reasons.append(f"{enough} {holds}")
         reasons.append(f"forces are overestimated by about {self.excess:.0%}")
         word = "trap" if self.is_trap else "no trap"
         return f"{word} at {in_mm(np.round(self.point, 5) + 0.0)}: {'; '.join(reasons)}"
