@@ -83,6 +83,10 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
     humidity : relative humidity, 0 to 1.
     frequency : frequency at which the absorption is computed [Hz].
 
+    Returns
+    -------
+    The medium, with the absorption at ``frequency``.
+
     Raises
     ------
     InvalidInput

@@ -76,6 +76,10 @@ def plane(point: Vector, normal: Vector) -> Plane:
     point : (3,) any point of the plane [m].
     normal : (3,) direction toward the side with the sound, of any length.
 
+    Returns
+    -------
+    The plane, whose normal has unit length.
+
     Raises
     ------
     InvalidInput

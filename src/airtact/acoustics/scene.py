@@ -115,6 +115,10 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
         ``BoundaryElement`` and ``FiniteElement`` solve such bodies; ``SphereSeries`` solves a
         single sphere.
 
+    Returns
+    -------
+    The body, for use in a ``Scene``.
+
     Raises
     ------
     InvalidInput

@@ -169,6 +169,10 @@ class Target:
         ----------
         suppression : whether to append the suppression points as beacons; the strengths are then
             (F + Q, F + Q).
+
+        Returns
+        -------
+        Monopoles with one excitation per focus, for ``solver.radiate``.
         """
         # Each beacon is a separate excitation, whose field is one row of the transfer matrix.
         points = self.points

@@ -214,13 +214,17 @@ def surface_points(
 def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
     """Project points (P, 3) [m] onto a surface, and shift them outward along its normal.
 
-    Use it to place a drawing on the hand. The result has the same shape [m].
+    Use it to place a drawing on the hand.
 
     Parameters
     ----------
     points : (P, 3) points near the surface [m].
     surface : the body.
     offset : distance of the shifted points from the surface [m], 0 to 0.02.
+
+    Returns
+    -------
+    (P, 3) points at the given distance from the surface [m].
 
     Raises
     ------

@@ -116,6 +116,10 @@ class Drive:
         reference : the other drive.
         held_equal : quantity to match: "energy", Σ|d|², or "peak", the largest amplitude of an
             element.
+
+        Returns
+        -------
+        The factor by which to multiply the amplitudes of this drive.
         """
         if held_equal == "peak":
             return reference.peak / self.peak

@@ -162,6 +162,10 @@ def goal_value(
     drive : the drive of the ensemble's elements.
     goal : the statistic of the weakest focus.
 
+    Returns
+    -------
+    The value of the goal; larger is better.
+
     Raises
     ------
     InvalidInput

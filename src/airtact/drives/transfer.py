@@ -248,6 +248,10 @@ def focus_by_distance(
     array, target : the transducers in the target's frame, and the foci.
     medium, frequency : the air and the frequency of the sound [Hz].
 
+    Returns
+    -------
+    The drive of the array's elements.
+
     Raises
     ------
     InvalidInput

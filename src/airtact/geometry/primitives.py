@@ -198,6 +198,10 @@ def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
     edge : longest edge of the triangles of its mesh [m], which is used for pictures and files.
     centre : (3,) centre of the sphere [m].
 
+    Returns
+    -------
+    The closed surface, with the sphere as its exact shape.
+
     Raises
     ------
     InvalidInput
@@ -219,6 +223,10 @@ def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
     start, end : (3,) ends of the axis [m]; equal ends produce a sphere.
     radius : radius of the capsule [m].
     edge : longest edge of the triangles of its mesh [m].
+
+    Returns
+    -------
+    The closed surface, with the capsule as its exact shape.
 
     Raises
     ------

@@ -181,6 +181,10 @@ class Surface:
         ----------
         edge : edge length of an equilateral triangle that has the area of a typical panel [m].
 
+        Returns
+        -------
+        The panels, and their distance from the true surface.
+
         Raises
         ------
         InvalidInput

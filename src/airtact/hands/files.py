@@ -119,6 +119,10 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
     scale : metres per unit of the file, as in ``load_surface``.
     side : ``"right"`` or ``"left"``; by default it is inferred from the bends of the fingers.
 
+    Returns
+    -------
+    The hand in the rest pose of the mesh, in metres.
+
     Raises
     ------
     InvalidInput

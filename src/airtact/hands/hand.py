@@ -178,6 +178,10 @@ class Hand:
         height : distance of the position from the array's centre, along its mean normal [m].
         place : one of ``places``.
 
+        Returns
+        -------
+        The moved hand; this hand is unchanged.
+
         Raises
         ------
         InvalidInput
@@ -208,6 +212,10 @@ class Hand:
         gap : distance between the skins of the last phalanges [m], above 0 and at most 0.15.
         first, second : "thumb", "index", "middle", "ring" or "pinky".
 
+        Returns
+        -------
+        The hand with the new joints; this hand is unchanged.
+
         Raises
         ------
         InvalidInput
@@ -232,6 +240,10 @@ class Hand:
         Parameters
         ----------
         joints : (25, 3) or (21, 3) joints of the new pose [m].
+
+        Returns
+        -------
+        The hand in its new pose, with the same radii.
 
         Raises
         ------

@@ -76,6 +76,10 @@ def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
     gap : distance between the two skins [m], above zero and at most 0.2.
     edge : largest edge length of the triangles [m].
 
+    Returns
+    -------
+    Two capsules of 8 mm radius, with their pads and normals.
+
     Raises
     ------
     InvalidInput

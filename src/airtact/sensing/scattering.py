@@ -102,6 +102,10 @@ def scattering_matrix(
     ball : (3,) centre of the waves, and radius of a ball that contains the bodies [m]; by default
         nearly the smallest such ball.
 
+    Returns
+    -------
+    The matrix of all waves up to the order that the accuracy requires.
+
     Raises
     ------
     InvalidInput
@@ -360,6 +364,10 @@ def scattering_family(
     start : initial value for ``locate``; by default the middle of the range.
     values : number of solved values, 3 to 12.
     accuracy : truncation error of the waves, as in ``scattering_matrix``.
+
+    Returns
+    -------
+    The matrices at the solved values, with interpolation between them.
 
     Raises
     ------

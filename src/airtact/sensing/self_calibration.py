@@ -361,6 +361,11 @@ def calibrate(
     boards : number of boards, listed one after another with equal numbers of elements; by default
         it is inferred from the known kinds of boards.
 
+    Returns
+    -------
+    The corrected array, the gains and the sound speed, with their uncertainty. Check ``converged``
+    before you use them.
+
     Raises
     ------
     InvalidInput

@@ -106,6 +106,10 @@ def simulate_echoes(
     noise : level of the echoes (rms) above the added complex noise [dB]; None adds no noise.
     seed : seed of the random numbers, 0 or more.
 
+    Returns
+    -------
+    The codes and the scattered pressures (R, M) at the receivers [Pa].
+
     Raises
     ------
     InvalidInput

@@ -153,6 +153,10 @@ def simulate_transmissions(
     noise : level of the pressures (rms) above the added complex noise [dB]; None adds no noise.
     seed : seed of the noise, 0 or more.
 
+    Returns
+    -------
+    The codes and the received pressures (E, M) [Pa].
+
     Raises
     ------
     InvalidInput

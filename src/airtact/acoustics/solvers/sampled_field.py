@@ -179,6 +179,10 @@ def load_samples(
     scale : metres per unit of the file's lengths; by default the unit in its comment "Length unit",
         or 1 without such a comment.
 
+    Returns
+    -------
+    The field between the nodes; it is NaN outside their convex hull.
+
     Raises
     ------
     InvalidInput

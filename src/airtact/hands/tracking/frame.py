@@ -141,6 +141,10 @@ class HandFrame:
         radii : radius of the skin around each joint [m]; by default those of a generic hand of the
             same size.
 
+        Returns
+        -------
+        The hand in the pose of the landmarks.
+
         Raises
         ------
         InvalidInput

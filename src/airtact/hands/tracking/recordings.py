@@ -55,6 +55,10 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
     leave_out : whether faulty frames are omitted and counted, as in a stream. Otherwise a single
         faulty frame makes the file invalid.
 
+    Returns
+    -------
+    The frames, and the numbers of faults in the file.
+
     Raises
     ------
     InvalidInput

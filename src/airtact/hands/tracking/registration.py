@@ -83,6 +83,10 @@ def register(
         which requires faces in different directions.
     scale : factor for the tracker's lengths; None determines it from the touches.
 
+    Returns
+    -------
+    The pose of the tracker, its uncertainty, and the residual of each touch.
+
     Raises
     ------
     InvalidInput

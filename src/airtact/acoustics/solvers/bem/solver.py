@@ -336,6 +336,10 @@ class BoundaryElement(Solver):
         scene : sound-hard or impedance bodies.
         refined : (P, 3) points [m], such as later foci, near which the panels are smaller.
 
+        Returns
+        -------
+        A solver for the same bodies at any poses, in the same medium and at the same frequency.
+
         Raises
         ------
         InvalidInput
