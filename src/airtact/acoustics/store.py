@@ -117,7 +117,7 @@ def _tree(value: object, arrays: list[np.ndarray], references: Mapping[int, str]
         }
         return {"module": kind.__module__, "class": kind.__qualname__, "fields": parts}
     raise InvalidInput(
-        f"a {kind.__qualname__} cannot be stored: it is not a number, a text, an array or a "
+        f"a {kind.__qualname__} cannot be stored: it is not a number, a string, an array or a "
         "dataclass.",
         code="wrong_kind",
     )

@@ -68,7 +68,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
 
     - under the conditions of ``check_foci``;
     - if there are more foci than elements;
-    - if two foci are less than λ/10 apart or, without λ in the matrix, their rows are parallel;
+    - if two foci are less than λ/10 apart, or if the matrix has no λ and their rows are parallel;
     - if the largest pressure that a focus can receive is less than 5 % (−26 dB) of the median for
       the other foci.
     """

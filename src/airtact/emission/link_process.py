@@ -83,7 +83,7 @@ class Channel:
         return message
 
     def close(self) -> None:
-        """Close this end, which the other end notices at once."""
+        """Close this end; the other end notices this at once."""
         self._socket.close()
 
     def _complete(self) -> tuple[Any, ...] | None:

@@ -230,7 +230,7 @@ class Player:
     def wait(self) -> float:
         """Return the time until the next step is due [s]."""
         now = time.monotonic()
-        # Steps follow at least 20 times a second, to notice when the owner has ended.
+        # A step is due at least 20 times a second, so that the end of the owner is noticed.
         due = [now + 0.05]
         if self._emitting:
             due.append(self._fed + self._settings.patience)

@@ -80,7 +80,7 @@ def check_not_crossed(surface: Surface) -> None:
 
 
 def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
-    """Return thickness [m] and position (3,) [m] of a part thinner than ``THINNEST``, or None.
+    """Return the thickness [m] and position (3,) [m] of a part thinner than ``THINNEST``, or None.
 
     The thickness at a point is the diameter of the largest inner ball that touches the surface
     there and also touches the opposite surface. The opposite normal must be antiparallel to within

@@ -106,8 +106,8 @@ def joints_of(
     if points.shape in ((21, 3), (25, 3)) and len(lost):
         name = NAMES[lost[0] if len(points) == 25 else TRACKED[lost[0]]]
         raise InvalidInput(
-            f"{counted(len(lost), f'{word} is', f'{word}s are')} NaN or infinite, the first of "
-            f"them {word} {lost[0]}, {name}: the tracker lost it; skip this frame.",
+            f"{counted(len(lost), f'{word} is', f'{word}s are')} NaN or infinite; the first is "
+            f"{word} {lost[0]}, {name}. The tracker lost it; skip this frame.",
             code="not_finite",
         )
     points = points_of(points, f"{word}s of a hand")

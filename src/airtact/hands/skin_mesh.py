@@ -134,7 +134,7 @@ def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMes
     for attempt in range(6):
         if best_fault <= 0.0 or len(mesh.triangles) > 1.25 * len(best.triangles):
             break
-        # If evening alone does not help, poor triangles are also made smaller.
+        # If passes of ``_evened`` are not enough, poor triangles are also made smaller.
         if attempt >= 3:
             ends, edges = _edges(mesh.triangles)
             bulging = (_middles(hulls, mesh, ends)[1][edges] > MAX_BULGE).any(axis=1)

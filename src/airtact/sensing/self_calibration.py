@@ -122,8 +122,8 @@ class Calibrated:
         received = self.reception[echoes.receiving]
         if dead := echoes.receiving[received == 0.0].tolist():
             raise InvalidInput(
-                f"{counted(len(dead), 'receiver is', 'receivers are')} dead, the first is element "
-                f"{dead[0]}; omit them from receivers.",
+                f"{counted(len(dead), 'receiver is', 'receivers are')} dead; the first is element "
+                f"{dead[0]}. Omit them from receivers.",
                 code="data_missing",
             )
         factor = self.emission[echoes.receiving] / received
@@ -317,7 +317,7 @@ class ArrayFit:
         of_gains = np.concatenate([np.sum(model.conj() * residual, axis=axis) for axis in (1, 0)])
         # Board 0 is fixed, so its six unknowns are omitted.
         mixed = np.column_stack([mixed.reshape(2 * elements, unknowns)[:, 6:] * units, of_gains])
-        # Log magnitudes use the real parts, and phases the imaginary parts, in equal equations.
+        # The equations are the same for log magnitudes (real parts) and phases (imaginary parts).
         parts = np.concatenate([mixed.real, mixed.imag], axis=1)
         solved = solve(self._gain_equations(np.abs(model) ** 2), parts, assume_a="pos")
         both = parts.T @ solved
@@ -358,8 +358,8 @@ def calibrate(
     echoes : transmissions of the empty array, with codes that separate all elements.
     array : array with the assumed poses of its boards; its gains are ignored.
     medium : the assumed air; its absorption is not corrected.
-    boards : number of boards, listed one after another with equal numbers of elements; by default
-        it is inferred from the known kinds of boards.
+    boards : number of boards, which are listed one after another and have equal numbers of
+        elements; by default it is inferred from the known kinds of boards.
 
     Returns
     -------
@@ -502,7 +502,7 @@ def _check_linked(
     if len(silent):
         raise InvalidInput(
             f"{counted(len(silent), 'element faces', 'elements face')} no receiver on another "
-            f"board within 60 degrees, the first is element {silent[0]}; remove them from the "
+            f"board within 60 degrees; the first is element {silent[0]}. Remove them from the "
             "array, or add receivers.",
             code="misplaced",
         )

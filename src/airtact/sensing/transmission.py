@@ -146,8 +146,8 @@ def simulate_transmissions(
     array : array with the emission gains.
     medium : the air.
     codes : (E, M) codes, as in ``Echoes``.
-    boards : number of boards, listed one after another with equal numbers of elements; by default
-        it is inferred from the known kinds of boards.
+    boards : number of boards, which are listed one after another and have equal numbers of
+        elements; by default it is inferred from the known kinds of boards.
     frequency : frequency of the sound [Hz].
     reception : (E,) reception gains; by default those of the array.
     noise : level of the pressures (rms) above the added complex noise [dB]; None adds no noise.

@@ -271,7 +271,7 @@ class RadiatedField(ABC):
         return np.full(self.excitations, self.report.estimated_error)
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report, with the error at points [m] if larger and any additional warning."""
+        """Return the report, updated with the error and warnings at points (P, 3) [m]."""
         return self.report
 
 

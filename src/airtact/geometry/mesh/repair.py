@@ -146,7 +146,7 @@ def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[st
         beside = "" if where is None else f" near {in_mm(where)}"
         are = counted(len(wrong), "vertex of the surface is", "vertices of the surface are")
         raise InvalidInput(
-            f"{are} NaN or infinite, the first is vertex {wrong[0]}{beside}; set its position "
+            f"{are} NaN or infinite; the first is vertex {wrong[0]}{beside}. Set its position "
             "or remove its triangles.",
             where,
             code="not_finite",
@@ -154,7 +154,7 @@ def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[st
     unused = np.flatnonzero(~used)
     if len(unused):
         were = counted(len(unused), "unused vertex was", "unused vertices were")
-        notes.append(f"{were} removed, the first is vertex {unused[0]}.")
+        notes.append(f"{were} removed; the first is vertex {unused[0]}.")
     return _with_vertices(vertices, triangles, used)
 
 
@@ -282,8 +282,9 @@ def _without_holes(
         area = np.cross(points - middle, np.roll(points, -1, axis=0) - middle).sum(axis=0) / 2.0
         if width > largest and np.linalg.norm(area) > MAX_CRACK * width:
             raise InvalidInput(
-                f"the surface is open: {counted(len(rims), 'hole', 'holes')}, one {width * 1e3:.3g}"
-                f" mm wide near {in_mm(middle)}, over {largest * 1e3:g} mm; increase "
+                f"the surface is open: {counted(len(rims), 'hole', 'holes')}, one of "
+                f"them {width * 1e3:.3g} mm wide near {in_mm(middle)}. The limit is "
+                f"{largest * 1e3:g} mm: increase "
                 "largest_hole, or close the hole in the file.",
                 middle,
                 code="mesh_faulty",

@@ -136,8 +136,8 @@ def check_not_degenerate(vertices: AnyVertices, triangles: AnyTriangles) -> None
     if len(thin):
         where = corners[thin[0]].mean(axis=0)
         raise InvalidInput(
-            f"{counted(len(thin), 'triangle is', 'triangles are')} degenerate (no area), the first "
-            f"is triangle {thin[0]} near {in_mm(where)}; remove them or merge their vertices.",
+            f"{counted(len(thin), 'triangle is', 'triangles are')} degenerate (no area); the first "
+            f"is triangle {thin[0]} near {in_mm(where)}. Remove them or merge their vertices.",
             where,
             code="mesh_faulty",
         )

@@ -98,7 +98,7 @@ def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
     """Read an action recording of IWER, whose times are in milliseconds.
 
     A frame is [time, 7 numbers of the head, inputs ...]. An input is [index, 7 numbers of its
-    pointing ray, lists ...]. The list of a hand has 8 numbers per joint, relative to the ray:
+    pointing ray, lists ...]. The list of a hand contains 8 numbers per joint, relative to the ray:
     position, quaternion and radius.
     """
     schemas = dict(recording["schema"])

@@ -44,7 +44,7 @@ class StreamHealth:
 
     Attributes
     ----------
-    received : frames and other messages.
+    received : number of frames and other messages.
     used : valid frames, including those of lost hands.
     lost : losses of a hand, reported by the tracker or detected by its silence.
     unreadable : messages that are not frames.

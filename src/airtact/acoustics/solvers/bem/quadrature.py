@@ -104,7 +104,7 @@ class Nodes:
 
     @property
     def panels(self) -> _kernels.Panels:
-        """The panels in the form for the compiled near integrals."""
+        """The panels in the form that the compiled near integrals need."""
         return _kernels.Panels(self.quadratic_triangles, self.contact)
 
     def single_layer(self, wavenumber: complex) -> SingleLayer:

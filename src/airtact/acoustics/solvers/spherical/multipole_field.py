@@ -260,7 +260,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
 
 
 def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
-    """Return centre and radius of a ball around the bodies, hardly larger than the smallest [m].
+    """Return the centre and radius [m] of nearly the smallest ball around the bodies.
 
     The centre moves toward the farthest point in decreasing steps (M. Bădoiu, K. L. Clarkson, SODA
     (2003) 801).
