@@ -85,6 +85,7 @@ from .setup.comparing import MethodComparison as MethodComparison
 from .setup.comparing import compare as compare
 from .setup.examples import example as example
 from .setup.placing import place as place
+from .setup.reaching import reach as reach
 from .setup.rendering import Rendering as Rendering
 from .setup.rendering import focus as focus
 from .setup.rendering import render as render

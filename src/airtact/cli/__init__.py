@@ -28,6 +28,7 @@ NAMES = (
     "live",
     "mesh",
     "place",
+    "reach",
     "register",
     "render",
     "selfcheck",

@@ -10,6 +10,7 @@ from jaxtyping import Complex128, Float64, Int64
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, check_drive
@@ -173,10 +174,9 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
 def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
     """Return the transfer matrix for an array whose placement has already been checked."""
     sources = beacons.sources
-    count = len(sources.positions)
-    received = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
+    means = _means_on_faces(beacons, array)
     # Stored fields are NaN outside their samples.
-    unknown = ~np.isfinite(received).all(axis=(1, 2))
+    unknown = ~np.isfinite(means).all(axis=0)
     if unknown.any():
         first = int(unknown.argmax())
         raise InvalidInput(
@@ -187,7 +187,6 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
             code="data_missing",
         )
     element = array.element
-    means = np.einsum("eqf,q->fe", received, element.weights)
     matrix = strength_in(beacons.scene, array) * element.sensitivity * means * array.gains
     errors = beacons.error_at(array.positions)
     error = float(np.max(errors))
@@ -202,6 +201,34 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
             stacklevel=2,
         )
     return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)
+
+
+def _means_on_faces(
+    beacons: RadiatedField, array: PhasedArray
+) -> Complex128[np.ndarray, "foci elements"]:
+    """Return the weighted mean of the pressure of each beacon over the face of each element."""
+    count = len(beacons.sources.positions)
+    weights = array.element.weights
+    scattering = beacons.scattering_sources if count > 64 else None
+    if scattering is None:
+        received = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
+        return np.einsum("eqf,q->fe", received, weights)
+    # With many beacons most of the time goes into the product with the strengths of the scattering
+    # monopoles. The mean over each face is taken first, so the product has one column per element.
+    emitting = np.concatenate([beacons.sources.positions, scattering.positions])
+    wavenumber = beacons.scene.wavenumber
+    strengths = weights[:, None].astype(np.complex128)
+    means = np.empty((count, len(array)), dtype=np.complex128)
+    for first in range(0, len(array), 64):
+        faces = array.face_points[first : first + 64]
+        columns = [
+            monopole_pressure(emitting, face, strengths, wavenumber, "float64")
+            for face in faces
+        ]
+        pressures = np.concatenate(columns, axis=1)
+        scattered = scattering.strengths.T @ pressures[count:]
+        means[:, first : first + 64] = pressures[:count] + scattered
+    return means
 
 
 def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> TransferMatrix:

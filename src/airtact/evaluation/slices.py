@@ -9,6 +9,7 @@ from jaxtyping import Complex128, Float64, Inexact, Int64, Real
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.errors import in_short
 from airtact.evaluation.windows import Window
+from airtact.geometry.surface import Surface
 
 # Largest number of points at which the field is evaluated for all planes together
 MAX_POINTS = 36_000
@@ -222,29 +223,43 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
     field : field of a solver.
     columns : the S excitations to show.
     """
-    from trimesh.remesh import subdivide_to_size
-
     if not field.scene.obstacles:
         return None
+    surfaces = [obstacle.surface for obstacle in field.scene.obstacles]
+    points, triangles, _ = fine_meshes(surfaces, 0.3 * field.scene.wavelength)
+    pressure = pressure_on_surfaces(field, points)[:, list(columns)]
+    return SurfacePressure(points, triangles, np.abs(pressure))
+
+
+def fine_meshes(
+    surfaces: Sequence[Surface], longest_edge: float
+) -> tuple[
+    Float64[np.ndarray, "vertices 3"],
+    Int64[np.ndarray, "triangles 3"],
+    Int64[np.ndarray, "vertices"],
+]:
+    """Divide the triangles of surfaces until no edge is longer than ``longest_edge`` [m].
+
+    Returns
+    -------
+    The vertices [m], the triangles, and the index of the surface of each vertex.
+    """
+    from trimesh.remesh import subdivide_to_size
+
     vertices = []
     triangles = []
     count = 0
-    for obstacle in field.scene.obstacles:
-        surface = obstacle.surface
+    for surface in surfaces:
         points, corners, *_ = subdivide_to_size(
-            surface.vertices,
-            surface.triangles,
-            max_edge=0.3 * field.scene.wavelength,
-            max_iter=20,
+            surface.vertices, surface.triangles, max_edge=longest_edge, max_iter=20
         )
         # Merge the corners of the subdivided triangles; otherwise they are shaded as facets.
         points, numbers = np.unique(points.round(9), axis=0, return_inverse=True)
         vertices.append(points)
         triangles.append(numbers.reshape(-1)[corners] + count)
         count += len(points)
-    points = np.concatenate(vertices)
-    pressure = pressure_on_surfaces(field, points)[:, list(columns)]
-    return SurfacePressure(points, np.concatenate(triangles).astype(np.int64), np.abs(pressure))
+    body = np.repeat(np.arange(len(surfaces)), [len(points) for points in vertices])
+    return np.concatenate(vertices), np.concatenate(triangles).astype(np.int64), body
 
 
 def pressure_on_surfaces(

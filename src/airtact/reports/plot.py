@@ -8,7 +8,10 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from mpl_toolkits.mplot3d import Axes3D
 
 from airtact.acoustics.scene import Scene
@@ -20,13 +23,14 @@ from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.metrics import Evaluation
 from airtact.evaluation.windows import plane_across, plane_of_scene
 from airtact.reports.array_figures import draw_faces, draw_in_space, view_of
-from airtact.reports.field_figure import Cut, draw_difference, draw_field, solid_depth
+from airtact.reports.field_figure import COLOURS, Cut, draw_difference, draw_field, solid_depth
 from airtact.reports.plots import draw_foci
-from airtact.reports.solids import broad_view, space_axes
+from airtact.reports.solids import View, add_solid, broad_view, frame, space_axes
+from airtact.setup.reaching import ReachMap
 from airtact.setup.rendering import Rendering
 from airtact.transducers.layout import PhasedArray
 
-__all__ = ["field", "pads", "phases", "scene"]
+__all__ = ["field", "pads", "phases", "reach", "scene"]
 
 Plane = Literal["xy", "xz", "yz"]
 
@@ -237,6 +241,39 @@ def pads(
     else:
         draw_foci(axes, {"": plotted.magnitudes}, plotted.target.pressures)
     return axes
+
+
+def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
+    """Plot the skin, coloured by the largest pressure that the array can produce there.
+
+    Parameters
+    ----------
+    result : result of ``reach``.
+    ax : axes with ``projection="3d"`` to draw into; by default those of a new figure, seen from the
+        side of the array.
+    """
+    of_kind(result, ReachMap, "the plotted result", "what reach() returned")
+    if ax is None:
+        from matplotlib import pyplot
+
+        ax = space_axes(pyplot.figure(layout="constrained"), view_of_reach(result))
+    kilopascals = 1e-3 * result.on_skin[result.triangles].mean(axis=1)
+    scale = ScalarMappable(Normalize(0.0, 1e-3 * result.bounds.max()), colormaps[COLOURS])
+    add_solid(ax, 1e3 * result.vertices[result.triangles], scale.to_rgba(kilopascals))
+    frame(ax, 1e3 * result.vertices)
+    ax.figure.colorbar(scale, ax=ax, label="largest peak pressure [kPa]", shrink=0.6)
+    return ax
+
+
+def view_of_reach(result: ReachMap) -> View:
+    """Return the direction from which the array sees the skin, or the skin's broad side in a box."""
+    towards = -result.setup.array.normals.mean(axis=0)
+    length = float(np.linalg.norm(towards))
+    if length < 0.3:
+        return broad_view(result.vertices)
+    azimuth = float(np.degrees(np.arctan2(towards[1], towards[0])))
+    # 20 degrees aside, because a view along the normal of a palm hides its shape
+    return azimuth + 20.0, float(np.degrees(np.arcsin(towards[2] / length)))
 
 
 def _axes(ax: Axes | None) -> Axes:

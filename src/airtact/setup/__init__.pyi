@@ -7,6 +7,8 @@ from .explaining import why as why
 from .placing import Layout as Layout
 from .placing import Placement as Placement
 from .placing import place as place
+from .reaching import ReachMap as ReachMap
+from .reaching import reach as reach
 from .rendering import Rendering as Rendering
 from .rendering import render as render
 from .sequences import MovingDrive as MovingDrive

@@ -141,13 +141,20 @@ class BoundaryField(RadiatedField):
 
     @property
     def scattering_sources(self) -> Monopoles | None:
-        """Monopoles of the transposed solution; None if a source touches a body.
+        """Monopoles of the transposed solution, and the image of each source on a body.
 
-        They are also None in front of a plane, because the images of the sources would be missing.
+        It is None in front of a plane, because the images of the sources would be missing.
         """
-        if self.density is None or (self.factors > 1).any() or self.scene.planes:
+        if self.density is None or self.scene.planes:
             return None
-        return self.transposed.scattering
+        monopoles = self.transposed.scattering
+        images = self.factors > 1
+        if not images.any():
+            return monopoles
+        return Monopoles(
+            np.concatenate([monopoles.positions, self.sources.positions[images]]),
+            np.concatenate([monopoles.strengths, self.sources.strengths[images]]),
+        )
 
     @property
     def without_images(self) -> "BoundaryField":

@@ -476,14 +476,25 @@ class BoundaryElement(Solver):
                 total += matrix.times(vectors, transposed)
             return total
 
-        # A cavity makes the equations ill-conditioned, so the error of the solution counts too.
-        # Sound decays slowly between boards that face each other.
-        result = gmres(
-            product,
-            right_sides,
-            tolerance,
-            error=0.5 * self.accuracy,
-            most_iterations=600 if scene.boards else 120,
+        # Each right-hand side has its own basis of 16 vectors or more, so hundreds of right-hand
+        # sides are solved in groups that need at most about 0.2 GB each.
+        group = max(32, int(1.5e6 / right_sides.shape[1]))
+        results = [
+            # A cavity makes the equations ill-conditioned, so the error of the solution counts too.
+            # Sound decays slowly between boards that face each other.
+            gmres(
+                product,
+                right_sides[first : first + group],
+                tolerance,
+                error=0.5 * self.accuracy,
+                most_iterations=600 if scene.boards else 120,
+            )
+            for first in range(0, len(right_sides), group)
+        ]
+        result = GmresResult(
+            np.concatenate([part.solution for part in results]),
+            np.concatenate([part.residuals for part in results]),
+            max(part.iterations for part in results),
         )
         return replace(result, solution=result.solution.astype(np.complex128) * size[:, None])
 

@@ -1,0 +1,90 @@
+"""``airtact reach``: map the largest pressure that the array can produce on the skin."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from airtact.cli.console import open_page, plain_table, progress, show
+from airtact.cli.options import as_json, open_result, pictures, quiet, results, scene
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from airtact.setup.reaching import ReachMap
+
+
+@click.command(
+    short_help="Map the largest pressure that the array can produce on the skin.",
+    epilog="Example: airtact reach pinch --out out/reach",
+)
+@scene
+@results
+@click.option(
+    "--points",
+    type=click.IntRange(min=1, max=5000),
+    default=500,
+    help="Number of points on the skin; 500.",
+)
+@click.option(
+    "--accuracy",
+    type=float,
+    default=0.03,
+    help="Requested relative error of boundary elements; 0.03.",
+)
+@pictures
+@open_result
+@as_json
+@quiet
+def reach(
+    scene: Path, folder: Path, points: int, accuracy: float, pictures: bool, opened: bool
+) -> None:
+    """Map the largest pressure that the array of SCENE can produce on the skin.
+
+    Writes reach.csv and the page reach.html. The bodies are in the sound, all transducers are at
+    full scale and in phase at one point of the skin. No drive gives more there.
+    """
+    with progress() as report_step:
+        report_step(f"reading {scene.name}")
+        import airtact as at
+        from airtact.files.atomic import writable_folder
+
+        setup = at.read_scene(scene)
+        writable_folder(folder)
+        result = at.reach(setup, points, accuracy, report_step)
+        written = [folder / "reach.csv"]
+        result.save(written[0])
+        if pictures:
+            from airtact.reports.reach_page import write_reach_page
+
+            report_step("drawing the page")
+            written.append(folder / "reach.html")
+            write_reach_page(written[1], result)
+        else:
+            (folder / "reach.html").unlink(missing_ok=True)  # from an older run
+    show(
+        _table(result),
+        lines=[f"{'Page' if pictures else 'Table'}: {written[-1]}"],
+        record={
+            "points": result.table(),
+            "unknowns": result.report.nodes,
+            "files": {file.name: str(file) for file in written},
+        },
+    )
+    if opened:
+        open_page(written[-1])
+
+
+def _table(result: "ReachMap") -> "Table":
+    table = plain_table("part", "points", "weakest", "strongest", "x", "y", "z")
+    table.title = f"Largest pressure at {len(result.bounds):,} points of the skin"
+    table.caption = "x, y, z: the strongest point of each part."
+    for name, weakest, strongest in result.extremes:
+        table.add_row(
+            name,
+            str(result.places.count(name)),
+            f"{1e-3 * result.bounds[weakest]:.2f} kPa",
+            f"{1e-3 * result.bounds[strongest]:.2f} kPa",
+            *(f"{1e3 * number:.1f} mm" for number in result.points[strongest]),
+        )
+    return table

@@ -1,0 +1,217 @@
+"""The largest pressure that an array can produce at each point of the skin."""
+
+import csv
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.spatial import KDTree
+
+from airtact.acoustics.planes import before_planes
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.problem import SolveReport
+from airtact.acoustics.target import Beacons
+from airtact.drives.drive import Drive
+from airtact.drives.transfer import TransferMatrix, transfer_to
+from airtact.errors import InvalidInput, between, counted, of_kind, one_line, span
+from airtact.evaluation.slices import fine_meshes
+from airtact.files.atomic import whole_file
+from airtact.setup.setup import Setup
+from airtact.timing import Progress, no_progress
+from airtact.touch.skin import skin_of
+
+Points = Float64[np.ndarray, "points 3"]
+Vertices = Float64[np.ndarray, "vertices 3"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReachMap:
+    """The largest pressure that any drive can produce at each point of the skin.
+
+    Attributes
+    ----------
+    setup : scene and array.
+    vertices, normals : (V, 3) vertices of the skin of all bodies [m], and outward unit normals.
+    triangles : (T, 3) indices of vertices.
+    chosen : (P,) indices of the vertices whose pressure was computed.
+    places : part of the skin at each of these points, such as "index", "palm" or the body's name.
+    transfer : transfer matrix of these points.
+    report : report of the solve.
+    """
+
+    setup: Setup
+    vertices: Vertices
+    normals: Vertices
+    triangles: Int64[np.ndarray, "triangles 3"]
+    chosen: Int64[np.ndarray, "points"]
+    places: tuple[str, ...]
+    transfer: TransferMatrix
+    report: SolveReport
+
+    def __repr__(self) -> str:
+        points = counted(len(self.chosen), "point", "points")
+        return one_line(self, points, f"at most {span(self.bounds, 'Pa')}")
+
+    @property
+    def points(self) -> Points:
+        """(P, 3) the points whose pressure was computed [m]."""
+        return self.vertices[self.chosen]
+
+    @cached_property
+    def bounds(self) -> Float64[np.ndarray, "points"]:
+        """(P,) largest peak pressure at each point, with all elements in phase there [Pa]."""
+        return np.abs(self.transfer.matrix).sum(axis=1)
+
+    def drive(self, point: int) -> Drive:
+        """Return the drive that produces the largest pressure at a point, given by its index."""
+        return Drive(np.exp(-1j * np.angle(self.transfer.matrix[point])))
+
+    @property
+    def extremes(self) -> list[tuple[str, int, int]]:
+        """Name of each part of the skin, and indices of its weakest and strongest point."""
+        names = np.array(self.places)
+        parts = [(name, np.flatnonzero(names == name)) for name in dict.fromkeys(self.places)]
+        return [
+            (name, int(part[self.bounds[part].argmin()]), int(part[self.bounds[part].argmax()]))
+            for name, part in parts
+        ]
+
+    @cached_property
+    def on_skin(self) -> Float64[np.ndarray, "vertices"]:
+        """(V,) the bound at all vertices of the skin, interpolated from the nearest points [Pa]."""
+        # The normal counts as 8 mm, so that the two sides of a finger do not mix.
+        sides = np.column_stack([self.vertices, 8e-3 * self.normals])
+        count = min(6, len(self.chosen))
+        distances, nearest = KDTree(sides[self.chosen]).query(sides, k=[*range(1, count + 1)])
+        weights = 1.0 / (np.asarray(distances) + 1e-6) ** 2
+        return (weights * self.bounds[nearest]).sum(axis=1) / weights.sum(axis=1)
+
+    def table(self) -> list[dict[str, str | float]]:
+        """Return one row per point: place, x, y, z and normal [m], bound [Pa]."""
+        columns = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "bound_Pa")
+        numbers = np.column_stack([self.points, self.normals[self.chosen], self.bounds])
+        return [
+            {"place": place, **dict(zip(columns, row, strict=True))}
+            for place, row in zip(self.places, numbers.tolist(), strict=True)
+        ]
+
+    def save(self, path: str | Path) -> None:
+        """Write ``table`` (.csv)."""
+        with whole_file(Path(path)) as partial, partial.open("w", newline="") as file:
+            self.write(file)
+
+    def write(self, file: TextIO) -> None:
+        """Write ``table`` as CSV into an open file."""
+        rows = self.table()
+        table = csv.writer(file)
+        table.writerow(rows[0])
+        for row in rows:
+            table.writerow([x if isinstance(x, str) else f"{x:.6g}" for x in row.values()])
+
+
+def reach(
+    setup: Setup,
+    points: int = 500,
+    accuracy: float = 0.03,
+    progress: Progress = no_progress,
+) -> ReachMap:
+    """Compute the largest pressure that the array can produce at points all over the skin.
+
+    The bodies are in the sound. By reciprocity, one solve with a beacon at each point gives the
+    pressure of every element there. The bound is the sum of their magnitudes: all elements at full
+    scale and in phase at the point. Gains and dead elements are included. No drive exceeds it, and
+    a single drive reaches it at one point only.
+
+    Parameters
+    ----------
+    setup : scene and array; its foci are not used.
+    points : number of points, spread evenly over the skin, 1 to 5,000.
+    accuracy : requested relative error of boundary elements. Other solvers keep theirs.
+    progress : called with a description of each step as it begins.
+
+    Raises
+    ------
+    InvalidInput
+        If the scene has no body, or a number is out of range.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> ball = at.Scene(at.air(), [at.sound_hard(at.sphere(0.01))])
+    >>> above = at.Target((0.0, 0.0, 0.011))
+    >>> board = at.autd3_board().facing((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.2)
+    >>> result = at.reach(at.Setup(ball, board, above), points=40, accuracy=0.06)
+    >>> result.points[result.bounds.argmax(), 2] > 0.0  # towards the board
+    True
+    """
+    import trimesh  # imported here because the import takes as long as that of airtact
+
+    of_kind(setup, Setup, "the setup", "read_scene(path)")
+    if not isinstance(points, int | np.integer) or not 1 <= points <= 5000:
+        raise InvalidInput(
+            f"the number of points is {points!r}: use a whole number, 1 to 5000.",
+            code="out_of_range",
+        )
+    scene = setup.scene
+    surfaces = {
+        name: obstacle.surface
+        for name, obstacle in zip(setup.bodies, scene.obstacles, strict=True)
+        if not obstacle.board
+    }
+    if not surfaces:
+        raise InvalidInput(
+            "the scene has no body, so there is no skin to map: add a hand or another body.",
+            code="empty",
+        )
+    progress(f"spreading {counted(points, 'point', 'points')} over the skin")
+    vertices, triangles, body = fine_meshes([*surfaces.values()], 0.3 * scene.wavelength)
+    normals = np.array(trimesh.Trimesh(vertices, triangles, process=False).vertex_normals)
+    beside = vertices + 0.5e-3 * normals
+    # Skin in a crevice, on another body or behind a plane receives no sound.
+    free = (scene.depth(beside) < -0.1e-3) & before_planes(scene.planes, beside)
+    candidates = np.flatnonzero(free)
+    chosen = candidates[_spread(vertices[candidates], points)]
+    for index, surface in enumerate(surfaces.values()):
+        # Divided triangles are flat, but the bodies are curved.
+        own = chosen[body[chosen] == index]
+        vertices[own] = surface.shape.project(vertices[own])
+    solver = setup.solver.reporting(progress)
+    if isinstance(solver, BoundaryElement):
+        accuracy = between(accuracy, 1e-3, 0.3, "the accuracy", "", "use a number such as 0.03.")
+        solver = replace(solver, accuracy=accuracy, estimate=False)
+    # These beacons are no foci, so the panels are not refined around each of them. On the skin
+    # coarse panels leave an error of 1 %, but of 2 % half a millimetre above it.
+    beacons = solver.radiate(scene, Beacons(vertices[chosen], np.eye(len(chosen), dtype=complex)))
+    progress(f"evaluating the beacons at {counted(len(setup.array), 'element', 'elements')}")
+    transfer = transfer_to(beacons, setup.array)
+    names = [*surfaces]
+    places = _parts(setup, vertices[chosen], [names[index] for index in body[chosen]])
+    return ReachMap(
+        setup, vertices, normals, triangles, chosen, places, transfer, beacons.report
+    )
+
+
+def _spread(points: Points, count: int) -> list[int]:
+    """Return the indices of ``count`` points, each the farthest from all before it."""
+    chosen = [0]
+    distance = np.full(len(points), np.inf)
+    for _ in range(min(count, len(points)) - 1):
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        chosen.append(int(distance.argmax()))
+    return chosen
+
+
+def _parts(setup: Setup, points: Points, bodies: list[str]) -> tuple[str, ...]:
+    """Return the name of the part of the hand at each point, or of its body."""
+    names = np.array(bodies, dtype=object)
+    for hand in setup.hands:
+        parts = skin_of(hand, 10e-3)
+        # A scanned skin deviates from that of its joints by a few millimetres.
+        away, nearest = KDTree(parts.points).query(points)
+        near = np.asarray(away) < 10e-3
+        side = f"{hand.side}." if len(setup.hands) > 1 else ""
+        names[near] = [side + parts.places[parts.place[index]] for index in nearest[near]]
+    return tuple(names)
