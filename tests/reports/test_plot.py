@@ -147,3 +147,16 @@ def test_pads_stand_beside_what_was_asked(evaluation, comparison) -> None:
 def test_plots_that_cannot_be_made_are_rejected(evaluation, comparison, draw, code) -> None:
     with raises_code(code):
         draw(evaluation, comparison)
+
+
+def test_reach_colours_the_skin_by_the_bound() -> None:
+    ball = at.Scene(at.air(), [at.sound_hard(at.sphere(9e-3, 2e-3))])
+    board = at.autd3_board().facing((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 0.1)
+    result = at.reach(at.Setup(ball, board, at.Target((0.0, 0.0, 0.012))), 20, 0.06)
+    axes = at.plot.reach(result)
+    assert axes.get_xlabel() == "x [mm]"
+    (bar,) = [other for other in axes.figure.axes if other is not axes]
+    assert "kPa" in bar.get_ylabel()
+    assert bar.get_ylim()[1] == pytest.approx(1e-3 * result.bounds.max())
+    # Seen from the side of the array, which is below
+    assert axes.elev < 0.0

@@ -79,7 +79,7 @@ Shown = tuple[list["Table"], tuple[str, ...], dict[str, Any]]
 
 
 def _check_scene(path: Path, folder: Path | None, report_step: Progress) -> Shown:
-    from airtact.setup.sentences import reach_cautions
+    from airtact.setup.sentences import facing_away, reach_cautions
     from airtact.setup.solving import unknowns_of
 
     report_step(f"reading {path.name}")
@@ -93,7 +93,7 @@ def _check_scene(path: Path, folder: Path | None, report_step: Progress) -> Show
     report_step(f"checking which of {len(setup.target.points):,} foci the array reaches")
     return (
         list(_scene_tables(setup, unknowns)),
-        reach_cautions(setup),
+        (*reach_cautions(setup), *facing_away(setup)),
         _scene_record(setup, unknowns),
     )
 

@@ -17,15 +17,18 @@ if TYPE_CHECKING:
 
 @click.command(
     short_help="Explain the causes of low pressure at each focus of a scene.",
-    epilog="Example: airtact why pinch --out why.csv",
+    epilog="Example: airtact why pinch --page why.html",
 )
 @scene
 @click.option("--session", type=FILE, help="Recorded session.h5 whose tracking is included.")
 @click.option("--out", "file", type=FILE, help="Table to write, .csv.")
+@click.option("--page", type=FILE, help="Page to write, .html, with a waterfall for each focus.")
 @store
 @as_json
 @quiet
-def why(scene: Path, session: Path | None, file: Path | None, store: Path | None) -> None:
+def why(
+    scene: Path, session: Path | None, file: Path | None, page: Path | None, store: Path | None
+) -> None:
     """Show the pressure at each focus of SCENE, from open air to what is emitted.
 
     Each row adds one cause, such as the hand's shadow or the other foci. The last line names the
@@ -46,9 +49,13 @@ def why(scene: Path, session: Path | None, file: Path | None, store: Path | None
         explained = at.setup.why(at.render(setup, store=store, progress=report_step), kept)
         if file is not None:
             explained.save(file)
+        if page is not None:
+            from airtact.reports.why_page import write_why_page
+
+            write_why_page(page, explained, setup.title, setup.text)
     show(
         _table(explained),
-        lines=[explained.advice],
+        lines=[explained.advice, *(f"Written: {path}" for path in (file, page) if path)],
         record={
             "foci": list(explained.foci),
             "causes": [

@@ -222,8 +222,7 @@ def _means_on_faces(
     for first in range(0, len(array), 64):
         faces = array.face_points[first : first + 64]
         columns = [
-            monopole_pressure(emitting, face, strengths, wavenumber, "float64")
-            for face in faces
+            monopole_pressure(emitting, face, strengths, wavenumber, "float64") for face in faces
         ]
         pressures = np.concatenate(columns, axis=1)
         scattered = scattering.strengths.T @ pressures[count:]

@@ -266,7 +266,7 @@ def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
 
 
 def view_of_reach(result: ReachMap) -> View:
-    """Return the direction from which the array sees the skin, or the skin's broad side in a box."""
+    """Return the direction from the skin to the array; in a box, that of the skin's broad side."""
     towards = -result.setup.array.normals.mean(axis=0)
     length = float(np.linalg.norm(towards))
     if length < 0.3:

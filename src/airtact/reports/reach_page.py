@@ -1,7 +1,6 @@
 """The page of a map of reach: the skin in 3-D, the extremes of each part, the table as CSV."""
 
 import base64
-import io
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +21,6 @@ def write_reach_page(path: Path, result: ReachMap) -> None:
     """Write reach.html; the file appears only once it is complete."""
     setup = result.setup
     kilopascals = 1e-3 * result.bounds
-    table = io.StringIO()
-    result.write(table)
     rows = []
     for name, *ends in result.extremes:
         row = [name]
@@ -45,7 +42,7 @@ def write_reach_page(path: Path, result: ReachMap) -> None:
             (f"{kilopascals.min():.3g} kPa", "at the weakest point"),
         ],
         rows=rows,
-        table=base64.b64encode(table.getvalue().encode()).decode("ascii"),
+        table=base64.b64encode(result.csv.encode()).decode("ascii"),
         still=_still(result),
         report=result.report,
         not_modelled=not_modelled(result.report),
@@ -71,8 +68,6 @@ def _facts(result: ReachMap) -> tuple[dict[str, Any], bytes]:
     array = setup.array
     everything = np.concatenate([array.positions, result.vertices])
     sheets = [sheet_of(plane, everything) for plane in setup.scene.planes]
-    # An array on all sides would hide the hand, so only the transducers behind it are drawn.
-    surrounding = bool(np.linalg.norm(array.normals.mean(axis=0)) < 0.3)
     seen = towards_viewer(*plot.view_of_reach(result))
     aside = towards_viewer(*broad_view(everything))
     places, data = joined(
@@ -122,6 +117,7 @@ def _facts(result: ReachMap) -> tuple[dict[str, Any], bytes]:
             }
             for name, (middle, reach, way) in views.items()
         },
-        "backs": not surrounding,
+        # The backs of transducers would hide the skin.
+        "backs": False,
     }
     return facts, data

@@ -1,7 +1,7 @@
 """Causes of a weak focus, and the pressure that each takes from what the array could produce."""
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,6 +14,8 @@ from airtact.drives.head_level import HeadLevel
 from airtact.drives.methods import best
 from airtact.drives.transfer import TransferMatrix, open_air_matrix
 from airtact.errors import in_short
+from airtact.evaluation.field import drive_sources
+from airtact.evaluation.steepening import steepening
 from airtact.files.atomic import whole_file
 from airtact.setup.rendering import Rendering
 from airtact.transducers.layout import PhasedArray
@@ -142,7 +144,9 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
         Cause("rounding to levels", np.abs(transfer.pressure(rounded)), "use finer levels")
     )
     last = causes[-1].pressures
-    if setup.board is not None:
+    emitted = rounded
+    # Boards that only switch on and off cannot be turned down, and ``emit`` asks for a cap.
+    if setup.board is not None and not setup.levels.phase_only:
         array = setup.array
         level = HeadLevel(
             rounded.amplitudes[None],
@@ -153,13 +157,16 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
         )
         cap = min(1.0, level.safe_cap() / rounded.peak)
         if cap < 0.999:
-            capped = quantise(Drive(cap * result.drive.amplitudes), setup.levels).drive()
-            last = np.abs(transfer.pressure(capped))
+            emitted = quantise(Drive(cap * result.drive.amplitudes), setup.levels).drive()
+            last = np.abs(transfer.pressure(emitted))
             remedy = "raise the cap if no head is near (--cap)"
             causes.append(Cause("the level limit at a head", last, remedy))
-    # The loss by steepening is smaller for a capped drive.
-    share = float(np.mean(last) / np.mean(np.abs(transfer.pressure(result.drive))))
-    in_real_air = result.steepening.scaled(share).kept
+    # The steepening depends on the emitted drive, which rounding or a cap may have changed.
+    in_real_air = np.ones(count)
+    if last.any():
+        sources = drive_sources(setup.array, [emitted], setup.scene)
+        emitting = replace(result.verification.field, sources=sources)
+        in_real_air = steepening(emitting, target.points, last).kept
     if np.nanmin(in_real_air, initial=1.0) < 0.99:
         last = last * np.where(np.isfinite(in_real_air), in_real_air, 1.0)
         remedy = "surround the hand with boards"

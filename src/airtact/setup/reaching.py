@@ -1,10 +1,10 @@
 """The largest pressure that an array can produce at each point of the skin."""
 
 import csv
+import io
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -16,7 +16,7 @@ from airtact.acoustics.solvers.problem import SolveReport
 from airtact.acoustics.target import Beacons
 from airtact.drives.drive import Drive
 from airtact.drives.transfer import TransferMatrix, transfer_to
-from airtact.errors import InvalidInput, between, counted, of_kind, one_line, span
+from airtact.errors import InvalidInput, between, counted, of_kind, one_line
 from airtact.evaluation.slices import fine_meshes
 from airtact.files.atomic import whole_file
 from airtact.setup.setup import Setup
@@ -53,7 +53,8 @@ class ReachMap:
 
     def __repr__(self) -> str:
         points = counted(len(self.chosen), "point", "points")
-        return one_line(self, points, f"at most {span(self.bounds, 'Pa')}")
+        bounds = f"{self.bounds.min():,.0f} to {self.bounds.max():,.0f} Pa"
+        return one_line(self, points, f"at most {bounds}")
 
     @property
     def points(self) -> Points:
@@ -85,8 +86,9 @@ class ReachMap:
         # The normal counts as 8 mm, so that the two sides of a finger do not mix.
         sides = np.column_stack([self.vertices, 8e-3 * self.normals])
         count = min(6, len(self.chosen))
-        distances, nearest = KDTree(sides[self.chosen]).query(sides, k=[*range(1, count + 1)])
-        weights = 1.0 / (np.asarray(distances) + 1e-6) ** 2
+        found = map(np.asarray, KDTree(sides[self.chosen]).query(sides, k=count))
+        distances, nearest = (values.reshape(-1, count) for values in found)
+        weights = 1.0 / (distances + 1e-6) ** 2
         return (weights * self.bounds[nearest]).sum(axis=1) / weights.sum(axis=1)
 
     def table(self) -> list[dict[str, str | float]]:
@@ -100,16 +102,19 @@ class ReachMap:
 
     def save(self, path: str | Path) -> None:
         """Write ``table`` (.csv)."""
-        with whole_file(Path(path)) as partial, partial.open("w", newline="") as file:
-            self.write(file)
+        with whole_file(Path(path)) as partial:
+            partial.write_text(self.csv, encoding="utf-8", newline="")
 
-    def write(self, file: TextIO) -> None:
-        """Write ``table`` as CSV into an open file."""
+    @property
+    def csv(self) -> str:
+        """``table`` as the text of a CSV file."""
         rows = self.table()
-        table = csv.writer(file)
+        text = io.StringIO()
+        table = csv.writer(text)
         table.writerow(rows[0])
         for row in rows:
             table.writerow([x if isinstance(x, str) else f"{x:.6g}" for x in row.values()])
+        return text.getvalue()
 
 
 def reach(
@@ -140,11 +145,11 @@ def reach(
     Examples
     --------
     >>> import airtact as at
-    >>> ball = at.Scene(at.air(), [at.sound_hard(at.sphere(0.01))])
+    >>> ball = at.Scene(at.air(), [at.sound_hard(at.sphere(0.01, 2e-3))])
     >>> above = at.Target((0.0, 0.0, 0.011))
     >>> board = at.autd3_board().facing((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.2)
     >>> result = at.reach(at.Setup(ball, board, above), points=40, accuracy=0.06)
-    >>> result.points[result.bounds.argmax(), 2] > 0.0  # towards the board
+    >>> bool(result.points[result.bounds.argmax(), 2] > 0.0)  # towards the board
     True
     """
     import trimesh  # imported here because the import takes as long as that of airtact
@@ -189,9 +194,7 @@ def reach(
     transfer = transfer_to(beacons, setup.array)
     names = [*surfaces]
     places = _parts(setup, vertices[chosen], [names[index] for index in body[chosen]])
-    return ReachMap(
-        setup, vertices, normals, triangles, chosen, places, transfer, beacons.report
-    )
+    return ReachMap(setup, vertices, normals, triangles, chosen, places, transfer, beacons.report)
 
 
 def _spread(points: Points, count: int) -> list[int]:
@@ -210,8 +213,8 @@ def _parts(setup: Setup, points: Points, bodies: list[str]) -> tuple[str, ...]:
     for hand in setup.hands:
         parts = skin_of(hand, 10e-3)
         # A scanned skin deviates from that of its joints by a few millimetres.
-        away, nearest = KDTree(parts.points).query(points)
-        near = np.asarray(away) < 10e-3
+        away, nearest = map(np.asarray, KDTree(parts.points).query(points))
+        near = away < 10e-3
         side = f"{hand.side}." if len(setup.hands) > 1 else ""
         names[near] = [side + parts.places[parts.place[index]] for index in nearest[near]]
     return tuple(names)

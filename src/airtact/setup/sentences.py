@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 import airtact as at
+from airtact.acoustics.target_points import outward
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import upper_bound
 from airtact.drives.methods import METHODS
@@ -149,6 +150,26 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
                 f"{bound:,.0f} Pa in open air{words}. Request less, or use more boards."
             )
     return tuple(cautions)
+
+
+def facing_away(setup: Setup) -> Iterator[str]:
+    """Warn about foci on skin that faces away from all transducers, before the solve."""
+    scene = setup.scene
+    if not scene.obstacles or scene.boards:
+        return
+    points = setup.target.points
+    normals = outward(scene.depth, points)
+    depths = np.stack([obstacle.surface.depth(points) for obstacle in scene.obstacles])
+    skin = with_skin(setup)
+    for index, (name, point) in enumerate(zip(setup.foci, points, strict=True)):
+        # On an open hand the bound on such skin is a fifth of that on skin that faces the array.
+        if skin[index] and ((setup.array.positions - point) @ normals[index] < 0.0).all():
+            body = setup.bodies[int(depths[:, index].argmax())]
+            yield (
+                f"{name} faces away from all transducers, so it is in the shadow of {body}: turn "
+                f"{body}, or move boards to the side that {name} faces (airtact place). airtact "
+                "reach maps the skin that the array reaches."
+            )
 
 
 def sensations(

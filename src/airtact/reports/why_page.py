@@ -1,0 +1,61 @@
+"""The page that explains weak foci: for each focus a waterfall of the causes."""
+
+from pathlib import Path
+from typing import Any
+
+from airtact.reports.page import write_page
+from airtact.setup.explaining import Explanation
+
+
+def write_why_page(path: Path, explained: Explanation, title: str, text: str) -> None:
+    """Write the page; the file appears only once it is complete.
+
+    Parameters
+    ----------
+    path : file of the page.
+    explained : the causes.
+    title, text : name and content of the scene file.
+    """
+    last = explained.causes[-1].pressures
+    weakest = int(last.argmin())
+    remedies = {cause.name: cause.remedy for cause in explained.causes if cause.remedy}
+    write_page(
+        path,
+        "why.html.j2",
+        title=f"airtact: why {title}",
+        name=title,
+        advice=explained.advice,
+        charts=[_waterfall(explained, focus) for focus in range(len(explained.foci))],
+        headline=f"{last[weakest]:,.0f} Pa of {explained.causes[0].pressures[weakest]:,.0f} Pa "
+        f"remain at the weakest focus, {explained.foci[weakest]}.",
+        remedies=[[name, remedy] for name, remedy in remedies.items()],
+        text=text,
+    )
+
+
+def _waterfall(explained: Explanation, focus: int) -> dict[str, Any]:
+    """Return the bars of one focus: name, start and length [%], pressure and change in words."""
+    pressures = [float(cause.pressures[focus]) for cause in explained.causes]
+    largest = max(pressures)
+    bars = []
+    before = 0.0
+    for cause, after in zip(explained.causes, pressures, strict=True):
+        kind = "total" if not bars else "loss" if after < before else "gain"
+        change = f"{100.0 * (after / before - 1.0):+.0f} %" if bars and before > 0.0 else ""
+        change = "0 %" if change in ("+0 %", "-0 %") else change
+        bars.append(
+            {
+                "name": cause.name,
+                "kind": kind,
+                "start": 100.0 * min(before, after) / largest,
+                "length": 100.0 * abs(after - before) / largest,
+                "pressure": f"{after:,.0f} Pa",
+                "change": change.replace("-", "−"),
+            }
+        )
+        before = after
+    share = 100.0 * before / largest
+    words = f"{before:,.0f} Pa"
+    end = {"name": "what remains", "kind": "total", "start": 0.0, "length": share}
+    bars.append({**end, "pressure": words, "change": ""})
+    return {"focus": explained.foci[focus], "bars": bars, "words": words}
