@@ -83,6 +83,25 @@ def timed(new: Callable[[float, int], float]) -> Callable[[Frame, int], Frame]:
     return by(time=lambda frame, index: new(frame["time"], index))
 
 
+def repeated_after(count: int) -> Callable[[Frame, int], Frame]:
+    """Send the same frame again and again after so many."""
+    kept: list[Frame] = []
+
+    def damage(frame: Frame, index: int) -> Frame:
+        if index <= count:
+            kept[:] = [frame]
+        return kept[0]
+
+    return damage
+
+
+def drifting(frame: Frame, index: int) -> Frame:
+    """Move the tip of the index finger away from the hand, 1 mm per frame."""
+    points = np.array(frame["landmarks"])
+    points[8] += [0.0, 0.05 + 1e-3 * index, 0.0]
+    return frame | {"landmarks": points.tolist()}
+
+
 random = np.random.default_rng(1)
 BEGUN = time.monotonic()
 order = [*range(24, -1, -1)]
@@ -90,10 +109,14 @@ order = [*range(24, -1, -1)]
 DAMAGED: dict[str, Callable[[Frame, int], Frame | None]] = {
     "nominal": lambda frame, index: frame,
     **{f"{ahead:g} s ahead once": (lambda a: timed(lambda t, i: t + a * (i == 60)))(ahead)
-       for ahead in (30.0, 3600.0, 1e17, 4e18, -1e6, -1e300)},
+       for ahead in (0.1, 0.4, 0.6, 1.0, 30.0, 3600.0, 1e17, 4e18, -0.1, -1.0, -30.0, -1e6, -1e300)},
     **{f"time {time:g} once": once_at(time) for time in (1e103, 1e200, 1e308)},
     **{f"time in units of 1e-{power} s": (lambda p: timed(lambda t, i: t * 10.0**p))(power)
        for power in (3, 6, 9)},
+    "milliseconds from 0": timed(lambda t, i: 1e3 * (t - BEGUN)),
+    "milliseconds from frame 60": timed(lambda t, i: t * (1e3 if i > 60 else 1.0)),
+    "seconds from frame 60": timed(lambda t, i: t * (1.0 if i > 60 else 1e3)),
+    "time 10 % slow": timed(lambda t, i: BEGUN + 0.9 * (t - BEGUN)),
     "time of day": timed(lambda t, i: t + time.time() - time.monotonic()),
     "time from 0": timed(lambda t, i: t - BEGUN),
     "time constant": timed(lambda t, i: 5.0),
@@ -105,7 +128,9 @@ DAMAGED: dict[str, Callable[[Frame, int], Frame | None]] = {
     "1 s back each second": timed(lambda t, i: t - i // 60),
     "1 s on each second": timed(lambda t, i: t + i // 60),
     "0.2 s back each tenth": timed(lambda t, i: t - 0.2 * (i % 10 == 9)),
-    "jitter of 30 ms": timed(lambda t, i: t + random.normal(0.0, 0.03)),
+    **{f"jitter of {jitter} ms": (lambda j: timed(lambda t, i: t + random.normal(0.0, 1e-3 * j)))(
+        jitter) for jitter in (3, 10, 30, 100)},
+    "times at random": timed(lambda t, i: float(random.uniform(0.0, 1e6))),
     "restart from 0": by(
         time=lambda f, i: f["time"] - 1e4 * (i > 60), sequence=lambda f, i: i - 61 * (i > 60)
     ),
@@ -113,15 +138,23 @@ DAMAGED: dict[str, Callable[[Frame, int], Frame | None]] = {
     "numbers 0": by(sequence=lambda f, i: 0),
     "numbers backwards": by(sequence=lambda f, i: 10_000 - i),
     "number 2^53 once": by(sequence=lambda f, i: 2**53 if i == 60 else i),
-    "an outlier of 0.3 m": lambda f, i: shifted(f, [0.0, 0.3 * (i % 30 == 29), 0.0]),
+    **{f"an outlier of {step:g} m": (
+        lambda s: lambda f, i: shifted(f, [0.0, s * (i % 30 == 29), 0.0]))(step)
+       for step in (0.1, 0.3, 1.0, 1e9)},
+    "repeated after 60 frames": repeated_after(60),
+    "each frame with more keys": by(confidence=lambda f, i: 0.9, device=lambda f, i: ["x"] * 9),
+    "size that pulses": lambda f, i: sized(f, 1.0 + 0.2 * np.sin(0.1 * i)),
+    "half of the frames missing": lambda f, i: f if random.random() < 0.5 else None,
+    "side in capitals": by(side=lambda f, i: "LEFT"),
     "0.1 m to and fro": lambda f, i: shifted(f, [0.0, 0.1 * (i % 2), 0.0]),
     "every second frame NaN": lambda f, i: shifted(f, np.nan if i % 2 else 0.0),
     "lost every second frame": lambda f, i: f | ({"landmarks": None} if i % 2 else {}),
     "gaps of 100 ms": lambda f, i: f if i % 60 >= 6 else None,
+    "gaps of 200 ms": lambda f, i: f if i % 60 >= 12 else None,
     "gaps of 300 ms": lambda f, i: f if i % 60 >= 18 else None,
     "left and right": lambda f, i: f | ({"side": "right"} if i % 2 else {}),
     **{f"size {size:g}": (lambda s: lambda f, i: sized(f, s))(size)
-       for size in (0.5, 0.6, 0.75, 0.9, 1.4, 1.5)},
+       for size in (0.5, 0.6, 0.75, 0.8, 0.9, 1.2, 1.4, 1.5)},
     # Silence is due in all that follow.
     "SILENT right hand labelled left": lambda f, i: f | {
         "landmarks": (np.array(f["landmarks"]) * [1, 1, -1]).tolist()},
@@ -134,8 +167,16 @@ DAMAGED: dict[str, Callable[[Frame, int], Frame | None]] = {
     "SILENT a landmark null": lambda f, i: f | {"landmarks": [None, *f["landmarks"][1:]]},
     "SILENT lost": lambda f, i: f | {"landmarks": None},
     "SILENT millimetres": lambda f, i: f | {"landmarks": (1e3 * np.array(f["landmarks"])).tolist()},
-    "SILENT size 2": lambda f, i: sized(f, 2.0),
-    "SILENT size 0.3": lambda f, i: sized(f, 0.3),
+    **{f"SILENT size {size:g}": (lambda s: lambda f, i: sized(f, s))(size)
+       for size in (0.01, 0.2, 0.3, 2.0, 10.0)},
+    "SILENT centimetres": lambda f, i: f | {
+        "landmarks": (1e2 * np.array(f["landmarks"])).tolist()},
+    "SILENT all at one point": lambda f, i: f | {"landmarks": [[0.0, 0.0, 0.0]] * 25},
+    "SILENT 24 landmarks": lambda f, i: f | {"landmarks": f["landmarks"][:24]},
+    "SILENT text for numbers": lambda f, i: f | {"landmarks": [["0", "0", "0"]] * 25},
+    "SILENT no side": by(side=lambda f, i: None),
+    "SILENT time null": by(time=lambda f, i: None),
+    "SILENT a tip that drifts off": drifting,
     "SILENT landmarks reversed": lambda f, i: f | {"landmarks": f["landmarks"][::-1]},
     "SILENT fingers swapped": lambda f, i: f | {
         "landmarks": [*f["landmarks"][:5], *f["landmarks"][20:], *f["landmarks"][5:20]]},
@@ -188,6 +229,22 @@ def aside(url: str, name: str, frames: list[Frame]) -> None:
         cloud = json.dumps([[0.0, 0.0, 0.001 * (i % 100)] for i in range(20_000)])
         start = '{"side": "left", "landmarks": null, "cloud": ' + cloud
         flood(url, 10, lambda n: f'{start}, "sequence": {n}, "time": {time.monotonic()}}}', SECONDS)
+    elif name in ("messages of 1 MB", "messages of 5 MB"):
+        size = int(name.split()[2]) * 1_000_000
+        flood(url, 2, lambda number: b"x" * size, SECONDS)
+    elif name == "broken frames":
+        IDLE.extend(raw(url, b"\xff\x7f" * 100, 100))
+    elif name == "nothing by 40":
+        flood(url, 40, lambda number: "{}", SECONDS)
+    elif name == "the other hand":
+
+        def other(number: int) -> str:
+            frame = shifted(frames[number % len(frames)], [0.0, 0.2, 0.0])
+            return json.dumps(
+                frame | {"side": "right", "time": time.monotonic(), "sequence": number}
+            )
+
+        flood(url, 1, other, SECONDS)
     elif name == "pings":
         with connect(url, proxy=None) as tracker:
             for _ in range(5000):
@@ -207,10 +264,21 @@ def aside(url: str, name: str, frames: list[Frame]) -> None:
 IDLE: list = []
 ASIDE = [
     "200 idle before", "300 half handshakes", "wrong connections", "garbage by 40", "clouds by 10",
+    "messages of 1 MB", "messages of 5 MB", "broken frames", "nothing by 40", "the other hand",
     "pings", "two, same numbers", "two, +5000", "two, a flood",
 ]  # fmt: skip
 ENDS = ["closed", "reset", "within a frame", "other tracker, other clock"]
-RATES = {"5 Hz": 5, "15 Hz": 15, "30 Hz": 30, "120 Hz": 120, "500 Hz": 500}
+RATES = {
+    "2 Hz": 2,
+    "5 Hz": 5,
+    "10 Hz": 10,
+    "15 Hz": 15,
+    "30 Hz": 30,
+    "120 Hz": 120,
+    "240 Hz": 240,
+    "500 Hz": 500,
+    "2000 Hz": 2000,
+}
 
 
 def frames_of_hand() -> tuple[list[Frame], np.ndarray]:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import airtact as at
 from airtact.errors import LONGEST_SENTENCE
+from airtact.hands.tracking.clock import FrameClock
 from airtact.hands.tracking.stream import MAX_JUMP, MAX_STALE_FRAMES, HandStream
 from damage import damaged, seeds
 from faults import raises_code
@@ -61,9 +62,28 @@ def test_the_order_of_frames_is_watched(order, faults, newest):
 
 
 def test_time_that_goes_back_is_counted_and_left_out():
-    stream = fed([still(0, 0.0), still(1, 0.1), still(2, 0.05), still(3, 0.1), still(4, 0.2)])
+    times = [*(0.1 * index for index in range(10)), 0.85, 0.9, 1.0]
+    stream = fed(still(index, time) for index, time in enumerate(times))
     assert counted(stream) == {"backwards": 2, "skipped": 2}
-    assert stream.latest("left").sequence == 4
+    assert stream.latest("left").sequence == 12
+
+
+@pytest.mark.parametrize(("jitter", "most"), [(3e-3, 60), (30e-3, 20)])
+def test_frames_whose_times_go_back_again_and_again_are_rejected(jitter, most):
+    times = np.arange(60) / 60 + np.random.default_rng(0).normal(0.0, jitter, 60)
+    stream = fed(still(index, 5.0 + time) for index, time in enumerate(times))
+    assert stream.health.used <= most
+    assert jitter > 0.01 or stream.health.used == 60
+
+
+@pytest.mark.parametrize(("pace", "usable"), [(1.0, True), (1.1, True), (0.5, False), (2.0, False)])
+def test_the_pace_of_a_trackers_clock_is_checked(pace, usable):
+    clock = FrameClock()
+    clock.saw(0.0, 1000.0)
+    assert clock.fault is not None  # nothing is known yet
+    for index in range(1, 60):
+        clock.saw(pace * index / 60, 1000.0 + index / 60)
+    assert (clock.fault is None) == usable
 
 
 def test_invalid_frames_are_counted_by_kind():

@@ -1,6 +1,7 @@
 """The clock of a tracker, estimated from the times and arrivals of its frames."""
 
 import time
+from collections import deque
 
 from airtact.errors import between
 
@@ -34,10 +35,15 @@ class FrameClock:
         self._offset: tuple[float, float] | None = None
         # Offset to ``time.monotonic`` of the clock of this computer that the tracker uses.
         self._shared: float | None = None
+        # Times and arrivals of the frames of the last second, from which the pace follows.
+        self._recent: deque[tuple[float, float]] = deque()
 
     def saw(self, taken: float, arrived: float) -> None:
         """Update the estimate with a frame's time and its arrival on ``time.monotonic`` [s]."""
         offset = arrived - taken
+        self._recent.append((taken, arrived))
+        while arrived - self._recent[0][1] > 1.0:
+            self._recent.popleft()
         if self._offset is None:
             for ahead in (0.0, time.time() - time.monotonic()):
                 if self._shared is None and 0.0 <= offset + ahead <= MAX_LATENCY:
@@ -49,6 +55,23 @@ class FrameClock:
         if self._shared is not None and arrived + self._shared < taken - 1e-3:
             self._shared = None
         self._offset = (offset, arrived)
+
+    @property
+    def fault(self) -> str | None:
+        """Why the times of frames cannot be used yet, or None.
+
+        At half the pace, a hand seems to move twice as fast, and its prediction is wrong.
+        """
+        if self._shared is not None or not self._recent:
+            return None
+        (taken, arrived), (last_taken, last_arrived) = self._recent[0], self._recent[-1]
+        if last_arrived - arrived < 0.2:
+            return "measuring the pace of the tracker's clock"
+        pace = (last_taken - taken) / (last_arrived - arrived)
+        # A pause of 0.2 s in the network changes the pace of a second by 0.2.
+        if 0.75 < pace < 1.33:
+            return None
+        return f"the tracker's clock runs {pace:.2g} times as fast as the computer's"
 
     def time(self, now: float) -> float:
         """Convert a time of ``time.monotonic`` to the clock of the frames [s]."""
@@ -63,4 +86,5 @@ class FrameClock:
         one so far.
         """
         self._shared = None
+        self._recent.clear()
         return self.time(now) - self.latency

@@ -119,6 +119,9 @@ class _TrackedHand:
     recent : numbers and tracker times of used frames, to distinguish duplicates from frames out of
         order.
     stale : numbers, tracker times and arrivals of successive rejected frames that are in order.
+    given : number and tracker time of the newest frame, whether it was used or not.
+    disorder : running share of frames whose time is not later although their number is higher.
+        Frames are rejected while it is above 0.4; new streams start just below.
     evidence : running mean of the evidence for the side (``side_evidence``); negative if mirrored.
     together : whether each of the latest frames arrived together with the previous one.
     at_origin : whether the wrist is exactly at the tracker's origin.
@@ -135,6 +138,8 @@ class _TrackedHand:
     shift: float = 0.0
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=256))
     stale: list[tuple[int, float, float]] = field(default_factory=list)
+    given: tuple[int, float] = (0, -np.inf)
+    disorder: float = 0.39
     evidence: float = 0.0
     together: deque[bool] = field(default_factory=lambda: deque(maxlen=16))
     at_origin: bool = False
@@ -301,8 +306,21 @@ class HandStream:
                 )
             hand.source = source
             hand.unit = 1.0
+        number, taken = hand.given
+        if frame.sequence > number or newest is None:
+            # One in ten, as from a network that reorders, leads to 0.32 at most.
+            back = frame.time <= taken
+            hand.disorder += (0.1 if back else 0.03) * (back - hand.disorder)
+            hand.given = (frame.sequence, frame.time)
         if newest is None:
             return frame, 0
+        # Speeds from times with so much jitter would be wrong.
+        if hand.disorder > 0.4:
+            raise FaultyFrame(
+                "backwards",
+                f"the times of the {frame.side} hand's frames go back again and again; use the "
+                "seconds of one steady clock.",
+            )
         time = hand.unit * frame.time + hand.shift
         later = time > newest.time
         step = frame.sequence - newest.sequence
@@ -326,6 +344,8 @@ class HandStream:
         if len(hand.stale) >= (2 if gone else MAX_STALE_FRAMES):
             self._counts["restarted"] += 1
             hand.recent.clear()
+            hand.disorder = 0.0
+            hand.given = (frame.sequence, frame.time)
             if not plausible:
                 _, begun, arrived = hand.stale[0]
                 if now - arrived > 0.15:  # long enough to measure its pace
