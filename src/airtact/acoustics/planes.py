@@ -46,7 +46,7 @@ class Plane:
         return (points - self.point) @ self.normal
 
     def image(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-        """Mirror points (P, 3) [m] in the plane."""
+        """Return the mirror images of points (P, 3) [m] in the plane."""
         return points - 2.0 * self.height(points)[:, None] * self.normal
 
     def moved(self, motion: Pose) -> "Plane":

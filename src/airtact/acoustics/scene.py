@@ -128,7 +128,7 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 
 
 def filled(surface: Surface, medium: Medium) -> Obstacle:
-    """Build a body from its closed surface and the fluid that fills it. Sound enters the body."""
+    """Build a body that sound enters, from its closed surface and the fluid inside it."""
     return Obstacle(surface, "filled", medium=medium)
 
 

@@ -70,7 +70,7 @@ class UpperBound:
         return _largest_eigenvalue(matrix, multipliers, self.elements)
 
     def reached(self, transfer: TransferMatrix, target: Target, drive: Drive) -> float:
-        """Return the worst fraction or pressure of a drive, divided by the bound; at most 1."""
+        """Return the pressure of a drive at its weakest focus, divided by the bound; at most 1."""
         matrix, requests = asked_rows(transfer, target)
         return float((np.abs(matrix @ drive.amplitudes) / requests).min() / self.worst)
 

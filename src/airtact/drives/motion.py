@@ -169,7 +169,7 @@ class Motion:
         return onto_surface(flat, surface, distance)
 
     def turns(self, paths: Paths) -> float:
-        """Return the rounds per second [Hz]: ``frequency``, or its default."""
+        """Return the rounds per second [Hz]: ``frequency``, or its default for these paths."""
         if self.frequency is not None:
             return self.frequency
         if self.kind == "lm":

@@ -145,7 +145,10 @@ def robust(
 def robust_phase_only(
     ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth"
 ) -> Drive:
-    """Compute the drive of ``robust`` with every element at full scale."""
+    """Compute the best drive over all samples, with every element at full scale.
+
+    The parameters, result and errors are those of ``robust`` with the limit "phases".
+    """
     return robust(ensemble, target, goal, limit="phases")
 
 

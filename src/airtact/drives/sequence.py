@@ -84,7 +84,7 @@ class Sequence:
         return Drive(self.drives[index])
 
     def pressure(self, transfer: TransferMatrix) -> Complex128[np.ndarray, "frames foci"]:
-        """Return the (N, F) complex pressure at each focus in every frame [Pa]."""
+        """Return the complex pressure (N, F) [Pa] in each of N frames at each of F foci."""
         of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
         transfer.check_fits(self.drive(0))
         return self.drives @ transfer.matrix.T

@@ -136,7 +136,7 @@ class AUTD3Link(AUTD3Boards):
         self._library: Any = None
 
     def played(self, index: int = 0) -> Frame:
-        """Read back frame ``index`` of the sequence that the boards play from the firmware model.
+        """Read frame ``index`` of the current sequence back from the firmware model.
 
         Raises
         ------

@@ -183,7 +183,7 @@ class Link(ABC):
         self.sent += len(frames)
 
     def check_sequence(self, frames: int, rate: float) -> None:
-        """Check that the boards and the link can play a number of frames at a rate [frames/s].
+        """Check that the boards and the link can play ``frames`` frames at a rate [frames/s].
 
         Raises
         ------
@@ -200,7 +200,7 @@ class Link(ABC):
             )
 
     def check_elements(self, count: int) -> None:
-        """Raise an error if a drive or frame has the wrong number of elements."""
+        """Raise ``InvalidInput`` if ``count`` is not the number of elements of the boards."""
         if count != self.elements:
             raise InvalidInput(
                 f"a drive for {counted(count, 'element', 'elements')} does not fit {self.devices} "
@@ -386,7 +386,7 @@ class RecordingLink(Link):
             self._seconds += seconds
 
     def recorded(self, first: int) -> tuple[list[Frame], list[float]]:
-        """Return up to 64 frames, starting with frame ``first``, and the times they were sent."""
+        """Return up to 64 frames from frame ``first`` on, and the times they were sent [s]."""
         # There are at most 64 because a long message would delay the watchdog.
         return self._frames[first : first + 64], self._seconds[first : first + 64]
 

@@ -135,7 +135,7 @@ class Pose:
         return cls(rotation, np.asarray(translation, dtype=np.float64))
 
     def apply(self, points: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-        """Return points (..., 3) after the motion [m]."""
+        """Return the points (..., 3) [m] after the motion: rotation x + translation."""
         return self.rotate(points) + self.translation
 
     def rotate(self, vectors: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:

@@ -65,7 +65,7 @@ class Shape(ABC):
         return np.zeros((0, 2), dtype=np.int64)
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
-        """Return a closed piece inside another: both indices, its depth and a point (3,) [m]."""
+        """Return a closed piece inside another, or None: both indices, depth and a point [m]."""
         return None
 
     @abstractmethod
@@ -74,14 +74,14 @@ class Shape(ABC):
 
     @abstractmethod
     def project(self, points: Points) -> PointVectors:
-        """Return the points of the surface that are nearest to points (P, 3) [m]."""
+        """Return the nearest point of the surface for each of P points (P, 3) [m]."""
 
     def project_on_sharp_edges(self, points: Points) -> PointVectors:
         """Return the nearest points of the sharp edges, or of the surface if there are none [m]."""
         return self.project(points)
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Fit panels (P, 6, 3) [m] that are near the surface to it."""
+        """Return panels (P, 6, 3) [m] near the surface after fitting them to it."""
         return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
 
     def edge_middles(self, corners: EdgeVectors) -> EdgeVectors:

@@ -113,7 +113,7 @@ class Hand:
         return {name: self.position(name) for name in PLACES}
 
     def position(self, name: str) -> Place:
-        """Return one of ``places`` with its normal, even if it lies inside the body.
+        """Return the position (3,) [m] and normal (3,) of one of ``places``, even inside the body.
 
         Raises
         ------

@@ -296,11 +296,11 @@ class ScatteringFamily:
         return self.matrices[0].scene
 
     def at(self, value: float) -> ScatteringMatrix:
-        """Return the matrix at a value, with the report and scene of the first value."""
+        """Return the matrix interpolated at a value, with report and scene of the first value."""
         return replace(self.matrices[0], matrix=self._polynomial(value))
 
     def derivative(self, value: float) -> ScatteringMatrix:
-        """Return the derivative of the scattering matrix with respect to the parameter."""
+        """Return the derivative of the matrix with respect to the parameter, at a value of it."""
         return replace(self.matrices[0], matrix=self._polynomial.derivative(value))
 
     @cached_property

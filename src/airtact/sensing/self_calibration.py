@@ -111,7 +111,9 @@ class Calibrated:
         return here - self.believed.positions.reshape(boards, -1, 3).mean(axis=1)
 
     def as_emitted(self, echoes: Echoes) -> Echoes:
-        """Scale echoes as if each element received with its emission gain, as ``locate`` assumes.
+        """Return the echoes as if each element received with its emission gain.
+
+        ``locate`` assumes equal emission and reception gains.
 
         Raises
         ------

@@ -187,7 +187,7 @@ class RadiatedField(ABC):
         return self._valid(points_of(points, "points", least=0))
 
     def velocity(self, points: Points) -> Gradients:
-        """Return the particle velocity v = ∇p/(iωρ) of each excitation, along x, y and z [m/s].
+        """Return the particle velocity v = ∇p/(iωρ) [m/s], (P, 3, S) for points (P, 3) [m].
 
         The velocity is computed by central differences of ``at`` over 1/40 of a wavelength, or less
         near a surface. Points within 1/200 of a wavelength of a surface count as lying on it; the
@@ -267,7 +267,10 @@ class RadiatedField(ABC):
         return np.full((len(points), self.excitations), np.nan, dtype=np.complex128)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
-        """Return each excitation's relative error, estimated at points away from the surfaces."""
+        """Return the solver's estimate (S,) of each excitation's relative error.
+
+        The points (P, 3) [m] should be away from the surfaces.
+        """
         return np.full(self.excitations, self.report.estimated_error)
 
     def report_at(self, points: Points) -> SolveReport:
@@ -296,7 +299,7 @@ class Solver(ABC):
 
     @abstractmethod
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Solve the scene for the monopoles, with all their excitations at once."""
+        """Solve the scene for all excitations of the monopoles, and return their field."""
 
     def reporting(self, progress: Progress | None) -> "Solver":
         """Return the solver with a callback, such as ``print``, that receives each step's name.

@@ -119,7 +119,10 @@ class FittedHand:
         return self.hand.surface if moved is None else moved
 
     def place(self, name: str) -> Place:
-        """Return one of ``hand.places`` on ``surface``. The errors are those of ``Hand.place``."""
+        """Return the position (3,) [m] and normal (3,) of one of ``hand.places`` on ``surface``.
+
+        The errors are those of ``Hand.place``.
+        """
         point, normal = self.hand.place(name)
         return fixed(self.surface.shape.project(point[None])[0]), normal
 

@@ -219,9 +219,10 @@ class RestingFingertip:
         self.share = 0.0
 
     def take(self, frame: HandFrame) -> Float64[np.ndarray, "3"] | None:
-        """Process a frame, and return the mean position of the tip (3,) [m] after a second of rest.
+        """Process a frame, and return the mean tip position (3,) [m] after a second of rest.
 
-        The next rest is only accepted after the tip has moved by 30 mm.
+        The result is None before that. The next rest is only accepted after the tip has moved by
+        30 mm.
         """
         if frame.landmarks is None:
             self._window.clear()

@@ -86,7 +86,7 @@ class StreamHealth:
     interrupted: int = 0
 
     def rejected_since(self, before: "StreamHealth") -> str:
-        """Return the number of frames rejected since an earlier count, and the main reason."""
+        """Return a text with the number of frames rejected since ``before`` and the main reason."""
         counts = {name: getattr(self, name) - getattr(before, name) for name in get_args(Fault)}
         main = max(counts, key=counts.__getitem__)
         if not counts[main]:
@@ -185,7 +185,7 @@ class HandStream:
             return StreamHealth(**self._counts)
 
     def clock(self, side: Side) -> FrameClock:
-        """Return the clock of a hand's frames."""
+        """Return the clock of the frames of the "left" or "right" hand."""
         return self._hands[side].clock
 
     @property
@@ -247,7 +247,7 @@ class HandStream:
             return None
 
     def disconnect(self, source: str, interrupted: bool) -> None:
-        """Release the hands of a connection that ended, and count it if it was not closed."""
+        """Release the hands of a connection that ended, and count it if it was ``interrupted``."""
         with self._changed:
             self._counts["interrupted"] += interrupted
             for hand in self._hands.values():

@@ -536,7 +536,7 @@ class BoundaryElement(Solver):
         )
 
     def panel_edge(self, wavelength: float) -> float:
-        """Edge length [m] of equilateral panels of sound-hard bodies away from sources."""
+        """Return the edge length of equilateral panels away from sources [m], for hard bodies."""
         return wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
 
     def _smallest_edge(self, scene: Scene) -> float:
