@@ -1,11 +1,13 @@
 """Live touch on a virtual clock: foci appear where hands touch objects, and fade."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import airtact as at
+from airtact.live.drives.factors import OpenAir
 from airtact.live.drives.skin_solver import SIDES, SkinRequest, SkinSolver
 from airtact.live.drives.strengths import balanced
 from airtact.live.drives.touching import TouchAware
@@ -310,3 +312,43 @@ def test_a_scene_with_two_hands_has_foci_on_both(tmp_path):
     goals = [left.focus("palm"), right.focus("index.pad")]
     np.testing.assert_allclose(moment.foci, goals, atol=1e-6)
     assert moment.pressures.min() > 500.0
+
+
+def test_an_outline_is_felt_by_a_focus_that_runs_along_the_edge_of_the_contacts(scene):
+    ring = at.VirtualObject(at.sphere(0.012, 3e-3), name="ball", style="outline")
+    outlined = replace(scene, objects=(ring,))
+    maker = TouchAware(outlined, solvers=[])
+    first = held(maker)
+    later = maker.make(first.time, Controls())
+    # One focus goes one frame further at each drive, for boards that play no rounds.
+    assert len(first.foci) == len(later.foci) == 1
+    assert np.linalg.norm(first.foci - later.foci) > 1e-3
+    length = sum(
+        np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()
+        for curves in at.contact(hand(30), ring).outlines
+        for curve in curves
+    )
+    # Boards that do move it at 7 m/s along both outlines.
+    assert later.rate / len(later.frames) * length == pytest.approx(7.0, rel=0.1)
+    exact = at.contact(hand(30), ring).target().points
+    drives = [maker.make(first.time, Controls()) for _frame in later.frames]
+    reached = np.concatenate([moment.foci for moment in drives])
+    apart = np.linalg.norm(reached[:, None] - exact, axis=2)
+    assert apart.min(axis=1).max() < 1.5e-3
+    assert apart.min(axis=0).max() < 4e-3
+    # A frame brings the most to the focus that a drive of the same place has.
+    frames = np.abs(OpenAir(outlined).rows(drives[-1].foci) @ later.frames.T)
+    assert frames.max() == pytest.approx(drives[-1].pressures[0], rel=1e-3)
+    # The round does not jump when the skin is the same.
+    np.testing.assert_allclose(later.frames, first.frames, atol=1e-3)
+
+
+def test_foci_that_stay_are_modulated_beside_an_outline(scene):
+    ring = at.VirtualObject(at.sphere(0.012, 3e-3), name="ball", style="outline")
+    maker = TouchAware(replace(scene, objects=(ring,)), solvers=[])
+    wanted = WantedFocus("one", point=np.array([0.0, 0.0, 0.05]))
+    maker.feel((ring,), (wanted,))
+    moment = held(maker)
+    assert moment.names[0] == "one"
+    received = np.abs(OpenAir(scene).rows(moment.foci[:1]) @ moment.frames.T)[0]
+    assert received.max() > 5.0 * received.min()

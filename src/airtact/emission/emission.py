@@ -238,7 +238,7 @@ class Emission:
     def cycle(self, sequence: Sequence, wait: bool = True) -> None:
         """Repeat the frames of a sequence from now on.
 
-        A sequence of the same length and rate as the previous one continues at the same position. A
+        A sequence of the same length as the previous one continues at the same position. A
         modulation ends. The first sequence rises over the ramp; if boards repeat it themselves,
         only its most powerful frame is played during the ramp. ``wait`` is described in ``send``.
 

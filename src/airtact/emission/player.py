@@ -113,8 +113,8 @@ class Player:
     ) -> tuple[Frame, float, float]:
         """Repeat drives, or one drive multiplied by several factors, from now on.
 
-        A rate [frames/s] ends a modulation. If the number of frames and the rate stay the same,
-        playback continues at the same position.
+        A rate [frames/s] ends a modulation. If the number of frames stays the same, playback
+        continues at the same position.
 
         Parameters
         ----------
@@ -140,7 +140,10 @@ class Player:
         if before is not None and (len(before.items), before.rate) == (len(items), rate):
             self._sound = Cycle(items, rate, before.begun)
         else:
-            self._sound = Cycle(items, rate, now)
+            begun = now
+            if before is not None and rate and len(before.items) == len(items):
+                begun -= (now - before.begun) * before.rate % len(items) / rate
+            self._sound = Cycle(items, rate, begun)
             self._next_frame = now
         # If boards repeat frames themselves, only the most powerful frame rises and fades.
         powers = factors * np.linalg.norm(drives, axis=1)

@@ -467,11 +467,14 @@ class _Loop:
             self.output.limit(self.cap)
 
     def _send(self, amplitudes: Amplitudes, share: float, cap: float) -> None:
-        moving = self.scene.moving
-        frames = None if self.moment is None else self.moment.frames
-        if moving is not None and frames is not None and self.controls.modulated and share > 0.0:
-            self.output.cycle(share * cap * frames, moving.rate)
-            return
+        assert self.moment is not None
+        frames = self.moment.frames
+        if frames is not None and self.controls.modulated and share > 0.0:
+            rate = self.moment.rate
+            if self.output.cycles(len(frames), rate):
+                self.modulated = False  # frames end a modulation
+                self.output.cycle(share * cap * frames, rate)
+                return
         if self.modulated != self.controls.modulated:
             self.modulated = self.controls.modulated
             self.output.modulate(self.scene.modulation if self.modulated else None)

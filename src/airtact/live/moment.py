@@ -46,6 +46,7 @@ class Moment:
     kept : expected share of the attainable pressure at the weakest focus, or None.
     state : state of the loop.
     frames : (N, E) drives played in turn instead of ``amplitudes`` if the foci move, or None.
+    rate : frames per second; 0 without frames.
     other : (25, 3) joints predicted for the hand of the other side [m], or None.
     names : a name for each focus; empty for those of the scene's places.
     strengths : (F,) strengths of the foci, from 0 to 1; None if all are equal.
@@ -67,6 +68,7 @@ class Moment:
     kept: float | None = None
     state: State = "playing"
     frames: Frames | None = None
+    rate: float = 0.0
     other: Joints | None = None
     names: tuple[str, ...] = ()
     strengths: Float64[np.ndarray, "foci"] | None = None

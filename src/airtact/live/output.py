@@ -8,6 +8,7 @@ from airtact.drives.frame import check_cap
 from airtact.drives.sequence import Sequence
 from airtact.emission.emission import Emission
 from airtact.emission.link import Link, LinkFailed
+from airtact.errors import InvalidInput
 from airtact.live.scene import Amplitudes, Frames
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
@@ -70,6 +71,15 @@ class Output:
         """Emit a drive from now, or from a time on; return when it has reached the link."""
         if self._emission is not None:
             self._emission.send(Drive(amplitudes), wait=False, at=at)
+
+    def cycles(self, frames: int, rate: float) -> bool:
+        """Whether the boards and the link can play a number of frames at a rate [1/s]."""
+        try:
+            if self._emission is not None:
+                self._emission.link.check_sequence(frames, rate)
+        except InvalidInput:
+            return False
+        return True
 
     def cycle(self, frames: Frames, rate: float) -> None:
         """Emit frames in turn at a rate [1/s], starting at the current position in the round."""

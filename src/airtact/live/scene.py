@@ -215,12 +215,18 @@ def live_scene(setup: Setup) -> LiveScene:
             code="options_clash",
         )
     both = touched or bool(setup.objects) or len(setup.hands) > 1
-    if both and (setup.motion is not None or any(one.style == "outline" for one in setup.objects)):
+    outlined = any(thing.style == "outline" for thing in setup.objects)
+    # A setup with outlines has this motion by default.
+    if both and setup.motion not in (None, *([Motion("stm", "points")] if outlined else [])):
         raise InvalidInput(
             f"{name}: with objects or two hands, live cannot move foci along paths: "
-            'remove kind = "stm" and style = "outline".',
+            'remove kind = "stm" or "lm"; style = "outline" moves a focus along contacts.',
             code="not_supported",
         )
+    modulation = setup.modulation if isinstance(setup.modulation, AmplitudeModulation) else None
+    # Boards that cannot play a round along outlines, and foci that stay, need a modulation.
+    if modulation is None and outlined:
+        modulation = AmplitudeModulation()
     scene = LiveScene(
         medium=setup.medium,
         frequency=setup.frequency,
@@ -230,12 +236,12 @@ def live_scene(setup: Setup) -> LiveScene:
         places=tuple(place for place, _ in on_hand),
         offsets=fixed(np.array([offset for _, offset in on_hand], dtype=np.float64)),
         method=setup.method,
-        modulation=setup.modulation if isinstance(setup.modulation, AmplitudeModulation) else None,
+        modulation=modulation,
         planes=tuple(setup.scene.planes),
         objects=setup.objects,
         both=both,
     )
-    if isinstance(setup.modulation, Motion):
+    if isinstance(setup.modulation, Motion) and not both:
         return replace(scene, moving=_moving_foci(setup, setup.modulation, scene))
     return scene
 

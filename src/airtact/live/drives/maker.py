@@ -191,6 +191,7 @@ class HandAware(DriveMaker):
             shape_age=None if solution is None else time - solution.time,
             kept=kept,
             frames=frames,
+            rate=0.0 if self._scene.moving is None else self._scene.moving.rate,
             names=self._scene.places,
             strengths=strengths,
             rejected=self._rejected,

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.acoustics.target import Target
-from airtact.drives.gerchberg_saxton import weighted_gerchberg_saxton
+from airtact.drives.gerchberg_saxton import phase, weighted_gerchberg_saxton
 from airtact.drives.methods import METHODS
 from airtact.drives.transfer import TransferMatrix
 from airtact.live.scene import Amplitudes, Foci, LiveScene, Rows
@@ -48,6 +48,8 @@ def balanced(
     if not chosen or not attainable[chosen].all():
         return np.zeros(folded.shape[1], dtype=np.complex128)
     shares = strengths[chosen]
+    if len(chosen) == 1 and method == "best":
+        return shares.max() * phase(folded[chosen[0]]).conj()  # what the method would find
     make = weighted_gerchberg_saxton if method == "best" else METHODS[method]
     transfer = TransferMatrix(folded[chosen], float("nan"))
     made = make(transfer, Target(foci[chosen], shares=shares)).amplitudes

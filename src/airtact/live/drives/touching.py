@@ -15,8 +15,9 @@ from airtact.hands.tracking.prediction import AGILITY, Predictor
 from airtact.live.drives.bending import Bones, bones_of
 from airtact.live.drives.factors import OpenAir
 from airtact.live.drives.maker import predicted_joints
-from airtact.live.drives.moving import turned_towards
+from airtact.live.drives.moving import aligned, turned_towards
 from airtact.live.drives.moving_skin import MovingSkin
+from airtact.live.drives.outlines import Outline, Round, curves_at, round_along
 from airtact.live.drives.skin_solver import SkinFactors, SkinRequest
 from airtact.live.drives.solver_process import SolverProcess
 from airtact.live.drives.strengths import balanced
@@ -29,7 +30,7 @@ from airtact.live.moment import (
     silent_moment,
 )
 from airtact.live.safety import Workspace
-from airtact.live.scene import SIDES, LiveScene, hand_in
+from airtact.live.scene import SIDES, Frames, LiveScene, hand_in
 from airtact.live.world import WantedFocus
 from airtact.touch.finding import find
 from airtact.touch.objects import VirtualObject
@@ -89,7 +90,8 @@ class TouchAware(DriveMaker):
     Contacts are found on the predicted hands at each drive. Foci appear, move and fade as described
     in ``TouchState``; requested foci rise and fall as fast. The transfer matrix is that of open air
     times the factors of the newest solution of the skin near contacts, which a separate process
-    computes; beacons are solved before the skin touches. The amplitude follows the strongest focus,
+    computes; beacons are solved before the skin touches. One focus runs along the outlines of all
+    contacts with objects of the style "outline". The amplitude follows the strongest focus,
     so that a focus of strength s gets s times the pressure.
 
     Parameters
@@ -136,6 +138,8 @@ class TouchAware(DriveMaker):
         self._wanted: dict[str, _WantedState] = {}
         self._time: float | None = None
         self._previous = np.zeros(len(scene.array), dtype=np.complex128)
+        self._frames: Frames | None = None  # of the newest round along outlines
+        self._step = 0
         self.fault: str | None = None
         self.solutions = 0
 
@@ -177,6 +181,7 @@ class TouchAware(DriveMaker):
         contacts = [np.zeros((0, 3))]
         depths = [np.zeros(0)]
         touching: list[tuple[str, str]] = []
+        outlines: list[Outline] = []
         for side, tracked in self._hands.items():
             if tracked.skin is None:
                 continue
@@ -185,11 +190,21 @@ class TouchAware(DriveMaker):
             tracked.touch.offset = OFFSET if controls.offset is None else controls.offset
             touched = tracked.touch.update(tracked.skin, time)
             prefix = f"{side}." if self._scene.both else ""
-            for name, point, strength in zip(
-                touched.names, touched.points, touched.strengths.tolist(), strict=True
-            ):
-                foci.add(prefix + name, point, strength, side)
             found = tracked.touch.found
+            outlined: set[int] = set()
+            for index, contact in enumerate(touched.contacts.tolist()):
+                name = prefix + touched.names[index]
+                strength = float(touched.strengths[index])
+                thing = tracked.touch.objects[found.objects[contact]] if contact >= 0 else None
+                # Focus of an outline: the others on the patch are left out. It fades as a point.
+                if thing is not None and thing.style == "outline" and contact not in outlined:
+                    offset = tracked.touch.offset
+                    curves = curves_at(tracked.skin, thing, found, contact, offset)
+                    outlines += [Outline(name, curve, strength, side) for curve in curves]
+                    if curves:
+                        outlined.add(contact)
+                if contact not in outlined:
+                    foci.add(name, touched.points[index], strength, side)
             contacts.append(found.points)
             depths.append(found.depths)
             for place, index in zip(found.places, found.objects, strict=True):
@@ -198,10 +213,11 @@ class TouchAware(DriveMaker):
         rejected = self._add_wanted(foci, seen, controls, elapsed)
         if not seen:
             return silent_moment(self._scene, time, time)
+        path = round_along(outlines, self._scene.frequency) if outlines else None
         if self._solvers and not controls.ignore_hand:
-            self._ask(time, foci, seen)
+            self._ask(time, foci, path, seen)
         frames = [tracked.newest.time for tracked in seen.values() if tracked.newest is not None]
-        moment = self._drive(time, max(frames), foci, seen, controls)
+        moment = self._drive(time, max(frames), foci, path, seen, controls)
         joints = {side: tracked.hand.joints for side, tracked in seen.items() if tracked.hand}
         return replace(
             moment,
@@ -327,13 +343,18 @@ class TouchAware(DriveMaker):
             raise InvalidInput(fault, point, code="misplaced")
         return point, side
 
-    def _ask(self, time: float, foci: _Foci, seen: Mapping[Side, _TrackedHand]) -> None:
+    def _ask(
+        self, time: float, foci: _Foci, path: Round | None, seen: Mapping[Side, _TrackedHand]
+    ) -> None:
         """Request a solution for the foci on hands, and for skin that will touch soon."""
         points = []
         owners = []
         for side, tracked in seen.items():
             assert tracked.skin is not None
             own = [foci.points[index] for index, one in enumerate(foci.sides) if one == side]
+            if path is not None:
+                along = zip(path.points[::2], path.outlines[::2], strict=True)
+                own += [point for point, outline in along if outline.side == side]
             # These points need not be exact.
             # Skin within 15 mm of an object gets a beacon before it touches.
             found = find(replace(tracked.skin, look=None), self._objects, 15e-3)
@@ -368,9 +389,16 @@ class TouchAware(DriveMaker):
         time: float,
         frame_time: float,
         foci: _Foci,
+        path: Round | None,
         seen: Mapping[Side, _TrackedHand],
         controls: Controls,
     ) -> Moment:
+        still = len(foci.points)
+        if path is not None:
+            # Boards that cannot play the frames of a round go one frame further at each drive.
+            self._step = (self._step + 1) % len(path.points)
+            outline = path.outlines[self._step]
+            foci.add(outline.name, path.points[self._step], outline.strength, outline.side)
         points = np.array(foci.points).reshape(-1, 3)
         levels = [controls.levels.get(name, 1.0) for name in foci.names]
         strengths = np.array(foci.strengths) * np.array(levels)
@@ -380,25 +408,41 @@ class TouchAware(DriveMaker):
         )
         if not len(points):
             return replace(moment, pressures=np.zeros(0))
-        rows = self._open_air.rows(points)
+        # The foci of this drive, then those of all frames of the round.
+        every = points if path is None else np.concatenate([points, path.points])
+        rows = self._open_air.rows(every)
         solution = self._factors
         # A solution older than 0.25 s no longer fits the pose.
         if solution is not None and not controls.ignore_hand and time - solution.time < 0.25:
             bones: dict[Side, Bones] = {
                 side: bones_of(tracked.hand) for side, tracked in seen.items() if tracked.hand
             }
-            factors, benefits = solution.at(bones, points)
+            factors, benefits = solution.at(bones, every)
             rows = rows * factors
             if benefits.mean() > 0.5:
                 moment = replace(moment, rule="contacts", shape_age=time - solution.time)
         method = controls.method or self._scene.method
-        amplitudes = balanced(self._scene, method, rows, points, strengths)
+        count = len(points)
+        amplitudes = balanced(self._scene, method, rows[:count], points, strengths)
         # A jump of the global phase has no effect at the foci, but the boards would click.
         amplitudes = turned_towards(amplitudes, self._previous)
         if amplitudes.any():
             self._previous = amplitudes
-        pressures = np.abs(self._scene.with_images.folded(rows) @ amplitudes)
-        return replace(moment, amplitudes=amplitudes, pressures=pressures)
+        pressures = np.abs(self._scene.with_images.folded(rows[:count]) @ amplitudes)
+        moment = replace(moment, amplitudes=amplitudes, pressures=pressures)
+        if path is None or not amplitudes.any():
+            self._frames = None
+            return moment
+        frames = []
+        for index, outline in enumerate(path.outlines):
+            chosen = [*range(still), count + index]
+            # Foci that stay are modulated once in a round, because frames have no modulation.
+            swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * index / len(path.points))
+            strength = outline.strength * controls.levels.get(outline.name, 1.0)
+            wanted = np.append(swing * strengths[:still], strength)
+            frames.append(balanced(self._scene, method, rows[chosen], every[chosen], wanted))
+        self._frames = aligned(np.array(frames), self._frames)
+        return replace(moment, frames=self._frames, rate=path.rate)
 
 
 def _sided(place: str, default: Side) -> tuple[Side, str]:
