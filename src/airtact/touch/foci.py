@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from scipy.spatial.distance import cdist
 
 from airtact.acoustics.target import Target
 from airtact.errors import InvalidInput, counted, one_line
@@ -93,11 +94,12 @@ def chosen_foci(
     apart = 0.8 * wavelength
     strengths = _strengths(objects, found.objects, found.points, found.depths)
     # Contacts from deepest to shallowest; foci on the same patch must be apart.
+    between = cdist(found.points, found.points)
+    crowded = (between < apart) & (found.patches[:, None] == found.patches)
     kept: list[int] = []
-    for contact in np.argsort(-found.depths, kind="stable"):
-        beside = [other for other in kept if found.patches[other] == found.patches[contact]]
-        if _distance(found.points[beside], found.points[contact]) >= apart:
-            kept.append(int(contact))
+    for contact in np.argsort(-found.depths, kind="stable").tolist():
+        if not crowded[contact, kept].any():
+            kept.append(contact)
     merged = 0
     dropped = 0
     # Merging loses little: the stronger focus within a wavelength covers the same skin.
@@ -105,7 +107,7 @@ def chosen_foci(
         weakest = min(kept, key=lambda contact: (strengths[contact], found.depths[contact]))
         kept.remove(weakest)
         beside = [other for other in kept if found.objects[other] == found.objects[weakest]]
-        if _distance(found.points[beside], found.points[weakest]) < wavelength:
+        if (between[weakest, beside] < wavelength).any():
             merged += 1
         else:
             dropped += 1
@@ -113,7 +115,7 @@ def chosen_foci(
     contacts = list(kept)
     points = [found.points[contact] for contact in kept]
     normals = [found.normals[contact] for contact in kept]
-    depths = [found.depths[contact] for contact in kept]
+    depths = []
     nearest = [found.deepest[contact] for contact in kept]
     # Further foci go to each long patch in turn, where it is deepest.
     waiting = list(kept)
@@ -130,7 +132,7 @@ def chosen_foci(
             for point, other in zip(points, contacts, strict=True)
             if found.patches[other] == patch
         ]
-        away = np.linalg.norm(skin.points[members][:, None] - np.array(taken), axis=2).min(axis=1)
+        away = cdist(skin.points[members], np.array(taken)).min(axis=1)
         free = np.flatnonzero(away >= apart)
         if len(free):
             member = members[free[0]]  # members are in the order of their depth
@@ -140,17 +142,22 @@ def chosen_foci(
             depths.append(found.member_depths[contact][inside][free[0]])
             nearest.append(member)
             waiting.append(contact)
-    # Several foci of one contact are numbered, because results name foci.
-    index = np.array(contacts, dtype=np.int64)
+    # The strengths of foci at the deepest points are known.
+    added = np.array(contacts[len(kept) :], dtype=np.int64)
     on_skin = np.array(points).reshape(-1, 3)
+    strengths = strengths[kept]
+    if len(added):
+        extra = _strengths(objects, found.objects[added], on_skin[len(kept) :], np.array(depths))
+        strengths = np.concatenate([strengths, extra])
+    # Several foci of one contact are numbered, because results name foci.
     names = [
         f"{skin.places[found.places[contact]]} at {objects[found.objects[contact]].name}"
         for contact in contacts
     ]
     return TouchFoci(
         points=on_skin + offset * np.array(normals).reshape(-1, 3),
-        strengths=_strengths(objects, found.objects[index], on_skin, np.array(depths)),
-        contacts=index,
+        strengths=strengths,
+        contacts=np.array(contacts, dtype=np.int64),
         names=tuple(
             f"{name} {names[: place + 1].count(name)}" if names.count(name) > 1 else name
             for place, name in enumerate(names)
@@ -172,8 +179,3 @@ def _strengths(
         of_object = which == index
         strengths[of_object] = objects[index].strengths(points[of_object], depths[of_object])
     return strengths
-
-
-def _distance(points: Float64[np.ndarray, "some 3"], point: Float64[np.ndarray, "3"]) -> float:
-    """Distance [m] of a point from the nearest of ``points``; infinite if there are none."""
-    return float(np.linalg.norm(points - point, axis=1).min(initial=np.inf))

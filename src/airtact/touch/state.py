@@ -1,5 +1,6 @@
 """Touch over time: foci that appear, stay and fade without flicker."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -167,8 +168,7 @@ class TouchState:
             # The nearest of the same part and object within a wavelength is the same focus.
             same = [focus for focus in unmatched if (focus.thing, focus.place) == (thing, place)]
             distances = [
-                float(np.linalg.norm(skin.points[focus.skin_point] + focus.shift - point))
-                for focus in same
+                math.dist(skin.points[focus.skin_point] + focus.shift, point) for focus in same
             ]
             if not same or min(distances) >= self.wavelength:
                 new.append(_Focus(0, thing, place, skin_point, shift, strength, contact))
