@@ -227,7 +227,6 @@ def _check_suppressed_foci(
 
 
 def _check_no_normal(points: Real[np.ndarray, "foci 3"] | Vector) -> None:
-    """Raise an error if a position and its unit normal are passed as two foci."""
     if (
         isinstance(points, tuple)
         and len(points) == 2

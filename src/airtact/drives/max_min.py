@@ -181,7 +181,6 @@ def to_rank_one(matrix: FociRows, relaxed: Relaxed) -> Complex128[np.ndarray, "f
 
 
 def _iterated(matrix: FociRows, state: Relaxed, iterations: int) -> Relaxed:
-    """Alternate between elements and foci, and increase the weights of weak foci."""
     # A contiguous copy is faster, since every iteration multiplies by it.
     back = np.ascontiguousarray(matrix.conj().T)
     for _ in range(iterations):

@@ -130,7 +130,6 @@ class Motion:
         return np.stack([self._laid(scene, focus, array_middle) for focus in target.points])
 
     def _flat_path(self) -> Float64[np.ndarray, "frames 2"]:
-        """Return the path around the origin of a plane [m]."""
         frames = self.frames or DEFAULT_FRAMES
         angles = 2.0 * np.pi * np.arange(frames) / frames
         # A circle of 3 mm fits on a finger pad (T. Morisaki et al., arXiv 2301.11572).

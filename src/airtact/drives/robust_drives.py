@@ -305,7 +305,6 @@ def _climb_at_equal_energy(
 def _climb_at_full_scale(
     samples: SampledRows, start: Amplitudes, exponents: tuple[float, ...]
 ) -> Amplitudes:
-    """Maximise the power mean over the phases, with every element at full scale."""
     from scipy.optimize import minimize
 
     rows = samples.reshape(-1, len(start))

@@ -85,6 +85,10 @@ class TransferMatrix:
     def pressure(self, drive: Drive) -> Complex128[np.ndarray, "foci"]:
         """Return the complex pressure (F,) at each focus under a drive [Pa], p = H d.
 
+        Returns
+        -------
+        (F,) peak pressures as phasors Re[p e^{−iωt}].
+
         Raises
         ------
         InvalidInput

@@ -187,6 +187,10 @@ LAYOUT = {
 def load_echoes(path: str | Path) -> Echoes:
     """Read echoes from an HDF5 file; the module ``airtact.sensing.echoes`` lists its datasets.
 
+    Returns
+    -------
+    The echoes, one row of pressures for each receiver.
+
     Raises
     ------
     InvalidInput

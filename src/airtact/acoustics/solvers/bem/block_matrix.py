@@ -147,7 +147,6 @@ class BlockMatrix:
 
 
 def _words(store: Store) -> int:
-    """Return the number of words for the real parts of one row of a block."""
     return _kernels.lanes // 2 if store == "bfloat16" else _kernels.lanes
 
 

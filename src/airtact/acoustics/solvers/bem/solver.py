@@ -407,6 +407,10 @@ class BoundaryElement(Solver):
         ----------
         scene : scene with the body.
         refined : (P, 3) points [m], such as foci, near which the panels are smaller.
+
+        Returns
+        -------
+        The panels, as meshed, with their collocation points.
         """
         _check_bodies(scene)
         panels = _in_block_order(self._panels(scene, refined))

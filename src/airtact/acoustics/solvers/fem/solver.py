@@ -85,6 +85,10 @@ class FiniteElement(Solver):
     def radiate(self, scene: Scene, sources: Monopoles) -> FiniteField:
         """Solve the scene for monopoles outside the bodies or on their surface.
 
+        Returns
+        -------
+        The field of the monopoles, with one excitation per column of their strengths.
+
         Raises
         ------
         InvalidInput
@@ -96,6 +100,10 @@ class FiniteElement(Solver):
 
     def factorised(self, scene: Scene) -> "FactorisedScene":
         """Mesh and assemble a scene once, and return a solver for any sources in this scene.
+
+        Returns
+        -------
+        A solver whose ``radiate`` reuses the mesh and the factorisation.
 
         Raises
         ------

@@ -284,6 +284,10 @@ class FactorisedBodies(Solver):
         the same frequency. The monopoles must be outside the bodies or on their surfaces. If two
         bodies are closer together than the skeletons' reach, ``fallback`` solves the scene.
 
+        Returns
+        -------
+        The field around the bodies, known only away from their surfaces.
+
         Raises
         ------
         InvalidInput
