@@ -88,8 +88,8 @@ def frame_at(amplitudes: Complex[np.ndarray, "elements"], levels: Levels, share:
     """Multiply the amplitudes of a drive by ``share``, and round them to levels.
 
     Boards with amplitude levels reduce the amplitude of every element. Boards without amplitude
-    levels switch on only this share of their elements, spread evenly over the array, because the
-    pressure at a focus is proportional to the number of active elements.
+    levels switch on only this share of their elements, spread evenly over the array. The pressure
+    at a focus is then proportional to the number of active elements.
     """
     if not levels.phase_only:
         return Frame(*levels.rounded(share * amplitudes), levels)

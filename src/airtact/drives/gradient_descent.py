@@ -27,7 +27,7 @@ def gradient(
 
     The pressure of each focus is divided by its request. Without suppression points the method
     maximises the power mean of these ratios with exponent −200, which is close to the smallest
-    ratio, and returns the start or the end of the descent, whichever is better. With suppression
+    ratio. It returns the start or the end of the descent, whichever is better. With suppression
     points it minimises their mean squared pressure, with a penalty if the power mean falls below 1
     − ``loss`` of its start. The descent is L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci.
     Comput. 16 (1995) 1190) on phases and on amplitudes between 0 and 1. The method ignores

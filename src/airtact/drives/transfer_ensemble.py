@@ -4,7 +4,7 @@ Warmer air scales the wavenumber by s. The solved field is then evaluated with a
 s about the middle of the foci. As an approximation, this also scales the bodies and the distances
 between foci, by 0.2 % per kelvin, and neglects the change of absorption. Compared with solves of a
 pinch in air that is 2 K (5 K) warmer, the error of the matrix is 1.3 % (3.2 %) in a box and 0.9 %
-(2.3 %) in front of flat boards; without scaling it is 24 to 138 %. The pressure of a drive at the
+(2.3 %) in front of flat boards. Without scaling it is 24 to 138 %. The pressure of a drive at the
 weakest focus is within 0.2 % (0.4 %) (``benchmarks/robust.py warmer``).
 
 The pressure on an element is computed as the pressure at its centre times its directivity towards

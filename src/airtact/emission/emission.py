@@ -48,10 +48,11 @@ class Emission:
 
     Use it as ``with Emission(link) as emission:``. A separate process opens the link and raises the
     sound over a ramp. It sends a confirmed frame of zeros when the block is left, when this process
-    ends for any reason, and when half a second passes without a call of ``send``, ``hold``,
-    ``play``, ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. After that no
-    drive can be sent, unless the emission ``resumes`` after late calls. SIGINT, SIGTERM and SIGHUP
-    in the main thread raise ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
+    ends for any reason, and when half a second passes without a call. The calls that count are
+    ``send``, ``hold``, ``play``, ``cycle``, ``modulate``, ``set_modulation``, ``silence`` and
+    ``beat``. After silence no drive can be sent, unless the emission ``resumes`` after late calls.
+    SIGINT, SIGTERM and SIGHUP in the main thread raise ``KeyboardInterrupt`` or ``SystemExit``,
+    which ends the block.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
     opens the link and silences the boards. Two kinds of links are opened in this process instead:

@@ -84,7 +84,7 @@ def panels_of(
     image : function that mirrors points in a plane, for gaps to the mirror images of the bodies.
     walls : indices of bodies whose flat faces get smaller panels if they face each other.
     close : gap between bodies, or to the mirror images, below which the edges of their panels are
-        0.8 times as long [m], because sound is scattered back and forth between them.
+        0.8 times as long [m]. The sound is scattered back and forth in such gaps.
     """
     bodies = [shape.panels(edge, bend, away) for shape in shapes]
 

@@ -218,8 +218,8 @@ def locate(
     # The residual of a wrong shape has about 8 degrees of freedom (ends and radii of two fingers,
     # minus the six of a pose), whatever the number of pressures. Each unknown of the pose is
     # assumed to have absorbed as much power as one degree of freedom, so the power is divided by 8
-    # and not by the number of pressures. 5 % are attributed to errors of the solvers and the
-    # interpolation.
+    # and not by the number of pressures. A misfit of 5 % is attributed to errors of the solvers and
+    # the interpolation.
     of_shape = 2.0 * max(misfit**2 - 0.05**2, 0.0) * power(fit.measured) / 8
     return Located(
         pose=pose,

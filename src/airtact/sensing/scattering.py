@@ -42,7 +42,7 @@ class ScatteringMatrix:
 
     For an incident field Σ a_nm j_n(kr) Z_nm, the scattered field is Σ b_nm h_n(kr) Z_nm with
     b = T a. Z_nm are the real, orthonormal spherical harmonics (m > 0: cos mφ, m < 0: sin |m|φ)
-    without the Condon-Shortley sign, and wave (n, m) has the index n² + n + m.
+    without the Condon-Shortley sign. Wave (n, m) has the index n² + n + m.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 """Poses of an array's boards, gains of its elements and sound speed from direct sound.
 
 Elements on boards that face each other receive each other's transmissions. Codes such as Hadamard
-codes separate the emitters. Element r receives p_re = ρ_r τ_e T_re from element e, where T is the
-direct sound between elements of unit gain, τ are the emission gains and ρ the reception gains. The
+codes separate the emitters. Element r receives p_re = ρ_r τ_e T_re from element e. T is the direct
+sound between elements of unit gain, τ are the emission gains, and ρ are the reception gains. The
 two gains of an element differ because of the electronics. For given positions, alternating least
 squares yield ρ and τ. The Levenberg-Marquardt method finds the motions of the boards and the sound
 speed from the residual with optimal gains (variable projection: G. Golub and V. Pereyra, SIAM J.
@@ -58,9 +58,9 @@ class Calibrated:
         board 0.
     emission, reception : (E,) emission and reception gains; 0 for dead elements, and 1 in
         ``reception`` for elements that do not receive. Their common factor is a convention.
-    covariance : (6 B − 5, 6 B − 5) covariance of the translation of the centre of boards 1 to B − 1
-        [m], of a small rotation about it [rad], ordered by board along the array's axes, and of the
-        sound speed [m/s].
+    covariance : (6 B − 5, 6 B − 5) covariance for boards 1 to B − 1 and for the sound speed [m/s],
+        which comes last. Each board has the translation of its centre [m] and a small rotation
+        about it [rad], along the array's axes.
     gain_deviation : relative rms standard deviation of the gains, equal to that of their phases
         [rad].
     residual : rms of the residual, including noise, divided by the rms of the direct sound.

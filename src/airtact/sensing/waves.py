@@ -1,10 +1,10 @@
 """Spherical waves with real harmonics about one centre, and their rigid motions.
 
 Z_nm are the real, orthonormal spherical harmonics. A field without sources in a ball is Σ a_nm
-j_n(kr) Z_nm, and an outgoing field is Σ b_nm h_n(kr) Z_nm; wave (n, m) has the index n² + n + m. A
+j_n(kr) Z_nm, and an outgoing field is Σ b_nm h_n(kr) Z_nm. Wave (n, m) has the index n² + n + m. A
 monopole e^{ikR}/R at x has a_nm = 4πik h_n(k|x|) Z_nm(x) (DLMF 10.60.1 and 14.30.9). A translation
-τ and rotation ω of a field about the centre is exp(τ·∇ + ω·(r × ∇)). Both operators are sparse:
-r × ∇ couples waves of the same n, and
+τ and rotation ω of a field about the centre is exp(τ·∇ + ω·(r × ∇)). Both operators are sparse: r ×
+∇ couples waves of the same n, and
 
     ∂z (j_n Z_nm)/k = A_nm j_(n−1) Z_(n−1)m − A_(n+1)m j_(n+1) Z_(n+1)m,  A_nm² = (n² − m²)/(4n² −
     1)

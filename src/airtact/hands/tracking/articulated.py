@@ -1,11 +1,11 @@
 """Extended Kalman filter of an articulated hand: a rigid palm, and bones of constant lengths.
 
 The state has 86 degrees of freedom: shift and turn of the palm, 7 turns of each finger's joints,
-and the shape, which consists of 15 bone lengths and 10 positions of joints in the palm. The shape
-hardly changes, so it is learned from the first second of frames, together with any constant error
-of the tracker's landmarks. The palm and the main turns also have rates. The rates are constant
-except for white noise of the acceleration. All other degrees of freedom are constant except for a
-slow random walk.
+and the shape. The shape consists of 15 bone lengths and 10 positions of joints in the palm. The
+shape hardly changes, so it is learned from the first second of frames, together with any constant
+error of the tracker's landmarks. The palm and the main turns also have rates. The rates are
+constant except for white noise of the acceleration. All other degrees of freedom are constant
+except for a slow random walk.
 
 The state is stored as the 25 joints and the rates. The covariance describes small changes of the
 degrees of freedom from this state, about the present axes of the joints.

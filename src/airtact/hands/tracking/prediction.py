@@ -25,7 +25,7 @@ class NoiseEstimate:
     """Estimate of the white noise of a tracker from its frames.
 
     The third difference of four positions at even time steps is insensitive to the motion of a
-    hand: at 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes 0.02 mm. White noise
+    hand. At 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes 0.02 mm. White noise
     contributes sqrt(1 + 9 + 9 + 1) times its standard deviation. Medians exclude landmarks that
     jump. For a tracker that smooths its data, the noise is underestimated.
 

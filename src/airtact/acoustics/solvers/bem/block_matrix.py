@@ -167,8 +167,8 @@ def worth_eliminating(unknowns: int, excitations: int) -> bool:
     """Whether Gaussian elimination is faster than iterations.
 
     It is faster if there are at least 0.05 right-hand sides per unknown, because GMRES's vectors
-    then exceed the caches (measured at 2,000 to 5,000 unknowns and accuracies from 0.02 to 0.005).
-    At 16,000 unknowns the matrix takes 2 GiB in single precision.
+    then exceed the caches. This was measured at 2,000 to 5,000 unknowns and accuracies from 0.02 to
+    0.005. At 16,000 unknowns the matrix takes 2 GiB in single precision.
     """
     return excitations >= 0.05 * unknowns and unknowns <= 16_000
 

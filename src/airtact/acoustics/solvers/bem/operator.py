@@ -1,7 +1,7 @@
 """The dual-surface equation on curved panels: its matrix and its right-hand sides.
 
-For a sound-hard body and outgoing waves e^{+ikr}/r, the pressure p on the surface solves, at each
-point x of the surface, with a second point x' = x − δ n inside the body,
+Each point x of the surface has a second point x' = x − δ n inside the body. For a sound-hard body
+and outgoing waves e^{+ikr}/r, the pressure p on the surface solves the equation
 
     p(x)/2 − D[p](x) + i D[p](x') = p_inc(x) − i p_inc(x'),
 
@@ -203,8 +203,8 @@ def transposed_right_side(
     """Return the right-hand side of the transposed equation, and a factor for each source.
 
     The right-hand side is the transposed double layer of the monopoles, including their images in
-    ``planes``. The factor of a source's strength is 1 off the surface and 2 on it: on the surface,
-    Green's formula yields half of the pressure, p/2 = p_inc + D[p], so by reciprocity a source
+    ``planes``. The factor of a source's strength is 1 off the surface and 2 on it. On the surface,
+    Green's formula yields only half of the pressure, p/2 = p_inc + D[p]. By reciprocity, a source
     there counts twice. This is true for any impedance, because D includes the single layer.
     """
     positions, contact = project_contacts(surface.nodes, positions)

@@ -97,9 +97,9 @@ class DirectSolution:
         """Return nodes and pressure on the surface, with smaller panels near some points.
 
         The panels near the points are cut in four. The pressure on the pieces is computed from the
-        integral equation itself, which is smoother than the quadratic through the six nodes
-        (Nyström interpolation, Atkinson, The Numerical Solution of Integral Equations of the Second
-        Kind, 1997, section 4).
+        integral equation itself. It is smoother than the quadratic through the six nodes (Nyström
+        interpolation, Atkinson, The Numerical Solution of Integral Equations of the Second Kind,
+        1997, section 4).
         """
         nodes = self.surface.nodes
         first, panel = near_lists(nodes, points, self.surface.near_rule.reach * nodes.radii)
