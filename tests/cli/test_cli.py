@@ -68,7 +68,7 @@ def test_a_name_of_no_file_and_no_example_lists_the_examples(capsys, monkeypatch
 def test_help_of_render_names_all_scenes_that_come_with_airtact(capsys):
     printed, _ = done(capsys, "render", "--help")
     assert (
-        f"come with airtact: {', '.join(sorted(path.stem for path in EXAMPLES.glob('*.toml')))}."
+        f"an example: {', '.join(sorted(path.stem for path in EXAMPLES.glob('*.toml')))}."
         in printed
     )
 
@@ -112,7 +112,7 @@ def test_check_reports_what_is_in_a_surface(capsys, tmp_path):
         "20 x 30 x 40 mm",
         "52 cm²",
         "24 cm³",
-        "12 of 360 mm in total turn by over 75°",
+        "12 with a total length of 360 mm",
         "unknowns, about",
         "repaired nothing",
     ):
@@ -124,7 +124,7 @@ def test_check_lists_repairs_and_how_sharp_edges_were_asked(capsys, tmp_path):
     path = box_file(tmp_path, lambda v, t: (v, np.vstack([t[:1, ::-1], t[1:]])))
     printed, _ = done(capsys, "check", path, "--scale", "1e-3", "--sharp", "120")
     assert "repaired 1 triangle was reversed" in printed
-    assert "none turns by over 120°" in printed
+    assert "none with an angle above 120°" in printed
     assert list(tmp_path.iterdir()) == [path]
 
 

@@ -55,7 +55,7 @@ def test_a_rendering_reports_what_is_kept_nine_of_ten_times(read, tmp_path) -> N
     assert np.quantile(kept.pressures[0], 0.1) == pytest.approx(kept.lowest_tenth[0])
     assert kept.sentence() in result.remarks
     at.write_report(result, tmp_path)
-    assert "not as expected" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Effect of uncertainty" in (tmp_path / "report.html").read_text(encoding="utf-8")
     contenders = at.compare(setup).contenders
     nine_of_ten = {one.name: one.kept for one in contenders if one.kept is not None}
     assert len(nine_of_ten) == len(contenders)

@@ -47,21 +47,21 @@ if TYPE_CHECKING:
     "scans",
     type=FILE,
     multiple=True,
-    help="Scan of the empty array's field; repeat the option for more.",
+    help="Scan of the field of the empty array; can be repeated.",
 )
 @click.option(
     "--element",
     "elements",
     type=int,
     multiple=True,
-    help="The only element that emitted, from 0; one per scan.",
+    help="Index (from 0) of the only emitting element; one per scan.",
 )
 @click.option(
     "--drive",
     "drives",
     type=FILE,
     multiple=True,
-    help="Drive file of each scan, or of all; the scene's own drive by default.",
+    help="Drive file for each scan or for all scans; by default the drive of the scene.",
 )
 @microphone_face
 @click.option(
@@ -81,16 +81,17 @@ def calibrate(
     out: Path,
     **microphone: Any,
 ) -> None:
-    """Calibrate the poses of a scene's boards, the gains of the elements and the sound speed.
+    """Estimate the poses of a scene's boards, the gains of the elements and the sound speed.
 
     ECHOES is an .h5 file of the pressures that the elements of the empty array receive from each
-    other. The boards must face each other, the codes must distinguish the elements, and the direct
-    sound must be included. The command writes a table, which a scene reads with
-    calibration = "calibration.csv" under [array].
+    other, including the direct sound. The boards must face each other, and the codes must
+    distinguish the elements. The command writes a table. To use this table in a scene, set
+    calibration = "calibration.csv" in [array].
 
-    With --scan, the command takes a SCENE instead, and finds the sensitivity, the misalignment of
-    the scans, and the gains that they determine. A scan is a .csv file with the columns x, y, z
-    (metres, in the obstacles' frame), pressure (peak pascals) and, if measured, phase (radians).
+    With --scan, the argument is a SCENE instead. The command then estimates the sensitivity, the
+    misalignment of the scans, and the gains that the scans determine. A scan is a .csv file with
+    the columns x, y, z (metres, in the obstacles' frame), pressure (pascals, peak) and, if
+    measured, phase (radians).
     """
     if scans:
         if simulate:
@@ -100,7 +101,7 @@ def calibrate(
         return
     if elements or drives or given(**microphone):
         raise at.InvalidInput(
-            "--element, --drive, --diameter and --axis describe a scan: set --scan.",
+            "--element, --drive, --diameter and --axis only apply to scans: set --scan.",
             code="options_clash",
         )
     with progress() as report_step:
@@ -152,7 +153,7 @@ def _from_scans(
         files = {}
         if kept := parse_scene(setup.text).array.calibration:
             # Another table would lose the positions in this one.
-            gains += f", not written, because the scene has {kept} already"
+            gains += f", not written, because the scene already uses {kept}"
         elif len(determined):
             calibrated.save(out)
             levels = np.abs(calibrated.array.gains[determined])
@@ -170,17 +171,17 @@ def _from_scans(
             f"Pa·m ({calibrated.deviation / calibrated.sensitivity:.1%})",
         ),
         (
-            "scan turned by",
+            "rotation of the scan",
             f"{np.degrees(np.linalg.norm(turn)):.2f}°, standard deviation "
             f"{np.degrees(turn_doubt):.2g}°",
         ),
         (
-            "and shifted by",
+            "shift of the scan",
             f"({1e3 * shift[0]:.2f}, {1e3 * shift[1]:.2f}, {1e3 * shift[2]:.2f}) mm, standard "
             f"deviation {1e3 * shift_doubt:.2g} mm",
         ),
         ("gains determined", gains),
-        ("not explained", ", ".join(f"{error:.1%}" for error in calibrated.errors)),
+        ("unexplained", ", ".join(f"{error:.1%}" for error in calibrated.errors)),
     ]
     show(
         facts_table(facts),
@@ -209,7 +210,10 @@ def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[
         # The distance of a small rotation from the identity is √2 times its angle.
         angle = np.degrees(np.linalg.norm(motion.rotation - np.eye(3)) / np.sqrt(2.0))
         facts.append(
-            (f"board {board} is off by", f"({x:.3f}, {y:.3f}, {z:.3f}) mm, turned by {angle:.3f}°")
+            (
+                f"misalignment of board {board}",
+                f"({x:.3f}, {y:.3f}, {z:.3f}) mm, rotated by {angle:.3f}°",
+            )
         )
     gains = np.abs(calibrated.emission[calibrated.emission != 0.0])
     facts += [
@@ -220,7 +224,7 @@ def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[
             f"{calibrated.gain_deviation:.1%}",
         ),
         (
-            "not explained",
+            "unexplained",
             f"{calibrated.residual:.1%} of the direct sound, {calibrated.misfit:.1%} beyond noise",
         ),
     ]

@@ -66,8 +66,8 @@ def check(scene: Path, folder: Path | None, **settings: Any) -> None:
             # In a scene file, each surface has its own settings.
             for key, value in chosen.items():
                 raise at.InvalidInput(
-                    f"{key} = {value} on the command line is for surfaces: write it in the scene "
-                    "file.",
+                    f"{key} = {value} on the command line only applies to surface files: set it in "
+                    "the scene file.",
                     code="options_clash",
                 )
             tables, cautions, record = _check_scene(scene, folder, report_step)
@@ -209,7 +209,7 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
     for name, obstacle in named.items():
         if obstacle.surface.repairs:
             yield repairs_table(obstacle.surface, name)
-    foci = plain_table("foci", "x", "y", "z", "off the surface", "pressure")
+    foci = plain_table("foci", "x", "y", "z", "distance from surface", "pressure")
     requested = setup.target.pressures
     distances = -scene.depth(setup.target.points)
     for index, (name, point) in enumerate(zip(setup.foci, setup.target.points, strict=True)):

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     type=INPUT,
     multiple=True,
     metavar="FILE",
-    help="Compare this drive of any program instead of the methods; may be repeated.",
+    help="Compare this drive from any program instead of the methods; can be repeated.",
 )
-@click.option("--board", metavar="NAME", help="Kind of board that a .bin file is for.")
+@click.option("--board", metavar="NAME", help="Kind of board for a .bin file.")
 @results
 @store
 @pictures
@@ -45,12 +45,12 @@ def compare(
 ) -> None:
     """Compute the drive of SCENE by every method; write methods.csv, methods.html, drives/*.h5.
 
-    All drives come from one transfer matrix and are verified by a more accurate solution.
+    All drives are computed from the same transfer matrix and verified by a more accurate solve.
 
     With --drive, evaluate the drive of another program and compare it with the best drive and with
     the corrected drive, which is the nearest drive that reaches 95 % of the upper bound. Files:
-    .h5; .csv or .txt with phases; .csv and .holo of AcousTools; .xml of Ultraino; .npy; .bin of
-    boards.
+    .h5; .csv or .txt with phases; .csv and .holo from AcousTools; .xml from Ultraino; .npy; .bin
+    with the messages of boards.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

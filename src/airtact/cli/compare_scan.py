@@ -23,13 +23,13 @@ from airtact.cli.options import INPUT, as_json, given, microphone_face, pictures
 @click.option(
     "--housing",
     type=float,
-    help="Length of its housing behind the face in metres; 0.05 by default.",
+    help="Length of the housing behind the face in metres; 0.05 by default.",
 )
 @pictures
 @as_json
 @quiet
 def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microphone: Any) -> None:
-    """Predict the reading of a microphone in SCENE, and compare the measured SCAN with it.
+    """Predict the readings of a microphone in SCENE, and compare them with the measured SCAN.
 
     SCAN is a .csv file with the columns x, y, z (metres, in the obstacles' frame), pressure (any
     unit) and, if measured, phase (radians). The prediction is for the drive of SCENE, rounded to
@@ -97,10 +97,10 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
             write_picture(files[1], draw_overlay(overlay))
     report = field.report
     phased = measured.phased
-    quantity = "pressures with their phases" if phased else "magnitudes, as no phase was measured"
+    quantity = "complex pressures" if phased else "magnitudes, because no phase was measured"
     turn = f" at {np.degrees(np.angle(overlay.scale)):.1f}°" if phased else ""
     facts = [
-        ("relative error", f"{overlay.error:.1%}, after one scale, of {quantity}"),
+        ("relative error", f"{overlay.error:.1%} of the {quantity}, after fitting one scale"),
         ("positions", f"{int(overlay.used.sum())} of {len(overlay.used)} compared"),
         ("scale", f"{abs(overlay.scale):.4g} of the scan's unit per predicted pascal{turn}"),
         ("predicted by", f"{report.solver}, estimated error {report.estimated_error:.2%}"),

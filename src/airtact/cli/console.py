@@ -161,7 +161,7 @@ def open_page(page: Path) -> None:
     import webbrowser
 
     if not webbrowser.open(page.resolve().as_uri()):
-        show(warnings=[f"no browser was found: open {page} yourself."])
+        show(warnings=[f"no browser was found: open {page} manually."])
 
 
 def plain_table(*columns: str) -> Table:
@@ -199,6 +199,6 @@ def sharp_edges_in_words(surface: "at.Surface") -> str:
     length = 1e3 * surface.edge_lengths[sharp].sum() / 2
     count = int(sharp.sum()) // 2
     if count == 0:
-        return f"none turns by over {surface.sharp_degrees:g}°"
-    turn = f"turn by over {surface.sharp_degrees:g}° or end a flat cap"
-    return f"{count:,} of {length:.4g} mm in total {turn}"
+        return f"none with an angle above {surface.sharp_degrees:g}°"
+    turn = f"angle above {surface.sharp_degrees:g}° or rim of a flat cap"
+    return f"{count:,} with a total length of {length:.4g} mm ({turn})"

@@ -21,26 +21,26 @@ from airtact.cli.options import FILE, Names, agreed, board_address, level_of, qu
     type=Names("airtact.transducers.boards:BOARDS"),
     help="Kind of board.",
 )
-@click.option("--cap", type=float, help="Largest amplitude, as a share of full scale: 0.5 is half.")
-@click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1.")
+@click.option("--cap", type=float, help="Largest amplitude relative to full scale: 0.5 is half.")
+@click.option("--full-scale", is_flag=True, help="Emit at full scale, like --cap 1.")
 @click.option(
     "--modulate",
-    help="am:FREQUENCY or am:FREQUENCY:DEPTH, such as am:200; none for a constant force.",
+    help="Modulation: am:FREQUENCY or am:FREQUENCY:DEPTH, such as am:200, or none.",
 )
 @click.option(
     "--link",
     required=True,
     type=Names("airtact.emission.links:LINKS", "file"),
-    help="Connection to the boards; file only writes the frames.",
+    help="Connection to the boards, or file to write the frames to a file.",
 )
 @click.option(
-    "--seconds", type=float, help="Duration; 2 by default, or one period or round for a file."
+    "--seconds", type=float, help="Duration; by default 2, or one period or round for a file."
 )
-@click.option("--yes", is_flag=True, help="Emit without asking.")
+@click.option("--yes", is_flag=True, help="Emit without asking for confirmation.")
 @board_address
-@click.option("--out", type=FILE, help="File, for --link file: .h5 or .bin.")
+@click.option("--out", type=FILE, help="File to write with --link file: .h5 or .bin.")
 @click.option(
-    "--log", type=FILE, help="Log file with one line per event: its time and what was sent."
+    "--log", type=FILE, help="Log file with one line per event: the time and what was sent."
 )
 @quiet
 def emit(
@@ -58,13 +58,13 @@ def emit(
 ) -> None:
     """Emit DRIVE.h5 on boards for some seconds, then silence them.
 
-    Without --cap and --full-scale the level half a metre from the array is limited to 110 dB, a
-    usual limit. The amplitude rises over 0.2 s. A separate process sends a frame of zeros at the
-    end, after an error, and when this process is killed; boards confirm it if they can.
+    Without --cap and --full-scale, the level half a metre from the array is limited to 110 dB. The
+    amplitude ramps up over 0.2 s. A separate process sends a frame of zeros at the end, after an
+    error, and if this process is killed. Boards confirm this frame if they can.
 
-    --link file writes the frames to the file --out, at full scale and without confirmation: one
-    frame of a drive, one period of a modulated drive, one round of a sequence, or --seconds of any
-    of them.
+    --link file writes the frames to the file --out, at full scale and without confirmation. It
+    writes one frame of a drive, one period of a modulated drive, one round of a sequence, or
+    --seconds of any of them.
     """
     from airtact.drives.head_level import NO_SAFETY_ASSESSMENT
     from airtact.emission.links import link_to
@@ -75,7 +75,7 @@ def emit(
         positive(seconds, "the duration", "s")
     if (link == "file") != (out is not None):
         raise at.InvalidInput(
-            "--link file and --out FILE go together: use both or neither.",
+            "--link file and --out FILE must be used together: set both or neither.",
             code="key_missing" if out is None else "options_clash",
         )
     share = level_of(cap, full_scale)

@@ -28,14 +28,20 @@ EDGE = 4e-3
     epilog="Example: airtact hand pinch.json --gap 0.012 --out hand.ply",
 )
 @click.argument("path", metavar="POSE_RECORDING_OR_CLOUD", type=INPUT)
-@click.option("--gap", type=float, help="Gap to which thumb and index finger open, in metres.")
-@click.option("--edge", type=float, help="Edge length of the triangles in metres; 4e-3 by default.")
-@click.option("--out", "file", required=True, type=FILE, help="File for the skin.")
-@click.option("--frame", type=int, help="Number of a frame of a recording; the first by default.")
-@click.option("--leave-out", is_flag=True, help="Drop and count faulty frames of a recording.")
-@click.option("--landmarks", type=INPUT, help="Rough joints, a pose as JSON, for a cloud.")
 @click.option(
-    "--camera", type=(float, float, float), help="Position from which a cloud was seen, in metres."
+    "--gap", type=float, help="Gap to which thumb and index finger are opened, in metres."
+)
+@click.option("--edge", type=float, help="Edge length of the triangles in metres; 4e-3 by default.")
+@click.option("--out", "file", required=True, type=FILE, help="File to which the skin is written.")
+@click.option("--frame", type=int, help="Number of the frame in a recording; by default the first.")
+@click.option("--leave-out", is_flag=True, help="Skip and count unusable frames of a recording.")
+@click.option(
+    "--landmarks", type=INPUT, help="Pose file (.json) with rough joints for a point cloud."
+)
+@click.option(
+    "--camera",
+    type=(float, float, float),
+    help="Position of the camera for a point cloud, in metres.",
 )
 @quiet
 def hand(
@@ -50,13 +56,14 @@ def hand(
 ) -> None:
     """Compute the closed skin of a hand from its joints: 25 of WebXR, or 21 of MediaPipe or Leap.
 
-    A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb,
-    or as curved triangles to .vtkhdf for ParaView, with a picture .png beside it.
+    A pose is a .json file. The skin is written as flat triangles in metres to a .ply, .stl or .glb
+    file, or as curved triangles to a .vtkhdf file for ParaView. A picture (.png) is written next to
+    it.
 
-    One frame of a recording is used: a .jsonl file, or a recording of IWER, vuer, VisionProTeleop
-    (.json) or hand-tracking-streamer (.txt). A point cloud is a .ply or .xyz file and needs rough
-    --landmarks. A hand is fitted to the cloud, and the picture shows the distances of the points
-    from its skin.
+    A recording is a .jsonl file, or a file from IWER, vuer, VisionProTeleop (.json) or
+    hand-tracking-streamer (.txt); only one frame is used. A point cloud is a .ply or .xyz file and
+    requires rough --landmarks. The command fits a hand to the cloud, and the picture shows the
+    distances of the points from its skin.
     """
     from airtact.errors import within
     from airtact.hands.files import CLOUD_ENDINGS
@@ -68,7 +75,7 @@ def hand(
         kind = "cloud"
     elif kind == "pose" and path.suffix.lower() in CLOUD_ENDINGS:
         raise at.InvalidInput(
-            f"{path.name} is a point cloud, which needs rough landmarks: pass --landmarks.",
+            f"{path.name} is a point cloud, which requires rough landmarks: set --landmarks.",
             code="data_missing",
         )
     for option, of_kind, is_given in (
@@ -79,7 +86,7 @@ def hand(
     ):
         if is_given and of_kind != kind:
             raise at.InvalidInput(
-                f"{path.name} is a {kind}, but --{option} is for a {of_kind}: omit it.",
+                f"{path.name} is a {kind}, but --{option} only applies to a {of_kind}: omit it.",
                 code="options_clash",
             )
     # Fitting takes minutes, so check the output first.
@@ -126,8 +133,8 @@ def _skin(
         if number not in frames:
             raise at.InvalidInput(
                 f"{path.name} has no frame {number} with landmarks. {len(frames)} of "
-                f"{len(recording.frames)} frames have landmarks: use the number of another one, "
-                "or fit a hand to their point clouds.",
+                f"{len(recording.frames)} frames have landmarks: choose one of these, or fit a "
+                "hand to the point clouds.",
                 code="data_missing",
             )
         posed = frames[number].hand()
@@ -164,7 +171,7 @@ def _fit(
     writable_folder(file.parent)
     eye = None if camera is None else np.array(camera, dtype=np.float64)
     fitted = at.fit_hand(points, joints, side, eye, progress=report_step)
-    report_step("moving the skin of the hand to the points")
+    report_step("fitting the skin of the hand to the points")
     surface = fitted.surface if edge is None else fitted.skin(edge)
     shape = cast("HandShape | MeshShape", surface.shape)
     if isinstance(shape, MeshShape):
@@ -184,7 +191,7 @@ def _fit(
         *_facts(fitted.hand.side, shape, triangles, places),
         (
             "points used",
-            f"{used.sum():,} of {len(used):,} after thinning; median distance from the skin "
+            f"{used.sum():,} of {len(used):,} after downsampling; median distance from the skin "
             f"{1e3 * usual:.1f} mm",
         ),
         ("standard deviation of the joints", f"{1e3 * joint_error:.1f} mm"),

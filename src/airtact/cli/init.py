@@ -1,4 +1,4 @@
-"""``airtact init``: write a first scene to render and to modify."""
+"""``airtact init``: write a first scene that users can render and modify."""
 
 import json
 import os
@@ -30,17 +30,20 @@ PLACES = ("index.pad", "middle.pad", "palm")
     "--board",
     type=Names("airtact.transducers.boards:BOARDS"),
     default="autd3",
-    help="Kind of board; autd3 by default.",
+    help="Kind of board; by default autd3.",
 )
 @click.option(
-    "--hand", type=INPUT, help="Pose of a hand, .json; the relaxed left hand of airtact by default."
+    "--hand",
+    type=INPUT,
+    help="Pose file of a hand (.json); by default airtact's relaxed left hand.",
 )
 @click.option("--right", is_flag=True, help="Use airtact's hand as a right hand.")
 @quiet
 def init(place: Path, board: str, hand: Path | None, right: bool) -> None:
     """Write a commented scene.toml with one board and a hand above it.
 
-    The file is written into this folder, into FOLDER, or to FILE.toml. No file is overwritten.
+    The file is written to the current folder, to FOLDER, or to FILE.toml. Existing files are never
+    overwritten.
     """
     import numpy as np
 
@@ -65,7 +68,7 @@ def init(place: Path, board: str, hand: Path | None, right: bool) -> None:
     else:
         if right:
             raise click.UsageError(
-                "--right applies to airtact's own hand and cannot be used with --hand."
+                "--right only applies to airtact's own hand and cannot be used with --hand."
             )
         over = at.load_hand(hand)
         try:
@@ -75,7 +78,7 @@ def init(place: Path, board: str, hand: Path | None, right: bool) -> None:
     for file in (scene, *copied):
         if file.exists():
             raise at.InvalidInput(
-                f"{file} already exists and is not overwritten: choose another folder or file.",
+                f"{file} already exists and was not overwritten: choose another folder or file.",
                 code="would_overwrite",
             )
     text = _scene_text(scene.name, at.transducers.board_named(board), over, name)
@@ -134,10 +137,10 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
 def _over_board(
     hand: "Hand", board: "Board", height: float
 ) -> "tuple[np.ndarray, float, np.ndarray]":
-    """Return axis, degrees and translation [m] that put the hand face down over a board.
+    """Return the axis, degrees and translation [m] that place the hand palm down above a board.
 
     The lowest of ``PLACES`` is at ``height`` [m]. The hand points along the longer side of the
-    board, and the middle between its palm and its fingertips is over the middle of the board.
+    board, and the middle between its palm and its fingertips is above the middle of the board.
     """
     import numpy as np
     from scipy.spatial.transform import Rotation

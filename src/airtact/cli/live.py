@@ -30,18 +30,18 @@ from airtact.cli.options import (
     "--from",
     "source",
     metavar="FILE.jsonl|SESSION.h5|websocket|osc|page",
-    help="Source of the hand: a recording, another run's session, trackers and applications "
-    "(websocket or osc, with :PORT for another port than 8765 or 9000), or the page; an example "
-    "motion by default.",
+    help="Source of the hand: a recording, the session of an earlier run, trackers and "
+    "applications (websocket:PORT or osc:PORT, by default ports 8765 and 9000), or page; by "
+    "default an example motion.",
 )
 @click.option(
-    "--seconds", type=float, help="Duration; by default until Ctrl-C or the recording's end."
+    "--seconds", type=float, help="Duration; by default until Ctrl-C or the end of the recording."
 )
 @click.option(
     "--record",
     "recording",
     type=OUT_FILE,
-    help="Compute no drives; record the frames of --from websocket or osc to a .jsonl file.",
+    help="Record the frames of --from websocket or osc to a .jsonl file, without drives.",
 )
 @click.option(
     "--verify",
@@ -53,24 +53,24 @@ from airtact.cli.options import (
     "--latency",
     type=float,
     default=0.0,
-    help="Smallest delay from the tracker's picture to the emission in seconds; 0 by default.",
+    help="Smallest delay between the tracker's picture and the emission, in seconds; 0 by default.",
 )
 @click.option(
     "--ignore-hand",
     is_flag=True,
-    help="Compute drives from distances only, without the hand.",
+    help="Ignore the hand: compute drives from distances only.",
 )
-@click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1.")
-@click.option("--cap", type=float, help="Largest amplitude, as a share of full scale: 0.5 is half.")
+@click.option("--full-scale", is_flag=True, help="Emit at full scale, like --cap 1.")
+@click.option("--cap", type=float, help="Largest amplitude relative to full scale: 0.5 is half.")
 @click.option(
     "--board",
     type=Names("airtact.transducers.boards:BOARDS"),
-    help="Kind of board; none by default.",
+    help="Kind of board; by default, nothing is emitted.",
 )
 @click.option(
     "--link", type=Names("airtact.emission.links:LINKS"), help="Connection to the boards."
 )
-@click.option("--yes", is_flag=True, help="Emit without asking.")
+@click.option("--yes", is_flag=True, help="Emit without asking for confirmation.")
 @board_address
 @click.option(
     "--no-page", "page", is_flag=True, flag_value=False, default=True, help="Do not serve the page."
@@ -88,7 +88,7 @@ from airtact.cli.options import (
 @click.option(
     "--certificate",
     type=INPUT,
-    help="PEM file with a certificate and its key: serve the page by HTTPS, as headsets need.",
+    help="PEM file with a certificate and its key, to serve the page over HTTPS for headsets.",
 )
 @as_json
 @quiet
@@ -114,14 +114,14 @@ def live(
 ) -> None:
     """Make the sound follow the hand of SCENE, and record the run in session.h5.
 
-    SCENE is the example live_pinch by default. Its foci are where hands touch its [[objects]], as
-    in touch_ball and touch_button, or named points of a hand, such as at = "thumb.pad". The sound
-    fades to silence when the hand is lost, leaves the workspace or is not seen for 150 ms. Without
-    --cap and --full-scale the level half a metre from the array is limited to 110 dB. Ctrl-C ends
-    the run in silence.
+    By default, SCENE is the example live_pinch. Its foci are points where hands touch [[objects]],
+    as in touch_ball and touch_button, or named points of a hand, such as at = "thumb.pad". The
+    sound fades to silence if the hand is lost, leaves the workspace, or is not seen for 150 ms.
+    Without --cap and --full-scale, the level half a metre from the array is limited to 110 dB.
+    Ctrl-C ends the run and silences the boards.
 
-    --record writes the frames of trackers to a recording and reads no SCENE. --verify solves for
-    the hand of a session at the times of its drives, and compares the drives with the best ones.
+    --record writes the frames of trackers to a recording and does not read SCENE. --verify solves
+    for the hand of a session at the times of its drives, and compares them with the best drives.
     """
     share = level_of(cap, full_scale)
     if session is not None:
@@ -129,7 +129,7 @@ def live(
             report_step(f"reading {session}")
             recorded = at.live.read_session(session)
             verified = at.live.verify_session(recorded, report_step=report_step)
-        table = plain_table("emitted at", "made from", "weakest focus", "share of the best")
+        table = plain_table("emitted at", "based on", "weakest focus", "share of the best")
         rows = []
         start = recorded.time_in_air[0]
         for index, pressures, kept in zip(
@@ -172,7 +172,7 @@ def live(
                 notes.append(
                     f"The cap of {share:g} limits the level at a head to {MAX_HEAD_LEVEL:g} dB for "
                     f"the hand at rest. --full-scale emits up to {full:.0f} dB; --cap sets another "
-                    "share."
+                    "limit."
                 )
         hands = at.live.hands_from(setup, source, folder)
     if board is not None:

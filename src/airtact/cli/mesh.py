@@ -27,16 +27,20 @@ if TYPE_CHECKING:
 )
 @click.argument("surface", type=INPUT)
 @click.option(
-    "--edge", type=float, help="Edge length of the panels in metres; by default for 1 % at 40 kHz."
+    "--edge",
+    type=float,
+    help="Edge length of the panels in metres; by default that for 1 % accuracy at 40 kHz.",
 )
-@click.option("--out", "file", required=True, type=FILE, help="File for the panels.")
+@click.option(
+    "--out", "file", required=True, type=FILE, help="File to which the panels are written."
+)
 @surface_settings
 @quiet
 def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None:
     """Cover SURFACE (STL, PLY, OBJ, GLB) with curved panels and report their quality.
 
-    The panels are written to a .vtkhdf file for ParaView, or as flat triangles in metres to .stl,
-    .ply or .glb, with a picture .png beside it.
+    The panels are written to a .vtkhdf file for ParaView, or as flat triangles in metres to a .stl,
+    .ply or .glb file. A picture (.png) is written next to it.
     """
     with progress() as report_step:
         import numpy as np
@@ -85,7 +89,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None
     sizes.add_row("area", f"{1e4 * area_before:.4g} cm²", f"{1e4 * area:.4g} cm²")
     sizes.add_row("volume", f"{1e6 * volume_before:.4g} cm³", f"{1e6 * volume:.4g} cm³")
     angles = smallest_angles(triangles)
-    worst = f"{angles.min():.1f}°, 1 of 100 panels below {np.percentile(angles, 1):.1f}°"
+    worst = f"{angles.min():.1f}°; 1 % of the panels are below {np.percentile(angles, 1):.1f}°"
     longest = 1e3 * float(longest_edges(triangles).max())
     # Deviations above λ/20 change the phase of the reflected sound.
     farthest = float(panels.farthest.max())
@@ -141,8 +145,8 @@ def _checked_edge(edge: float, surface: "Surface") -> float:
     # More panels take minutes to compute, and solvers cannot use even a tenth of them.
     if count > 300_000:
         raise at.InvalidInput(
-            f"edge is {edge:g} m, which gives {count:.2g} panels, more than 300000: use a larger "
-            "edge.",
+            f"edge is {edge:g} m, which would create {count:.2g} panels, more than 300000: use a "
+            "larger edge.",
             code="too_many",
         )
     return edge

@@ -76,7 +76,7 @@ as_json = click.option(
     is_flag=True,
     expose_value=False,
     callback=_keep,
-    help="Print the result as JSON, everything else to the standard error.",
+    help="Print the result as JSON, and everything else on the standard error.",
 )
 
 
@@ -91,7 +91,7 @@ results = click.option(
     "folder",
     type=FILE,
     callback=_folder_for,
-    help="Folder for the results; out/NAME by default.",
+    help="Folder for the results; by default out/NAME.",
 )
 
 
@@ -102,8 +102,8 @@ def scene_here(context: click.Context, argument: click.Parameter, scene: Path) -
         and not scene.exists()
     ):
         raise at.InvalidInput(
-            f"no scene was named, and there is no {scene} here: name one, or write one with "
-            "airtact init.",
+            f"no scene was named, and there is no {scene} in this folder: name a scene, or create "
+            "one with airtact init.",
             code="file_missing",
         )
     return scene
@@ -112,7 +112,7 @@ def scene_here(context: click.Context, argument: click.Parameter, scene: Path) -
 # Scene file; by default the one that ``airtact init`` writes
 scene = click.argument("scene", type=INPUT, default="scene.toml", callback=scene_here)
 
-open_result = click.option("--open", "opened", is_flag=True, help="Show the page in the browser.")
+open_result = click.option("--open", "opened", is_flag=True, help="Open the report in the browser.")
 
 pictures = click.option(
     "--no-pictures",
@@ -120,7 +120,7 @@ pictures = click.option(
     is_flag=True,
     flag_value=False,
     default=True,
-    help="Compute and write numbers only.",
+    help="Write numbers only, without a report and pictures.",
 )
 
 store = click.option("--store", type=FILE, help="Folder for solved fields, which later runs reuse.")
@@ -133,21 +133,21 @@ def surface_settings(command: Command) -> Command:
         (
             "--sharp",
             "sharp_degrees",
-            "Edges that turn by more than this stay sharp, in degrees; 75 by default.",
+            "Edges with a larger angle stay sharp, in degrees; 75 by default.",
         ),
         (
             "--largest-hole",
             "largest_hole",
             "Widest hole that is filled, in metres; 2e-3 by default.",
         ),
-        ("--scale", "scale", "Metres per unit of a surface file: 1e-3 for millimetres."),
+        ("--scale", "scale", "Metres per unit of the surface file: 1e-3 for millimetres."),
     ):
         command = click.option(name, keyword, type=float, help=words)(command)
     return click.option(
         "--union",
         is_flag=True,
         default=None,
-        help="Replace overlapping parts by the surface around them.",
+        help="Replace overlapping parts with the surface around them.",
     )(command)
 
 
@@ -163,20 +163,20 @@ def microphone_face(command: Command) -> Command:
         type=float,
         nargs=3,
         metavar="X Y Z",
-        help="Direction of its face; 0 0 -1, down, by default.",
+        help="Direction of the microphone's face; by default 0 0 -1 (down).",
     )(command)
     return click.option(
         "--diameter",
         type=float,
-        help="Diameter of the microphone in metres; 6.35e-3, a quarter inch, by default.",
+        help="Diameter of the microphone in metres; by default 6.35e-3 (a quarter inch).",
     )(command)
 
 
 def board_address(command: Command) -> Command:
     """Add the options for the address of boards to a command."""
-    command = click.option("--port", help="Serial port, for SonicSurface and Nano16.")(command)
+    command = click.option("--port", help="Serial port of a SonicSurface or Nano16.")(command)
     return click.option(
-        "--address", help="Interface, AMS net id, host:port or emulator, for AUTD3."
+        "--address", help="Network interface, AMS net id, host:port or emulator for AUTD3."
     )(command)
 
 
@@ -195,8 +195,8 @@ def agreed(question: str) -> None:
     # A script or a pipe must not emit by accident.
     if not sys.stdin.isatty():
         raise at.InvalidInput(
-            "no confirmation is possible without a terminal, so nothing was sent: pass --yes to "
-            "emit without asking.",
+            "nothing was sent, because confirmation requires a terminal: use --yes to emit without "
+            "confirmation.",
             code="link_failed",
         )
     if not click.confirm(question, default=False):

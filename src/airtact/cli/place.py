@@ -23,24 +23,27 @@ BOX = (float,) * 6
 )
 @scene
 @results
-@click.option("--boards", type=click.IntRange(min=1), default=1, help="Number of boards; 1.")
+@click.option(
+    "--boards", type=click.IntRange(min=1), default=1, help="Number of boards; by default 1."
+)
 @click.option(
     "--board",
     type=Names("airtact.transducers.boards:BOARDS"),
     default="autd3",
-    help="Kind of the boards; autd3 by default.",
+    help="Kind of board; by default autd3.",
 )
 @click.option(
     "--distance",
     type=(float, float),
     default=(0.15, 0.25),
-    help="Smallest distance from the hand and largest from the foci, in metres; 0.15 0.25.",
+    help="Smallest distance from the hand and largest distance from the foci, in metres; by "
+    "default 0.15 0.25.",
 )
 @click.option(
     "--region",
     type=BOX,
     metavar="X Y Z X Y Z",
-    help="Opposite corners of the box in which the boards must stand, in metres.",
+    help="Opposite corners of the box that must contain the boards, in metres.",
 )
 @click.option(
     "--keep-out",
@@ -48,18 +51,25 @@ BOX = (float,) * 6
     type=BOX,
     multiple=True,
     metavar="X Y Z X Y Z",
-    help="Corners of a box without boards, such as a screen; may be given several times.",
+    help="Opposite corners of a box that boards must avoid, such as a screen; can be repeated.",
 )
-@click.option("--recording", type=INPUT, help="Recording with poses of the scene's hand.")
+@click.option("--recording", type=INPUT, help="Recording with poses of the hand in the scene.")
 @click.option(
     "--hands",
     "count",
     type=click.IntRange(min=1),
     default=5,
-    help="Number of poses from the recording, evenly spaced in time; 5.",
+    help="Number of poses from the recording, evenly spaced in time; by default 5.",
 )
-@click.option("--tries", type=click.IntRange(min=1), default=2000, help="Number of layouts; 2000.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the search; 0.")
+@click.option(
+    "--tries",
+    type=click.IntRange(min=1),
+    default=2000,
+    help="Number of layouts to try; by default 2000.",
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, help="Seed of the random search; by default 0."
+)
 @as_json
 @quiet
 def place(
@@ -75,10 +85,10 @@ def place(
     tries: int,
     seed: int,
 ) -> None:
-    """Search for the board layouts with the strongest weakest focus; write layout_*.toml.
+    """Search for the layouts that maximise the pressure at the weakest focus; write layout_*.toml.
 
-    The table compares the best layouts with the present array of SCENE. The second table shows how
-    much pressure is lost if a board of the best layout moves by 1 cm or 5 degrees.
+    The first table compares the best layouts with the present array of SCENE. The second table
+    lists the loss of pressure if a board of the best layout moves by 1 cm or 5 degrees.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
@@ -115,14 +125,14 @@ def place(
     best = result.layouts[0].weakest
     if abs(result.verified / best - 1.0) > 0.1:
         warnings.append(
-            f"by a finer solve, the best layout reaches {result.verified:,.0f} Pa, not "
+            f"according to a finer solve, the best layout reaches {result.verified:,.0f} Pa, not "
             f"{best:,.0f} Pa: set a smaller accuracy in [solver]."
         )
     show(
         _layouts_table(result, files),
         _moves_table(result),
         warnings=warnings,
-        lines=[f"By a finer solve, the best layout reaches {result.verified:,.0f} Pa."],
+        lines=[f"According to a finer solve, the best layout reaches {result.verified:,.0f} Pa."],
         record={**_record(result, len(files)), "files": {file.name: str(file) for file in files}},
     )
 

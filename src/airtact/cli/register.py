@@ -1,4 +1,4 @@
-"""``airtact register``: find the pose of the tracker from touches of transducers."""
+"""``airtact register``: determine the pose of the tracker from touched transducers."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from airtact.cli.options import FILE, INPUT, as_json, quiet, scene_here
 
 
 @click.command(
-    short_help="Find the pose of the tracker by touching transducers.",
+    short_help="Determine the pose of the tracker by touching transducers.",
     epilog="Example: airtact register scene.toml --from websocket --write",
 )
 @click.argument("scene", type=INPUT, default="scene.toml", callback=scene_here)
@@ -27,24 +27,26 @@ from airtact.cli.options import FILE, INPUT, as_json, quiet, scene_here
     type=click.IntRange(min=3),
     default=6,
     show_default=True,
-    help="Number of touches, at transducers far from each other.",
+    help="Number of touches, at transducers that are far apart.",
 )
 @click.option(
     "--element",
     "elements",
     type=int,
     multiple=True,
-    help="Number of a transducer to touch; repeat the option for each touch, in order.",
+    help="Index of a transducer to touch; repeat the option for each touch, in order.",
 )
 @click.option(
     "--offset",
     type=float,
-    help="Distance of the fingertip's joint from a touched face in metres; the radius of the hand "
-    "there by default.",
+    help="Distance of the fingertip joint from the touched face in metres; by default the radius "
+    "of the joint.",
 )
-@click.option("--fit-offset", is_flag=True, help="Find that distance, too.")
-@click.option("--fit-scale", is_flag=True, help="Also estimate a factor of the tracker's lengths.")
-@click.option("--write", is_flag=True, help="Write [tracker] into SCENE, keeping its comments.")
+@click.option("--fit-offset", is_flag=True, help="Also estimate this distance.")
+@click.option(
+    "--fit-scale", is_flag=True, help="Also estimate a scale factor for the tracker's lengths."
+)
+@click.option("--write", is_flag=True, help="Write [tracker] to SCENE and keep its comments.")
 @click.option("--out", "file", type=FILE, help="Write a copy of SCENE with [tracker].")
 @as_json
 @quiet
@@ -61,8 +63,8 @@ def register(
 ) -> None:
     """Print the [tracker] of SCENE: the pose of the tracker relative to the boards.
 
-    Touch each transducer that is named with the tip of an index finger, hold still for a second,
-    and move the finger away. Nothing is emitted. A touch that contradicts the others must be
+    Touch each transducer that the command names with the tip of an index finger, hold still for a
+    second, and move the finger away. Nothing is emitted. Touches that contradict the others must be
     repeated.
     """
     with progress() as report_step:
@@ -89,9 +91,9 @@ def register(
             report=report,
         )
     fit = found.fit
-    table = plain_table("touch", "transducer", "off by")
+    table = plain_table("touch", "transducer", "residual")
     for number, words in enumerate(found.words):
-        mark = ", left out" if number == fit.repeat else ""
+        mark = ", ignored" if number == fit.repeat else ""
         table.add_row(f"{number + 1}", words, f"{1e3 * fit.residuals[number]:.2f} mm{mark}")
     import numpy as np
 
@@ -100,9 +102,9 @@ def register(
         f"{np.degrees(fit.angle_error):.2g} degrees."
     ]
     if fit_offset:
-        lines.append(f"The fingertip's joint is {1e3 * fit.offset:.1f} mm from a touched face.")
+        lines.append(f"The fingertip joint is {1e3 * fit.offset:.1f} mm from a touched face.")
     if fit_scale:
-        lines.append(f"Multiply the tracker's lengths by {fit.scale:.4f} before they are sent.")
+        lines.append(f"Multiply the tracker's lengths by {fit.scale:.4f} before sending them.")
     written = file or (scene if write else None)
     if written is not None:
         at.live.write_tracker(scene, fit.tracker, written)

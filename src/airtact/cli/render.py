@@ -1,4 +1,4 @@
-"""``airtact render``: compute the drive and the field of a scene, and write a page."""
+"""``airtact render``: compute the drive and the field of a scene, and write a report."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +29,7 @@ FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
     "--method",
     type=Names("airtact.drives.methods:METHODS"),
     metavar="NAME",
-    help="Method that replaces the scene's; airtact compare lists all.",
+    help="Method to use instead of that in the scene; airtact compare lists all methods.",
 )
 @store
 @pictures
@@ -41,10 +41,10 @@ def render(
 ) -> None:
     """Compute the drive and field of SCENE; write drive.csv, drive.h5, field.vtkhdf, report.html.
 
-    SCENE is scene.toml by default, which airtact init writes; or one of the examples that come with
-    airtact: air_letters, live_pinch, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch,
-    tinylev, touch_ball, touch_button. --no-pictures writes only the drive. The drives of moving
-    foci ([drive.modulation]) are written to sequence.h5.
+    SCENE is a scene file, by default scene.toml, or the name of an example: air_letters,
+    live_pinch, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch, tinylev, touch_ball,
+    touch_button. With --no-pictures, only the drive is written. Drives for moving foci
+    ([drive.modulation]) are written to sequence.h5.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -7,7 +7,7 @@ from airtact.cli.options import as_json, quiet
 
 
 @click.command(
-    short_help="Solve for known fields on this machine and print the errors.",
+    short_help="Compare solves on this machine with known fields.",
     epilog="Example: airtact selfcheck",
 )
 @as_json
@@ -27,7 +27,7 @@ def selfcheck() -> None:
         ("compiled loops", f"{checked.instructions}, {threads}"),
         ("requested error", f"{100 * checked.asked:g} %"),
     ]
-    table = plain_table("solved", "error", "reference", "error of the reference")
+    table = plain_table("field", "error", "reference", "error of the reference")
     for field in checked.fields:
         error = f"{100 * field.error:.2f} %"
         table.add_row(field.name, error, field.truth, f"{100 * field.reference_error:.1g} %")

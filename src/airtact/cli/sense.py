@@ -22,11 +22,9 @@ if TYPE_CHECKING:
 @click.option(
     "--echoes",
     type=FILE,
-    help="File of measured echoes (.h5) without direct sound.",
+    help="File with measured echoes (.h5) without the direct sound.",
 )
-@click.option(
-    "--simulate", is_flag=True, help="Simulate echoes of a hand displaced from the scene's pose."
-)
+@click.option("--simulate", is_flag=True, help="Simulate the echoes of a displaced hand.")
 @click.option(
     "--noise",
     type=float,
@@ -83,10 +81,10 @@ def sense(
     pictures: bool,
     opened: bool,
 ) -> None:
-    """Find the pose of the hand of SCENE, and the gap of a pinch, from echoes.
+    """Estimate the pose of the hand in SCENE, and the gap of a pinch, from echoes.
 
-    The boards that airtact drives cannot receive, so --echoes reads measurements of other
-    receivers. The command writes pose.json and report.html, and echoes.h5 if it simulates echoes.
+    The supported boards cannot receive, so --echoes reads measurements from other receivers. The
+    command writes pose.json and report.html, as well as echoes.h5 if it simulates the echoes.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
@@ -140,22 +138,22 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
     before = sensed.before.min()
     after = sensed.after.min()
     facts = [
-        ("offset of the hand from the scene's pose", motion(*sensed.sizes[0])),
+        ("displacement from the pose in the scene", motion(*sensed.sizes[0])),
         ("standard deviation", motion(*located.deviation)),
     ]
     if sensed.gap is not None and located.opening is not None:
-        gap = f"{1e3 * located.opening:.3f} mm, in the scene {1e3 * sensed.gap:.3f} mm"
+        gap = f"{1e3 * located.opening:.3f} mm ({1e3 * sensed.gap:.3f} mm in the scene)"
         facts.append(("gap", gap))
-        facts.append(("its standard deviation", f"{1e3 * located.opening_deviation:.3f} mm"))
+        facts.append(("standard deviation of the gap", f"{1e3 * located.opening_deviation:.3f} mm"))
         if sensed.true_gap is not None:
             error = 1e3 * abs(located.opening - sensed.true_gap)
             facts.append(("error of the gap", f"{error:.3f} mm"))
     facts += [
         (
-            "not explained",
+            "unexplained",
             f"{located.residual:.1%} of the echoes, {located.misfit:.1%} beyond noise",
         ),
-        ("weakest focus, drive for the scene's pose", f"{before:,.0f} Pa"),
+        ("weakest focus, drive for the pose in the scene", f"{before:,.0f} Pa"),
         (
             "weakest focus, drive for the estimated pose",
             f"{after:,.0f} Pa, {after / before:.2f} times",
@@ -163,7 +161,7 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
     ]
     if len(located.left_out):
         facts.append(
-            ("receivers left out", ", ".join(str(receiver) for receiver in located.left_out[:20]))
+            ("ignored receivers", ", ".join(str(receiver) for receiver in located.left_out[:20]))
         )
     if len(sensed.sizes) > 1:
         facts.append(("error of the pose", motion(*sensed.sizes[1])))

@@ -30,14 +30,16 @@ if TYPE_CHECKING:
     "varied",
     multiple=True,
     metavar="PATH=LOW:HIGH:COUNT",
-    help="A key and its values, such as foci[0].offset=0.0005:0.003:6; several make a grid.",
+    help="A key and its values, such as foci[0].offset=0.0005:0.003:6; repeat it for a grid.",
 )
-@click.option("--recording", type=INPUT, help="Recording whose frames replace the scene's hand.")
+@click.option(
+    "--recording", type=INPUT, help="Recording whose frames replace the hand in the scene."
+)
 @click.option(
     "--processes",
     "processes",
     type=click.IntRange(min=1),
-    help="Number of processes; by default as many as processors and memory allow.",
+    help="Number of processes; by default as many as the processors and the memory allow.",
 )
 @pictures
 @open_result
@@ -55,9 +57,9 @@ def sweep(
     """Compute the drive of SCENE at every point and write sweep.csv and sweep.html.
 
     PATH is a key of the scene file, such as foci[0].offset, medium.celsius or
-    obstacles[0].pose.translation[2]. hand.gap, pinch.gap and sphere.radius are short for the only
-    body of a kind. The folder stores the result of each point, so the same command resumes an
-    interrupted sweep. The row of a point that fails contains the error.
+    obstacles[0].pose.translation[2]. If there is only one body of a kind, hand.gap, pinch.gap or
+    sphere.radius is sufficient. The result of each point is stored in the folder, so the same
+    command resumes an interrupted sweep. If a point fails, its row contains the error.
     """
     table = folder / "sweep.csv"
     page = folder / "sweep.html"
@@ -81,7 +83,7 @@ def sweep(
         except KeyboardInterrupt:
             count = len(list(store.glob("*.point.json")))
             raise KeyboardInterrupt(
-                f"{count} points are stored in {store}; the same command continues"
+                f"{count} points are stored in {store}; run the same command to continue"
             ) from None
         names = [name for name, value in points[0].items() if value is not None]
         write_csv(table, rows)
@@ -95,7 +97,7 @@ def sweep(
     if len(failed) < len(rows):
         import numpy as np
 
-        summary = plain_table("points", "failed", "weakest focus, median", "least", "most")
+        summary = plain_table("points", "failed", "weakest focus, median", "smallest", "largest")
         weakest = swept.numbers("weakest_Pa")
         figures = np.nanmedian(weakest), np.nanmin(weakest), np.nanmax(weakest)
         summary.add_row(
@@ -105,7 +107,8 @@ def sweep(
     warnings = []
     if failed:
         warnings.append(
-            f"{len(failed)} of {len(rows)} points failed; the first: {failed[0]['sentence']}"
+            f"{len(failed)} of {len(rows)} points failed; the first error is: "
+            f"{failed[0]['sentence']}"
         )
     files = [table, page] if pictures else [table]
     show(

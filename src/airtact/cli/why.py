@@ -20,19 +20,21 @@ if TYPE_CHECKING:
     epilog="Example: airtact why pinch --page why.html",
 )
 @scene
-@click.option("--session", type=FILE, help="Recorded session.h5 whose tracking is included.")
-@click.option("--out", "file", type=FILE, help="Table to write, .csv.")
-@click.option("--page", type=FILE, help="Page to write, .html, with a waterfall for each focus.")
+@click.option(
+    "--session", type=FILE, help="Session (session.h5) whose tracking errors are included."
+)
+@click.option("--out", "file", type=FILE, help="Table to write (.csv).")
+@click.option("--page", type=FILE, help="Page to write (.html), with a waterfall for each focus.")
 @store
 @as_json
 @quiet
 def why(
     scene: Path, session: Path | None, file: Path | None, page: Path | None, store: Path | None
 ) -> None:
-    """Show the pressure at each focus of SCENE, from open air to what is emitted.
+    """Show the pressure at each focus of SCENE, from open air to the emitted drive.
 
-    Each row adds one cause, such as the hand's shadow or the other foci. The last line names the
-    change that would increase the pressure most.
+    Each row adds one cause, such as the shadow of the hand or the other foci. The last line names
+    the change that would increase the pressure most.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

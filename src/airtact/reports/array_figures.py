@@ -1,4 +1,4 @@
-"""Pictures of the transducers, either with faces side by side (Fig. 5 of the paper) or in 3-D."""
+"""Pictures of transducers, either in 3-D or with faces side by side (Fig. 5 of the paper)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -43,8 +43,8 @@ PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/
 class Face:
     """The elements of an array that lie in a plane and radiate along the same ``normal``.
 
-    ``seen`` holds their positions [m] as seen from the side to which the face radiates, along the
-    unit vectors in the rows of ``axes``: right and up.
+    ``seen`` contains their positions [m] as seen from the side to which the face radiates, along
+    the unit vectors in the rows of ``axes`` (right and up).
     """
 
     elements: Int[np.ndarray, "elements"]
@@ -69,7 +69,7 @@ def unfold(
     # A curved array has as many faces as elements.
     if len(groups) > 8:
         groups = [np.arange(len(positions))]
-    # The axis of the frame that is most parallel to all faces; in a tie z before y before x.
+    # The axis of the frame that is most parallel to all faces; z takes precedence over y and x.
     upright = min(
         (AXES[name] for name in "zyx"),
         key=lambda axis: round(float(np.abs(normals @ axis).max()), 6),
@@ -136,7 +136,7 @@ def _label(axis: Axis, direction: Float64[np.ndarray, "3"], fallback: str) -> No
     for name, unit in AXES.items():
         if abs(direction @ unit) > 1 - 1e-6:
             axis.set_label_text(f"{name} [mm]")
-            # The numbers fall along an axis opposite to the frame's.
+            # The numbers decrease along an axis opposite to that of the frame.
             if direction @ unit < 0:
                 axis.set_major_formatter(lambda value, _: f"{-value:g}".replace("-", "−"))
             return
@@ -186,7 +186,7 @@ def draw_faces(
     else:
         values = np.abs(amplitudes)
         scale = ScalarMappable(Normalize(0, values.max()), "viridis")
-        label = "amplitude [of full scale]"
+        label = "amplitude [fraction of full scale]"
     faces = _lay_out(axes, positions, normals, scale.to_rgba(values))
     # Next to these axes, the label would seem to belong to the adjacent axes.
     place: dict[str, Any] = {"location": "bottom", "pad": 0.02, "aspect": 60 if faces > 1 else 30}

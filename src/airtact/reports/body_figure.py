@@ -30,7 +30,7 @@ from airtact.reports.solids import (
     space_axes,
 )
 
-# Largest number of triangles whose edges are drawn; a finer mesh would be black.
+# Largest number of triangles whose edges are drawn; finer meshes would look black.
 MAX_TRIANGLES_WITH_EDGES = 8000
 
 SHARP = (0.75, 0.11, 0.11, 1.0)
@@ -75,9 +75,9 @@ def draw_bodies(
         Patch(color=tint, label=name) for tint, name in zip(tints, names, strict=True)
     ]
     if sharp.any():
-        handles.append(Line2D([], [], color=SHARP, label="edges that stay sharp"))
+        handles.append(Line2D([], [], color=SHARP, label="sharp edges"))
     if len(dots):
-        label = "foci, seen through bodies"
+        label = "foci, also drawn behind bodies"
         handles.append(Line2D([], [], color=FOCI["c"], marker="o", linestyle="none", label=label))
     if planes:
         handles.append(Patch(color=SHEET, label="rigid plane"))
@@ -121,7 +121,7 @@ def draw_cloud(
 ) -> Figure:
     """Draw points on the skin fitted to them: blue outside, red inside, outliers as crosses.
 
-    ``distances`` holds the distances of the points from the skin, positive outside [m].
+    ``distances`` contains the distances of the points from the skin, positive outside [m].
     """
     points = 1e3 * fitted.points
     used = ~fitted.outliers
@@ -135,9 +135,9 @@ def draw_cloud(
         axes.scatter(*points[used].T, s=5, c=residuals, depthshade=False, zorder=4)  # pyright: ignore
         axes.scatter(*points[~used].T, s=8, c=purple, marker="x", linewidths=0.6, zorder=4)  # pyright: ignore
         frame(axes, hexagons.reshape(-1, 3))
-    label = "distance of points from the skin, outwards [mm]"
+    label = "distance of points from the skin, positive outside [mm]"
     figure.colorbar(scale, ax=panels, label=label, shrink=0.6, aspect=28, extend="both")
     outlier = Line2D([], [], color=purple, marker="x", linestyle="none")
-    words = "outliers, which the fit ignores; the skin hides no points"
+    words = "outliers, ignored by the fit"
     figure.legend([outlier], [words], loc="outside lower center", frameon=False)
     return figure

@@ -66,7 +66,8 @@ def draw_field(
 ) -> Figure:
     """Draw the pressure magnitude of one drive, on a scale that ends at ``peak`` [Pa].
 
-    It is drawn into ``axes``, or by default into a new figure. Foci [m] off the plane are dashed.
+    It is drawn into ``axes``, or by default into a new figure. Foci [m] that are not in the plane
+    are dashed.
     """
     scale = ScalarMappable(Normalize(0.0, peak), COLOURS)
     values = np.abs(cut.pressures[drive])
@@ -89,7 +90,7 @@ def draw_difference(
     # Opaque, except where both drives are faint
     strength = np.clip(np.maximum(first, second) / (FAINT * peak) - 0.5, 0.0, 1.0)
     strength = np.nan_to_num(strength)
-    label = f"{drives[0]} over {drives[1]} [dB]"
+    label = f"{drives[0]} relative to {drives[1]} [dB]"
     return draw_plane(axes, cut, change, DIFFERENCES, foci, names, label, strength)
 
 
@@ -109,7 +110,7 @@ def draw_plane(
     """
     window = cut.window
     left, right, bottom, top = window.extent
-    # Given axes may have other axes below them, so the colour bar goes next to them.
+    # Other axes may be below these axes, so the colour bar is drawn next to them.
     location = "right"
     if axes is None:
         location = "bottom"
@@ -179,7 +180,7 @@ def _mark_foci(
     if not names or len(names) > MAX_NAMES:
         names = [""] * len(foci)
     positions = window.seen(foci)
-    # Foci within half a millimetre of the plane count as lying in it.
+    # Foci within half a millimetre of the plane are treated as lying in it.
     off = np.abs(window.height_of(foci)) > 0.5e-3
     outwards = positions - positions.mean(axis=0)
     size = 90 if len(foci) <= MAX_NAMES else 12

@@ -49,7 +49,7 @@ def write_methods_page(
             (best.name, _standing(contest)),
             (_digits(contest.worst(best)), f"{unit} at the weakest focus"),
             (f"{contest.of_the_bound(best):.0%}", "of the upper bound, at full scale"),
-            (f"{1e3 * best.seconds:.3g} ms", "to compute that drive"),
+            (f"{1e3 * best.seconds:.3g} ms", "to compute this drive"),
         ],
         warnings=contest.warnings,
         not_modelled=not_modelled(contest.report),
@@ -67,8 +67,8 @@ def write_methods_page(
 def _standing(contest: MethodComparison) -> str:
     equal = _equal_to_best(contest)
     if not equal:
-        return "gives the highest pressure at the weakest focus"
-    return f"and {equal} are best, equal within {contest.tolerance:.1%}"
+        return "produces the highest pressure at the weakest focus"
+    return f"and {equal} are the best methods and equal to within {contest.tolerance:.1%}"
 
 
 def _equal_to_best(contest: MethodComparison) -> str:
@@ -101,12 +101,12 @@ def _tables(contest: MethodComparison, unit: str) -> dict[str, Any]:
         if contender.kept is not None:
             row.append(f"{contender.kept:,.0f}")
         rows.append(row)
-    header = ["method", f"weakest focus [{unit}]", "of the bound, at full scale"]
+    header = ["method", f"weakest focus [{unit}]", "relative to the bound, at full scale"]
     header += ["mean [Pa]", "weakest / strongest", "energy", "rounding", "time [ms]"]
     if len(contest.setup.target.suppression_points):
         header.append("suppression points [dB]")
     if contest.contenders[0].kept is not None:
-        header.append("in 9 of 10 cases, with the uncertainty [Pa]")
+        header.append("reached in 9 of 10 uncertain cases [Pa]")
     return {
         "header": header,
         "rows": rows,
@@ -124,10 +124,11 @@ def _pictures(contest: MethodComparison, unit: str, cut: Cut, peak: float) -> di
     strengths = shares * contest.bound
     bars = picture(
         draw_bars(names, strengths, contest.bound, f"weakest focus at full scale [{unit}]"),
-        "Pressure at the weakest focus by each method with its strongest transducer at full scale, "
-        "and the upper bound.",
-        f"Bars of the pressure at the weakest focus for each method, {_digits(strengths.min())} "
-        f"to {_digits(strengths.max())}, and a line at the bound of {_digits(contest.bound)}",
+        "Pressure at the weakest focus for each method, with the strongest transducer at full "
+        "scale, and the upper bound.",
+        f"Bar chart of the pressure at the weakest focus for each method, "
+        f"{_digits(strengths.min())} to {_digits(strengths.max())}, with a line at the bound of "
+        f"{_digits(contest.bound)}",
     )
     # Equally good methods produce nearly the same field, so they share a picture.
     drawn = [contest.best, *contest.ranked[len(contest.equally_good) :]]
@@ -138,7 +139,7 @@ def _pictures(contest: MethodComparison, unit: str, cut: Cut, peak: float) -> di
             f"{contender.name} (nearly the same: {equal})"
             if contender is contest.best and equal
             else contender.name,
-            f"Map of pressure by {contender.name}: {contender.pressures.min():,.0f} to "
+            f"Pressure map for {contender.name}: {contender.pressures.min():,.0f} to "
             f"{contender.pressures.max():,.0f} Pa at the foci",
         )
         for contender in drawn

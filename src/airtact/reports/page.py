@@ -36,7 +36,7 @@ TEMPLATES.filters["sentence"] = as_sentence
 
 
 def write_page(path: Path, template: str, **values: object) -> None:
-    """Fill a template with values and write the file; the file appears only once it is complete.
+    """Fill a template with values and write the file, which only appears once it is complete.
 
     All text values are escaped.
     """
@@ -72,6 +72,6 @@ def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Draw a figure into a PNG file; the file appears only once it is complete."""
+    """Draw a figure into a PNG file, which only appears once it is complete."""
     with whole_file(path) as partial:
         imsave(partial, pixels_of(figure), format="png")

@@ -48,7 +48,7 @@ def field(
     most: float | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the pressure in a plane through the foci; foci off the plane are dashed.
+    """Plot the pressure in a plane through the foci; foci outside the plane are dashed.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def field(
         scale = result.drive.peak
         result = result.verification
     plotted: FieldResult = of_kind(
-        result, FieldResult, "the plotted result", "what render() or evaluate() returned"
+        result, FieldResult, "the plotted result", "the result of render() or evaluate()"
     )
     field_of_result = plotted if isinstance(plotted, RadiatedField) else plotted.field
     if field_of_result is None:
@@ -105,7 +105,7 @@ def field(
     if over is not None:
         if not isinstance(plotted, Comparison):
             raise InvalidInput(
-                "a level difference needs two drives of a comparison. Pass the object that "
+                "a level difference requires two drives of a comparison. Pass the object that "
                 "compare() returned.",
                 code="options_clash",
             )
@@ -191,7 +191,7 @@ def scene(
         )
     if ax is not None and not isinstance(ax, Axes3D):
         raise InvalidInput(
-            "a scene needs 3-D axes: figure.add_subplot(projection='3d').", code="wrong_kind"
+            "a scene requires 3-D axes: figure.add_subplot(projection='3d').", code="wrong_kind"
         )
     positions = empty if array is None else array.positions
     normals = empty if array is None else array.normals
@@ -231,7 +231,7 @@ def pads(
         result,
         Evaluation | Comparison,
         "the plotted result",
-        "what render() or evaluate() returned",
+        "the result of render() or evaluate()",
     )
     axes = _axes(ax)
     if isinstance(plotted, Comparison):

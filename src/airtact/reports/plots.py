@@ -42,15 +42,15 @@ def draw_bars(
 def draw_shares(
     pressures: Mapping[str, Float64[np.ndarray, "samples"]], expected: Mapping[str, float]
 ) -> Figure:
-    """Draw the share of samples below each pressure [Pa] per drive, and the expected pressures."""
+    """Draw the fraction of samples below each pressure [Pa] per drive, and the expected values."""
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()
     for colour, (name, samples) in zip(COLOURS_OF_DRIVES, pressures.items(), strict=False):
         shares = (np.arange(len(samples)) + 1.0) / len(samples)
         axes.step(np.sort(samples), shares, where="post", color=colour, label=name)
         axes.plot(expected[name], 1.0, "o", color=colour, clip_on=False)
-    axes.axhline(0.1, color=BOUND, linewidth=1, linestyle="--", label="one of ten")
-    axes.set(xlabel="peak pressure of the weakest focus [Pa]", ylabel="share of the samples")
+    axes.axhline(0.1, color=BOUND, linewidth=1, linestyle="--", label="1 of 10 samples")
+    axes.set(xlabel="peak pressure at the weakest focus [Pa]", ylabel="fraction of the samples")
     axes.set(xlim=(0.0, None), ylim=(0.0, 1.0))
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="lower right", frameon=False)

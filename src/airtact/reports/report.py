@@ -15,7 +15,7 @@ def write_report(
     *,
     progress: Progress = no_progress,
 ) -> tuple[Path, ...]:
-    """Write the page of a result to a folder.
+    """Write the report of a result to a folder.
 
     Parameters
     ----------

@@ -115,11 +115,11 @@ def _pictures(run: Rendering, view: SceneView) -> dict[str, Any]:
     figure = draw_phases(array.positions, array.normals, run.drive.amplitudes)
     phases = picture(
         figure,
-        f"{shown} of each transducer by {run.method}, in Re[u e^(−iωt)].{amplitude} Each face is "
-        "drawn as seen from the side to which it radiates, in the order in which a viewer inside "
-        "sees them when turning right (compare Fig. 5 of the paper). Rounding to "
-        f"{len(levels.amplitudes)} levels of amplitude and {levels.phases} of phase (drive.csv) "
-        f"changes the pressure at the foci by {rounding:.2%} at most.",
+        f"{shown} of each transducer for the method {run.method}, in Re[u e^(−iωt)].{amplitude} "
+        "Each face is drawn as seen from the side to which it radiates. The faces are in the order "
+        "that a viewer inside the array sees when turning right (compare Fig. 5 of the paper). "
+        f"Rounding to {len(levels.amplitudes)} amplitude levels and {levels.phases} phase levels "
+        f"(drive.csv) changes the pressure at the foci by at most {rounding:.2%}.",
         f"{shown} of {len(array)} transducers, face by face",
         wide=bool(figure.get_figwidth() > 7.0),
     )
@@ -133,8 +133,8 @@ def _pictures(run: Rendering, view: SceneView) -> dict[str, Any]:
             run.setup.target.points,
             run.setup.scene.planes,
         ),
-        "Transducers are coloured by phase, bodies are grey, foci orange. Transducers that face "
-        "away from the viewer are faint rings.",
+        "Transducers are coloured by phase, bodies are grey, and foci are orange. Transducers that "
+        "face away from the viewer are faint rings.",
         viewer_alternative(view),
     )
     return {"phases": phases, "still": still, "doubt": _doubt(run)}
@@ -150,9 +150,9 @@ def _doubt(run: Rendering) -> Markup:
             dict(zip(doubt.names, doubt.pressures, strict=True)),
             dict(zip(doubt.names, doubt.expected, strict=True)),
         ),
-        f"Share of {count} of the uncertain scene in which the pressure at the weakest focus is "
-        "below a value. The drives were not computed from these samples. Dots: pressure without "
-        "deviations. All drives have equal energy.",
+        f"Fraction of {count} of the uncertain scene in which the pressure at the weakest focus is "
+        "below a value. These samples were not used to compute the drives. Dots mark the pressure "
+        "without deviations. All drives have equal energy.",
         "; ".join(
             f"{name}: at least {low:.0f} Pa in 9 of 10 cases"
             for name, low in zip(doubt.names, doubt.lowest_tenth, strict=True)
@@ -183,15 +183,15 @@ def _fields(run: Rendering, cut: Cut, view: SceneView) -> list[Markup]:
     plane = "Plane through the foci."
     if off >= 0.5:
         plane = (
-            f"Plane closest to the foci, which are up to {off:.1f} mm from it; foci off the plane "
-            "are dashed."
+            f"Plane closest to the foci, which are up to {off:.1f} mm away from it; foci outside "
+            "the plane are dashed."
         )
     panels = [
         picture(
             draw_field(cut, name, peak, points, run.setup.foci),
             f"{name.capitalize()}. {plane}{estimate}",
-            f"Map of pressure, {name}: {_rounded(column.min())} to {_rounded(column.max())} Pa at "
-            "the foci",
+            f"Pressure map, {name}: {_rounded(column.min())} to {_rounded(column.max())} Pa at the "
+            "foci",
         )
         for name, column in zip(names, got.T, strict=True)
     ]
@@ -200,7 +200,7 @@ def _fields(run: Rendering, cut: Cut, view: SceneView) -> list[Markup]:
     change = 20.0 * np.log10(got[:, 0] / got[:, 1])
     difference = picture(
         draw_difference(cut, (names[0], names[1]), peak, points, run.setup.foci),
-        f"Red: more with {names[0]}. Grey: less than {FAINT:.0%} of the largest pressure in both.",
+        f"Red: higher with {names[0]}. Grey: below {FAINT:.0%} of the largest pressure in both.",
         f"Map of the difference in dB: {change.min():+.1f} to {change.max():+.1f} dB at the foci",
     )
     return [*panels, difference]
@@ -254,7 +254,7 @@ def _comparisons(run: Rendering) -> dict[str, list[tuple[str, ...]]]:
         tables[f"{held_equal.capitalize()}: {HELD_EQUAL[held_equal]}"] = rows
     first, *others = tables.values()
     if all(rows == first for rows in others):
-        return {"With equal peak, equal energy or phases alone the pressures are the same.": first}
+        return {"The pressures are the same at equal peak, at equal energy and for phases.": first}
     return tables
 
 

@@ -40,7 +40,7 @@ def write_sense_page(path: Path, sensed: Sensed) -> None:
     write_page(
         path,
         "sense.html.j2",
-        title=f"airtact: pose of the hand of {sensed.setup.title}",
+        title=f"airtact: pose of the hand in {sensed.setup.title}",
         sensed=sensed,
         simulated=len(sensed.shifts) > 1,
         transmissions=counted(transmissions, "coded transmission", "coded transmissions"),
@@ -66,14 +66,14 @@ def _facts(sensed: Sensed) -> list[tuple[str, str]]:
     off, turn = sensed.sizes[0]
     shift_deviation, turn_deviation = sensed.located.deviation
     return [
-        (f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°", "from the scene's pose"),
+        (f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°", "displacement from the pose in the scene"),
         (
             f"{1e3 * shift_deviation:.2g} mm, {np.degrees(turn_deviation):.2g}°",
             "standard deviation of the estimated pose",
         ),
         (
             f"{sensed.after.min() / sensed.before.min():.2f} times",
-            "the pressure at the weakest focus, due to the correction",
+            "the pressure at the weakest focus as a result of the correction",
         ),
         (
             f"{sensed.located.misfit:.1%}".replace("%", " %"),
@@ -98,9 +98,9 @@ def _pose(sensed: Sensed) -> dict[str, Any]:
         first, *truth = [f"{factor * change:+.4f} {unit}" for change in changes[:, index]]
         cells = [f"{doubt:.4f} {unit}" if np.isfinite(doubt) else "" for doubt in doubts]
         rows.append([name, *(text.replace("-", "−") for text in (first, *cells, *truth))])
-    header = ["", "from the scene's pose", "standard deviation", "Cramér-Rao bound"]
+    header = ["", "relative to the scene", "standard deviation", "Cramér-Rao bound"]
     if len(changes) > 1:
-        header.append("from the simulated truth")
+        header.append("error (simulated hand)")
     bound = "The Cramér-Rao bound is the smallest standard deviation that the noise allows"
     if not np.isfinite(deviations[1]).all():
         bound += "; it is unknown, because the noise was not measured"
@@ -123,9 +123,9 @@ def _moved(sensed: Sensed) -> Markup:
     window = replace(window, width=window.width - less, height=window.height - less)
     return picture(
         draw_moved(window, scenes, foci),
-        "Bodies of the scene file (dashed) and as located from the echoes (grey), cut by two "
-        "planes through the middle of the scene's foci. Foci off a plane are projected onto it.",
-        f"Cuts of the bodies before and after a motion by {1e3 * off:.2f} mm and "
+        "Cross-sections of the bodies in the scene file (dashed) and as located from the echoes "
+        "(grey), in two planes through the middle of the foci. Foci are projected onto the planes.",
+        f"Cross-sections of the bodies before and after a motion by {1e3 * off:.2f} mm and "
         f"{np.degrees(turn):.2f} degrees",
         wide=True,
     )
@@ -137,19 +137,19 @@ def _residuals(sensed: Sensed, values: Real[np.ndarray, "2 elements"]) -> Markup
     figure = draw_receivers(
         array.positions,
         array.normals,
-        {"scene's pose": start, "estimated pose": end},
+        {"pose in the scene": start, "estimated pose": end},
         "residual / rms of the echoes",
     )
     caption = (
-        "Residual of the echoes at each receiver, including noise: root mean square over the "
-        "transmissions. Both maps have the same scale."
+        "Residual of the echoes at each receiver, including noise (root mean square over the "
+        "transmissions). Both maps use the same colour scale."
     )
     if not np.isfinite(start).all():
         caption += " Grey elements did not receive or were ignored."
     before, after = np.sqrt(np.nanmean(values**2, axis=1))
     alternative = (
-        f"Maps of the residual at each element: {before:.2f} for the scene's pose and {after:.2f} "
-        "for the estimated pose"
+        f"Maps of the residual at each element: {before:.2f} for the pose in the scene and "
+        f"{after:.2f} for the estimated pose"
     )
     return picture(figure, caption, alternative, wide=True)
 
@@ -188,8 +188,8 @@ def draw_moved(
         axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
         axes.set(xlabel=plane.labels[0], ylabel=plane.labels[1])
     handles = [
-        Line2D([], [], color=BEFORE, linestyle="--", label="body of the scene"),
-        Line2D([], [], label="focus of the scene", **ring),
+        Line2D([], [], color=BEFORE, linestyle="--", label="body in the scene"),
+        Line2D([], [], label="focus in the scene", **ring),
         Patch(label="located body", **grey),
         Line2D([], [], label="located focus", **dot),
     ]

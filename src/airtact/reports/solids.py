@@ -76,7 +76,7 @@ def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
     axes.set_box_aspect(tuple(lengths), zoom=0.9)  # pyright: ignore
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     for index, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
-        # Up to 7 ticks along the longest side and fewer along the others keep the labels apart.
+        # Up to 7 ticks along the longest side, and fewer along the others, keep labels apart.
         count = round(7 * float(lengths[index] / lengths.max()))
         single = FixedLocator([round(float(middle[index]), 1) + 0.0])
         axis.set_major_locator(MaxNLocator(count) if count > 1 else single)

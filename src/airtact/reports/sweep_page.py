@@ -58,11 +58,11 @@ def write_sweep_page(path: Path, swept: Swept) -> None:
     """Write the page; the file appears only once it is complete."""
     weakest = swept.numbers("weakest_Pa")
     gain = swept.numbers("gain")
-    facts = [(f"{len(swept.rows):,}", "points"), (f"{len(swept.failed):,}", "of them failed")]
+    facts = [(f"{len(swept.rows):,}", "points"), (f"{len(swept.failed):,}", "failed points")]
     if np.isfinite(weakest).any():
-        facts.append((f"{np.nanmedian(weakest):,.0f} Pa", "at the weakest focus, median"))
+        facts.append((f"{np.nanmedian(weakest):,.0f} Pa", "median pressure at the weakest focus"))
     if np.isfinite(gain).any():
-        facts.append((f"{np.nanmedian(gain):.2f}", f"{GAIN}, median"))
+        facts.append((f"{np.nanmedian(gain):.2f}", f"median {GAIN}"))
     counts = Counter(str(row["error"]) for row in swept.failed)
     # In reverse order, so that the first sentence of each code is kept.
     first = {str(row["error"]): str(row["sentence"]) for row in reversed(swept.failed)}
@@ -84,7 +84,7 @@ def write_sweep_page(path: Path, swept: Swept) -> None:
         faults=[[code, str(number), first[code]] for code, number in counts.most_common()],
         columns=[swept.label(name) for name in columns],
         cells=[[_words(row.get(name)) for name in columns] for row in listed],
-        caption=f"The first {len(listed)} points. sweep.csv has {more:,} more." if more else "",
+        caption=f"The first {len(listed)} points; sweep.csv has {more:,} more." if more else "",
         not_modelled=NOT_MODELLED,
     )
 

@@ -187,18 +187,18 @@ def viewer_alternative(view: SceneView) -> str:
     bodies += ", a rigid plane" if view.setup.scene.planes else ""
     elements = counted(len(view.setup.array), "transducer", "transducers")
     first = next(iter(view.drives))
-    return f"{elements}{bodies} and a slice through the field in space; {first} gives {words}."
+    return f"{elements}{bodies} and a slice through the field in 3-D; {first} produces {words}."
 
 
 def _caption(view: SceneView) -> str:
     sentences = [
-        f"The slice and the surfaces have one colour scale for all drives, up to {view.peak:,.0f} "
-        "Pa."
+        f"The slice and the surfaces use the same colour scale for all drives, up to "
+        f"{view.peak:,.0f} Pa."
     ]
     if len(view.drives) > 1:
         sentences.append(f"Drives are shown at {view.held_equal}.")
     if view.setup.scene.planes:
-        sentences.append("The rigid plane is a sheet; from behind, only its edge is drawn.")
+        sentences.append("The rigid plane is drawn as a sheet, or as an edge from behind.")
     if view.setup.objects:
         names = ", ".join(thing.name for thing in view.setup.objects)
         sentences.append(f"Virtual objects ({names}) are transparent: sound passes through them.")
@@ -207,7 +207,7 @@ def _caption(view: SceneView) -> str:
     if view.surfaces:
         sentences.append(
             "Values within a quarter of a wavelength of a surface are interpolated, with an error "
-            "of a few %."
+            "of a few per cent."
         )
     return " ".join(sentences)
 

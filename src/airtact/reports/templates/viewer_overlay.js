@@ -2,8 +2,8 @@
 "use strict";
 
 const DIFFERENCE = 6; // dB at the ends of the colours of a difference
-const LEVELS = 40; // dB that the colours of levels span
-const MOST_NAMES = 8; // more foci than this have small rings and no names
+const LEVELS = 40; // range of the colours of levels [dB]
+const MOST_NAMES = 8; // largest number of foci that are drawn with names and large rings
 
 const grouped = (number, digits = 0) =>
   number.toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }).replace("-", "−");
@@ -54,7 +54,7 @@ class Overlay {
     const titles = {
       pressure: "peak pressure [Pa]",
       level: "level [dB re 20 µPa]",
-      difference: `${drive} over ${other} [dB]`,
+      difference: `${drive} relative to ${other} [dB]`,
     };
     const colours = shown === "difference" ? "difference" : "pressure";
     if (shown) this.scale(18, length, colours, this.ticks(shown, length < 180 ? 3 : 4), titles[shown]);

@@ -1,5 +1,5 @@
-// The parts that every 3-D scene shares, drawn with three.js: the array, bodies with the pressure on them, rigid planes
-// and virtual objects; the camera, and pictures only when something has changed. Pressures are bytes, 255 √(p / most).
+// The parts that all 3-D scenes share, drawn with three.js: the array, bodies with the pressure on them, rigid planes,
+// virtual objects, and the camera. Pictures are drawn only after changes. Pressures are bytes, 255 √(p / most).
 "use strict";
 
 const FAINT = 0.1; // share of the largest pressure below which a difference fades to grey
@@ -86,7 +86,7 @@ function arrayIn(buffer, [kind, offset, count], start = 0) {
   return new kinds[kind](buffer, start + offset, count);
 }
 
-// Run three.js from the page, which makes THREE.
+// Run three.js from the page, which defines THREE.
 async function loadThree() {
   const script = document.createElement("script");
   script.textContent = new TextDecoder().decode(await unpacked("three"));
@@ -172,7 +172,7 @@ class Stage {
     return texture;
   }
 
-  // The transducers as one mesh of discs; software renderers are slow at instances.
+  // The transducers as one mesh of discs, because software renderers draw instances slowly.
   discs(corners) {
     const [positions, normals] = [this.array("positions"), this.array("normals")];
     const count = positions.length / 3;

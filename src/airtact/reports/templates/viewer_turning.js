@@ -1,4 +1,4 @@
-// Turning, moving and zooming a camera around a point with mouse, touch and keys; z stays upright.
+// Rotates, moves and zooms a camera around a point by mouse, touch and keys; z stays upright.
 "use strict";
 
 class Turning {
