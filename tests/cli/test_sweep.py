@@ -91,7 +91,7 @@ def test_the_table_of_the_command_line(open_air, tmp_path, capsys) -> None:
         )
         assert (row["gain"], row["unknowns"]) == ("", "0")
     page = (out / "sweep.html").read_text(encoding="utf-8")
-    assert re.search(r"<b>3</b><span>of them failed", page)
+    assert re.search(r"<b>3</b><span>failed points", page)
 
     before = (out / "sweep.csv").read_bytes()
     assert main(command[:-1]) == 0

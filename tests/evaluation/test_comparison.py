@@ -72,9 +72,9 @@ def test_a_comparison_reads_as_a_table_that_says_what_is_held_equal(result) -> N
     numbers = [float(word.strip("()")) for word in rows[0].split()[1:]]
     np.testing.assert_allclose(numbers, reference, rtol=1e-2)
     assert "do not reflect" in text
-    assert "real air" in text.splitlines()[-1]
+    assert "steepening" in text.splitlines()[-1]
     best = result.names[int(np.argmax(weakest[0]))]
-    assert f"{best!r} is the strongest, {weakest[0].max():.0f} Pa" in text
+    assert f"{best!r} is the strongest drive, with {weakest[0].max():.0f} Pa" in text
 
 
 def test_a_comparison_lists_every_focus_of_every_drive(result) -> None:

@@ -46,7 +46,7 @@ def test_the_gain_is_that_of_the_weakest_foci_and_of_the_mean() -> None:
     assert headline(result, AT_FULL_SCALE) == (
         f"Hand-aware: {weakest[0] / 1e3:.2f} kPa at the weakest focus. Without the hand: "
         f"{weakest[1] / 1e3:.2f} kPa. Same hardware: {weakest[0] / weakest[1] - 1.0:+.0%} at the "
-        f"weakest focus, {mean[0] / mean[1] - 1.0:+.0%} in the mean."
+        f"weakest focus, {mean[0] / mean[1] - 1.0:+.0%} on average."
     ).replace("%", " %")
 
 
@@ -56,10 +56,10 @@ def test_a_focus_that_loses_is_named() -> None:
     report = at.acoustics.SolveReport("series", estimated_error=0.01)
     result = replace_pressures(compared(at.Target(POINTS)), target, values, report)
     said = headline(result, AT_FULL_SCALE, foci=("a", "b", "palm"))
-    assert said.endswith("+25 % at the weakest focus, +6 % in the mean; palm loses 12 %.")
+    assert said.endswith("+25 % at the weakest focus, +6 % on average; palm loses 12 %.")
 
 
-@pytest.mark.parametrize(("error", "word"), [(0.002, "the same within"), (0.4, "unknown")])
+@pytest.mark.parametrize(("error", "word"), [(0.002, "the same to within"), (0.4, "unknown")])
 def test_no_gain_is_told_apart_from_one_that_cannot_be_told(error, word) -> None:
     values = np.array([[1000.0, 1100.0], [995.0, 1100.0]])
     report = at.acoustics.SolveReport("series", estimated_error=error)

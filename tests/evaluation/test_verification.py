@@ -48,7 +48,7 @@ def test_the_effect_of_rounding_is_that_of_the_rounded_drive() -> None:
         exact, emitted = (np.abs(transfer.pressure(one)) for one in (drive, rounded))
         loss = np.max(np.abs(emitted - exact) / exact)
         assert result.quantisation_loss == pytest.approx(loss, rel=1e-9)
-    assert "rounding to 5 levels of amplitude and 8 of phase changes a focus by" in str(result)
+    assert "rounding to 5 amplitude levels and 8 phase levels changes the pressure" in str(result)
 
 
 def test_the_side_lobe_of_one_element_is_where_the_box_comes_nearest_to_it() -> None:

@@ -78,7 +78,7 @@ def test_a_field_goes_into_given_axes_on_a_given_scale(beacons, comparison) -> N
 
 def test_the_difference_of_two_drives_is_in_decibels(comparison) -> None:
     axes = at.plot.field(comparison, drive="two", over="one")
-    assert bar_of(axes).get_ylabel() == "two over one [dB]"
+    assert bar_of(axes).get_ylabel() == "two relative to one [dB]"
     same = at.plot.field(comparison, drive="one", over="one")
     assert np.abs(np.ma.compressed(np.ma.asarray(same.images[0].get_array()))).max() == 0.0
 

@@ -162,14 +162,14 @@ def test_an_array_file_may_number_its_rows_in_any_order(read, tmp_path):
         (
             "out_of_range",
             "element,x,y,z,nx,ny,nz\n1,0.1,0,0,-1,0,0\n1,0,0.1,0,0,-1,0\n",
-            "array: line 2 of ring.csv has 1 for element, which must number the lines from 0 to "
+            "array: element is 1 in line 2 of ring.csv, but it must number the lines from 0 to "
             "1, each once.",
         ),
         (
             "data_missing",
             "x,y,z\n",
-            "array: ring.csv has no column nx, ny, nz: it needs x, y, z, nx, ny, nz, and has x, "
-            "y, z.",
+            "array: ring.csv has no column nx, ny, nz: the columns must be x, y, z, nx, ny, nz, "
+            "but are x, y, z.",
         ),
         (
             "wrong_shape",

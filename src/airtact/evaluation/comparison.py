@@ -21,8 +21,8 @@ from airtact.transducers.layout import PhasedArray
 # The normalisations of a comparison, and what each holds equal
 HELD_EQUAL = {
     "equal peak": "the strongest element of every drive is at full scale",
-    "equal energy": "Σ|d|² is the same for every drive, the largest that all reach at full scale",
-    "phase only": "every drive keeps its phases and puts every element that emits at full scale",
+    "equal energy": "Σ|d|² is the same for all drives, the largest that all reach at full scale",
+    "phase only": "every drive keeps its phases, and every active element is at full scale",
 }
 
 
@@ -51,7 +51,7 @@ class Comparison:
             self,
             counted(len(self.names), "drive", "drives"),
             counted(len(self.target.points), "focus", "foci"),
-            f"strongest weakest focus at equal peak {pressure:.0f} Pa by {name!r}",
+            f"best weakest focus at equal peak {pressure:.0f} Pa with {name!r}",
         )
 
     def _strongest(self) -> tuple[float, str]:
@@ -135,7 +135,7 @@ class Comparison:
     def weakest(self, held_equal: str) -> Float64[np.ndarray, "drives"]:
         """(D,) pressure of each drive at its weakest focus [Pa], under one normalisation.
 
-        Foci without a request do not count.
+        Foci without a request are ignored.
 
         Raises
         ------
@@ -188,9 +188,9 @@ class Comparison:
         pressure, name = self._strongest()
         report = self.report
         lines += [
-            f"At equal peak, the limit of the hardware, {name!r} is the strongest, {pressure:.0f} "
-            "Pa at the weakest focus.",
-            "In brackets: ratio to the first drive. table() lists every focus.",
+            f"At equal peak (the limit of the hardware), {name!r} is the strongest drive, with "
+            f"{pressure:.0f} Pa at the weakest focus.",
+            "Numbers in brackets are ratios to the first drive. table() lists every focus.",
             *(f"{held_equal}: {meaning}" for held_equal, meaning in HELD_EQUAL.items()),
             f"peak pressures by {report.solver}, estimated error {report.estimated_error:.2g}. "
             f"{not_modelled(report)}",

@@ -46,7 +46,7 @@ def drive_sources(
         check_drive(drive, f"drive {index}" if len(drives) > 1 else "the drive")
         if len(drive) != len(array):
             raise InvalidInput(
-                f"drive {index} is for {counted(len(drive), 'element', 'elements')}, and the array "
+                f"drive {index} has {counted(len(drive), 'element', 'elements')}, but the array "
                 f"has {len(array)}.",
                 code="sizes_differ",
             )

@@ -52,13 +52,13 @@ def headline(
                 f"the pressures is {_per_cent(error)}. Set a smaller accuracy."
             )
         same = _per_cent(max(error, 0.01))
-        return f"{sentence} With and without the {word} the result is the same within {same}."
+        return f"{sentence} With and without the {word}, the result is the same to within {same}."
     same = "hardware" if drive.is_full_scale else "energy"
     sentence += f" Same {same}: {_signed(gain)}"
     if values.shape[1] == 1:
         return f"{sentence}."
     mean = values[0].mean() / values[1].mean() - 1.0
-    sentence += f" at the weakest focus, {_signed(mean)} in the mean"
+    sentence += f" at the weakest focus, {_signed(mean)} on average"
     losses = 1.0 - values[0] / values[1]
     worst = int(losses.argmax())
     if foci and losses[worst] > max(error, 0.02):
@@ -70,7 +70,7 @@ def headline(
 def shortfalls(
     target: Target, foci: Sequence[str], reached: Float64[np.ndarray, "foci"], drive: Drive
 ) -> tuple[str, ...]:
-    """State in one sentence which foci get less than 98 % of their requested pressure, if any.
+    """State in one sentence which foci do not reach 98 % of their requested pressure, if any.
 
     Parameters
     ----------

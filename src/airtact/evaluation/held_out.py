@@ -45,7 +45,7 @@ class HeldOut:
         compared = f" ({', '.join(words)} at equal energy)" if words else ""
         left_out = f"; {self.left_out} samples are impossible" if self.left_out else ""
         return (
-            "With the given uncertainty the weakest focus gets at least "
+            "With the given uncertainty, the pressure at the weakest focus is at least "
             f"{pascals(first)} in 9 of 10 cases, and {pascals(self.expected[0])} without "
             f"deviations{compared}{left_out}."
         )
@@ -57,7 +57,7 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
     Parameters
     ----------
     samples : samples with another seed than the samples that the drives were computed from.
-    target : the foci; those without a request do not count.
+    target : the foci; those without a request are ignored.
     drives : drives by name.
 
     Raises
@@ -65,7 +65,7 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
     InvalidInput
         If a drive has a different number of elements than the samples.
     """
-    # The rows of the foci come first; suppression points after them do not count.
+    # The rows of the foci come first; suppression points follow and are ignored.
     asked = np.flatnonzero(target.weights > 0.0)
     first = next(iter(drives.values()))
     factors = np.array([drive.factor_to_match(first) for drive in drives.values()])

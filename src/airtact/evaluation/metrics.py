@@ -70,14 +70,14 @@ def in_real_air(
     kept = float(steepening.kept[focus])
     if np.isnan(kept):
         return (
-            f"{computed} computed, but real air steepens the wave until shocks limit it: the real "
-            "pressure is lower by an unknown amount.",
+            f"{computed} computed, but shocks caused by nonlinear steepening limit the pressure: "
+            "the real pressure is lower by an unknown amount.",
         )
     expected = pascals(kept * float(np.abs(pressures[focus])))
     second = f"{steepening.second_harmonic[focus]:.0%}".replace("%", " %")
     return (
-        f"{computed} computed, {expected} expected with real air's steepening (second harmonic "
-        f"{second}).",
+        f"{computed} computed, {expected} expected with nonlinear steepening in air (second "
+        f"harmonic {second}).",
     )
 
 
@@ -137,7 +137,7 @@ class Evaluation:
         They are fractions of the requested pressures if pressures are requested. Otherwise they are
         pressures [Pa], divided by the requested shares if there are any.
         """
-        # Foci without a request have no share and must not count as the worst.
+        # Foci without a request have no share and must not be treated as the worst.
         if self.target.pressures is not None:
             return self.shares[np.isfinite(self.shares)]
         asked = self.target.weights > 0.0
@@ -212,7 +212,8 @@ def evaluate(
     Returns
     -------
     The complex pressures (F,) at the foci [Pa], with the report of the solver. These pressures are
-    linear in the drive; ``expected`` holds the pressures in real air, where strong sound steepens.
+    linear in the drive; ``expected`` contains the pressures in real air, where strong sound
+    steepens.
 
     Raises
     ------

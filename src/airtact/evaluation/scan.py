@@ -19,7 +19,7 @@ from airtact.errors import (
 from airtact.files.text_table import read_text_table
 
 MIN_POSITIONS = 3
-"""Smallest number of positions; almost any field fits fewer than this."""
+"""Smallest number of positions; almost any field would fit fewer positions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +46,12 @@ class Scan:
         pressures = complex_numbers(self.pressures, "pressures of a scan")
         if pressures.shape != (len(points),):
             raise InvalidInput(
-                f"a scan of {len(points)} positions needs one pressure per position, not an array "
-                f"of shape {pressures.shape}.",
+                f"a scan of {len(points)} positions requires one pressure per position, not an "
+                f"array of shape {pressures.shape}.",
                 code="wrong_shape",
             )
         check_finite(pressures, "pressures of a scan")
-        # Repeated positions would count twice in the fit.
+        # Repeated positions would be weighted twice in the fit.
         once, place, counts = np.unique(points, axis=0, return_inverse=True, return_counts=True)
         if len(once) < len(points):
             sums = np.zeros(len(once), complex)
@@ -211,7 +211,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     scale, error = fitted(measured, model)
     # Instruments with the convention e^(+iωt) store conjugated phases.
     mirrored = fitted(measured, model.conj())[1] if scan.phased else error
-    # An error up to 20 % counts as agreement.
+    # An error of up to 20 % is treated as agreement.
     if mirrored < 0.5 * error and error > 0.2:
         raise InvalidInput(
             f"the scan deviates from the prediction by {error:.1%}, and by {mirrored:.1%} with "

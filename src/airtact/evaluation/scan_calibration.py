@@ -40,7 +40,7 @@ Gains = Complex128[np.ndarray, "driven"]
 
 @dataclass(frozen=True, eq=False)
 class ScanCalibration:
-    """What scans tell about an array; the result of ``calibrate_from_scans``.
+    """The result of ``calibrate_from_scans``: properties of an array that scans determine.
 
     Attributes
     ----------
@@ -49,9 +49,10 @@ class ScanCalibration:
     sensitivity : peak pressure of the mean element at full scale, 1 m away on its axis [Pa·m].
     deviation : its standard deviation [Pa·m], without that of the microphone.
     gain_deviations : (E,) relative standard deviation of the gains, and of their phases [rad].
-    determined : (E,) whether the scans determine an element's gain: they leave less than half of
-        the spread of the gains open. None is determined without phases.
-    pose : motion from the positions in the scans to those where the microphone was.
+    determined : (E,) whether the scans determine an element's gain, which means that its
+        uncertainty is less than half of the spread of the gains. Without phases, no gain is
+        determined.
+    pose : motion from the positions in the scans to the true positions of the microphone.
     misalignment : (6,) its rotation vector [rad], and the shift of the middle of the scans [m].
     misalignment_deviation : (6,) its standard deviation.
     errors : relative error of each scan after the fit, including noise.
@@ -108,7 +109,7 @@ class _Readings:
     ----------
     points : (N, 3) stated positions [m].
     measured : (N,) readings relative to their rms, real if not phased.
-    phased : whether the phases count.
+    phased : whether phases are used.
     drives : (N, D) amplitudes of the D elements that emit in any scan.
     array : those elements.
     wavenumber : wavenumber of the sound [1/m].
@@ -124,7 +125,7 @@ class _Readings:
     microphone: Microphone | None
 
     def parts(self, unknowns: Unknowns) -> Complex128[np.ndarray, "points driven"]:
-        """Return what each element contributes to each reading if its gain is nominal."""
+        """Return the contribution of each element to each reading if its gain is nominal."""
         element = self.array.element
         turn = Rotation.from_rotvec(unknowns[:3])
         middle = self.points.mean(axis=0)
@@ -171,7 +172,7 @@ class _Readings:
         return error, unknowns
 
     def fit(self, before: _Fit) -> _Fit:
-        """Fit the unknowns to the residual of the best ε, about which the model is made linear."""
+        """Fit the unknowns to the residual of the best ε, around which the model is linearised."""
         noise = before.noise
         spread = before.spread
         gains = 1.0 + before.deviations.reshape(2, -1).T @ [1.0, 1.0j]
@@ -248,7 +249,7 @@ def calibrate_from_scans(
         )
     if scene.obstacles or scene.planes:
         raise InvalidInput(
-            "calibration needs scans of the empty array: use a scene without bodies and planes.",
+            "calibration requires scans of the empty array: use a scene without bodies and planes.",
             code="not_supported",
         )
     drive_sources(array, drives)  # checks that the drives fit the array and are not silent
@@ -290,9 +291,9 @@ def calibrate_from_scans(
     errors = tuple(overlay_scan(scan, model).error for scan, model in pairs)
     if max(errors) > 0.5:
         raise NotConverged(
-            f"no sensitivity and misalignment explain the scans: the best leave {max(errors):.0%} "
-            "of one unexplained. Likely causes: another drive, another frame, a body in the field, "
-            "or a scan that is off by more than 10 mm or 10 degrees.",
+            "no sensitivity and misalignment explain the scans: the best fit leaves "
+            f"{max(errors):.0%} of a scan unexplained. Likely causes are a different drive or "
+            "frame, a body in the field, or a misalignment of more than 10 mm or 10 degrees.",
             code="pose_not_found",
         )
     mean = np.mean(factors)

@@ -81,7 +81,7 @@ def self_check(report_step: Progress = no_progress) -> SelfCheck:
     fields = [
         KnownField("one sphere, 100 mm away", exact, _error(field, away, series.at(away)), 1e-8),
         KnownField(
-            "one sphere, 2 mm off the surface", exact, _error(field, close, series.at(close)), 1e-8
+            "one sphere, 2 mm from the surface", exact, _error(field, close, series.at(close)), 1e-8
         ),
     ]
 

@@ -62,7 +62,7 @@ class Verification:
     evaluation : the pressure at each of the F foci.
     quantised : the same for the drive rounded to the levels of a board.
     levels : the levels of the board.
-    attainable : (F,) pressure of each focus at full scale if it were the only one [Pa].
+    attainable : (F,) pressure at each focus at full scale if it were the only focus [Pa].
     skin : sound on the surfaces of the bodies, None in open air.
     forces : (F,) force on the skin within 5 mm of each focus in real air [N], NaN for foci away
         from skin and where ``evaluation.expected`` is NaN.
@@ -118,16 +118,17 @@ class Verification:
         amplitudes = len(self.levels.amplitudes)
         lines = [
             str(self.evaluation),
-            f"{span(100 * self.attained, '%', '.0f')} of what each focus would get alone",
-            f"rounding to {amplitudes} levels of amplitude and {phases} of phase changes a focus "
-            f"by {self.quantisation_loss:.2%} at most",
+            f"{span(100 * self.attained, '%', '.0f')} of the pressure that each focus alone could "
+            "reach",
+            f"rounding to {amplitudes} amplitude levels and {phases} phase levels changes the "
+            f"pressure at a focus by at most {self.quantisation_loss:.2%}",
             f"strongest side lobe {self.side_lobe.pressure:.1f} Pa at "
             f"{in_mm(self.side_lobe.point)}: the weakest focus is {self.contrast:+.1f} dB above it",
         ]
         if len(self.suppression_points):
             count = len(self.suppression_points)
             level = f"{self.suppression_level:+.1f} dB"
-            lines.append(f"mean p² at {count} suppression points relative to the foci {level}")
+            lines.append(f"mean p² at {count} suppression points relative to the foci: {level}")
         forces = self.forces[np.isfinite(self.forces)]
         if len(forces):
             foci = counted(len(self.forces), "focus", "foci")
@@ -138,7 +139,7 @@ class Verification:
         lines.append(sensation(float(felt.min()), "amplitude"))
         if len(self.head):
             level = f"{self.head.max():.1f} dB SPL"
-            lines.append(f"at the head at most {level}. {NO_SAFETY_ASSESSMENT}")
+            lines.append(f"level at the head: at most {level}. {NO_SAFETY_ASSESSMENT}")
         return "\n".join(lines)
 
 
@@ -212,8 +213,8 @@ def verify(
         quantised=Evaluation(target, quantised[:foci], report, steepening=rounding),
         attainable=attainable(transfer)[:foci],
         skin=skin,
-        # Half of the energy that the fundamental loses reaches the focus in harmonics, which exert
-        # pressure too. The force on walls in benchmarks/nonlinear.py agrees within 6 %.
+        # Half of the energy that the fundamental loses reaches the focus as harmonics, which also
+        # exert pressure. The force on walls in benchmarks/nonlinear.py agrees to within 6 %.
         forces=np.array([skin.pad_force(at) if skin else np.nan for at in target.points])
         * (0.5 + 0.5 * steepened.kept**2),
         side_lobe=_side_lobe(field, skin, array, target),

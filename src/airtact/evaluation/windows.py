@@ -79,9 +79,9 @@ def plane_through(
 ) -> Window:
     """Return a window through the foci, turned toward the bodies if the foci do not fix the plane.
 
-    Foci that are not in one plane give the best-fitting plane. The window extends three wavelengths
-    past the outermost foci and has about 20,000 points at most. Its sides are parallel to the
-    frame's axes if the plane allows it.
+    If the foci are not in one plane, the best-fitting plane is used. The window extends three
+    wavelengths past the outermost foci and contains at most about 20,000 points. Its sides are
+    parallel to the axes of the frame if the plane allows this.
     """
     middle = foci.mean(axis=0)
     # Principal directions of the foci, the widest first. A spread below a tenth of a wavelength
@@ -95,7 +95,7 @@ def plane_through(
         candidates.append(near[0] if near else towards)
     first, second = _independent([*candidates, AXES["z"], AXES["x"], AXES["y"]])
     normal = np.cross(first, second)
-    # Upwards is z, or y if z is nearly normal to the plane; right is mostly positive.
+    # The upward direction is z, or y if z is nearly normal to the plane; right is mostly positive.
     axis = AXES["z"] if abs(normal[2]) < 0.9 else AXES["y"]
     up = _direction(axis - axis @ normal * normal)
     right = np.cross(up, normal)

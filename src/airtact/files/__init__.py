@@ -1,1 +1,1 @@
-"""Reading of files within size limits, atomic writing, and text tables."""
+"""Functions that read files within size limits, write files atomically, and parse text tables."""

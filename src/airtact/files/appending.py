@@ -1,11 +1,11 @@
-"""A process that appends rows to an HDF5 file; slow disks and killed programs do not affect it.
+"""A process that appends rows to an HDF5 file, so that slow disks do not delay the program.
 
 ``python -m airtact.files.appending FILE`` reads messages from its standard input: pickled mappings
 from names to values. In the first message, the values of ``"attributes"`` become attributes of the
 file, a name that begins with ``+`` is a dataset to which rows are appended, and every other name is
-a complete dataset. Further messages have rows of datasets. The file is closed when the input ends.
-If it cannot be written, for example on a full disk, the rows until then are kept and the reason is
-printed.
+a complete dataset. Further messages contain rows of datasets. The file is closed when the input
+ends. If the file cannot be written, for example because the disk is full, earlier rows are kept and
+the reason is printed.
 """
 
 import os
@@ -21,8 +21,8 @@ from airtact.errors import InvalidInput
 from airtact.files.atomic import whole_hdf5
 from airtact.timing import give_way
 
-# Rows per chunk. Only complete chunks are written, because a compressed chunk that is written twice
-# leaves its first place in the file unused.
+# Rows per chunk. Only complete chunks are written, because writing a compressed chunk again leaves
+# unused space in the file.
 CHUNK = 128
 
 
@@ -42,7 +42,7 @@ def main(path: str, messages: BinaryIO) -> None:
 def _write(path: Path, messages: BinaryIO) -> None:
     import h5py
 
-    # An earlier file stays until this one has its first values.
+    # An earlier file is kept until the new file contains its first values.
     with whole_hdf5(path) as file:
         for name, value in pickle.load(messages).items():
             if name == "attributes":
@@ -64,7 +64,7 @@ def _write(path: Path, messages: BinaryIO) -> None:
         while True:
             try:
                 message = pickle.load(messages)
-            except (EOFError, pickle.UnpicklingError):  # the input ended, maybe within a message
+            except (EOFError, pickle.UnpicklingError):  # the input ended, possibly within a message
                 break
             for name, rows in message.items():
                 rows = np.concatenate([waiting[name], rows]) if name in waiting else rows
@@ -77,8 +77,8 @@ def _write(path: Path, messages: BinaryIO) -> None:
 
 
 def _append(file: Any, name: str, rows: Any) -> None:
-    # A failed write damages an HDF5 file. So the file is extended first, to try whether the rows
-    # fit, which take at most a third when compressed, and 200 kB of tables.
+    # A failed write damages an HDF5 file, so first check that the file can be extended. Compressed
+    # rows take at most a third of their size, and tables 200 kB.
     if hasattr(os, "posix_fallocate"):
         with open(file.filename, "r+b") as whole:
             size = os.fstat(whole.fileno()).st_size

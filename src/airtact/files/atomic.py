@@ -14,10 +14,10 @@ from airtact.errors import InvalidInput
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path in the same folder, and rename the file afterwards.
+    """Yield a temporary path in the same folder, and rename the file afterward.
 
-    The file appears only when it is complete, even if several processes write it. An error names
-    the path if the file cannot be written.
+    The file only appears once it is complete, even if several processes write it. If it cannot be
+    written, the error names the path.
     """
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
@@ -29,7 +29,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     except OSError as error:
         reason = f"{error.strerror or error} (error {error.errno})"
         if not path.parent.is_dir():
-            reason = f"there is no folder {path.parent}; make it first"
+            reason = f"there is no folder {path.parent}; create it first"
         raise InvalidInput(f"cannot write {path}: {reason}.", code="not_writable") from None
 
 
@@ -47,7 +47,7 @@ def whole_hdf5(path: Path) -> Iterator[Any]:
 
 
 def writable_folder(path: Path) -> Path:
-    """Make a folder, and check that it is writable."""
+    """Create a folder, and check that it is writable."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path).close()
@@ -59,7 +59,7 @@ def writable_folder(path: Path) -> Path:
         ) from None
     except OSError as error:
         raise InvalidInput(
-            f"cannot write into the output folder {path}: {error.strerror} (error {error.errno}).",
+            f"cannot write to the output folder {path}: {error.strerror} (error {error.errno}).",
             code="not_writable",
         ) from None
     return path

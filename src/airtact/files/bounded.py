@@ -1,4 +1,4 @@
-"""Reading of bytes, text and HDF5 datasets within size limits.
+"""Functions that read bytes, text and HDF5 datasets within size limits.
 
 Devices and pipes are rejected. The unpacked size is checked before anything is unpacked.
 """
@@ -25,7 +25,7 @@ def check_file(path: Path, largest: int = LARGEST_DATA) -> None:
         status = path.stat()
     except OSError as error:
         raise file_fault(path, error) from None
-    except ValueError as error:  # the name holds a zero byte
+    except ValueError as error:  # the name contains a zero byte
         raise InvalidInput(
             f"there is no file named {path.name!r}: {error}.", code="file_missing"
         ) from None
@@ -59,12 +59,12 @@ def text_of(path: Path, largest: int = 2**26) -> str:
             f"{path.name} is not a text file: byte {error.start} is not UTF-8.",
             code="file_unreadable",
         ) from None
-    # A form feed, for example, ends a line for Python, but not for an editor.
+    # For example, a form feed ends a line in Python, but not in an editor.
     control = re.search("[\0-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029]", text)
     if control is not None:
         line = text.count("\n", 0, control.start()) + 1
         raise InvalidInput(
-            f"line {line} of {path.name} has the control character {control[0]!r}; remove it.",
+            f"line {line} of {path.name} contains the control character {control[0]!r}; remove it.",
             code="file_unreadable",
         )
     return text
@@ -76,13 +76,13 @@ def json_of(text: str | bytes) -> Any:
     def without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         key, count = Counter(key for key, _ in pairs or [("", None)]).most_common(1)[0]
         if count > 1:
-            raise ValueError(f"the key {key!r} is given {count} times")
+            raise ValueError(f"the key {key!r} occurs {count} times")
         return dict(pairs)
 
     return json.loads(text, object_pairs_hook=without_repeats)
 
 
-# Kinds of values in a layout, and the kinds of NumPy's types that hold them.
+# Kinds of values in a layout, and the corresponding kinds of NumPy types.
 KINDS = {"real": "biuf", "complex": "biufc", "whole": "biu", "text": "OS"}
 
 
@@ -96,11 +96,11 @@ def datasets_of(
     Parameters
     ----------
     path : the file.
-    layout : kind and axes by name, such as ``{"drives/time": "real drives"}``. ``@`` begins the
-        name of an attribute of the file, and ``optional`` the kind of a value that the file may
-        lack. Kinds are real (float64), complex, whole (int64) and text. An axis is a length; a
-        name, which stands for the same length everywhere; or ``*``, any length. An axis in
-        brackets may be missing.
+    layout : kind and axes by name, such as ``{"drives/time": "real drives"}``. The name of an
+        attribute of the file begins with ``@``, and the kind of an optional value with
+        ``optional``. Kinds are real (float64), complex, whole (int64) and text. An axis is a
+        number, a name, which stands for the same length everywhere, or ``*`` for any length. An
+        axis in brackets is optional.
     newest : newest ``format_version`` that can be read.
     largest : largest size of the file, and of its arrays unpacked [bytes].
 
@@ -124,11 +124,11 @@ def datasets_of(
             item = _item(file, entry)
             if item is None and form.startswith("optional"):
                 continue
-            # A version that cannot be read explains all else.
+            # An unsupported version explains all other errors.
             is_version = name == "format_version"
             if item is None:
                 raise InvalidInput(
-                    f"it has no {name}; write the file in airtact's format.",
+                    f"it does not contain {name}; write the file in airtact's format.",
                     code="unsupported_version" if is_version else "data_missing",
                 )
             text = h5py.check_string_dtype(item.dtype) is not None
@@ -138,12 +138,12 @@ def datasets_of(
                     code="unsupported_version" if is_version else "not_a_number",
                 )
             shape = _checked_shape(name, item.shape, axes, lengths)
-            # Unpacking takes whole chunks, which can be larger than the dataset.
+            # Whole chunks are unpacked, which can be larger than the dataset.
             chunk = math.prod(getattr(item, "chunks", None) or (0,))
             size += item.dtype.itemsize * max(math.prod(shape), chunk)
             if size > largest:
                 raise InvalidInput(
-                    f"its arrays have {size:,} bytes, more than {largest:,}; store fewer or "
+                    f"its arrays take {size:,} bytes, more than {largest:,}; store fewer or "
                     "smaller arrays.",
                     code="file_too_large",
                 )
@@ -151,8 +151,8 @@ def datasets_of(
             values[name] = _converted(raw, kind, shape)
             if is_version and not 1 <= values[name] <= newest:
                 raise InvalidInput(
-                    f"its format_version is {values[name]}, but 1 to {newest} can be read: update "
-                    "airtact.",
+                    f"its format_version is {values[name]}, but only versions 1 to {newest} can "
+                    "be read: update airtact.",
                     code="unsupported_version",
                 )
     return values
@@ -163,7 +163,7 @@ def _open_file(path: Path) -> Iterator[Any]:
     """Open an HDF5 file, and convert all errors of its library to ``InvalidInput``."""
     import h5py
 
-    # The process that writes a session can end seconds after its loop on a busy machine.
+    # On a busy machine, the process that writes a session can end seconds after its loop.
     end = time.monotonic() + 10.0
     try:
         while True:
@@ -178,7 +178,7 @@ def _open_file(path: Path) -> Iterator[Any]:
             yield file
     except InvalidInput:
         raise
-    except Exception as error:  # h5py raises many kinds for damaged files
+    except Exception as error:  # h5py raises many types of errors for damaged files
         if isinstance(error, OSError) and error.errno is not None:
             raise file_fault(path, error) from None
         raise InvalidInput(
@@ -197,7 +197,7 @@ def _item(file: Any, entry: str) -> Any:
     for part in entry.split("/"):
         if not isinstance(item, h5py.Group) or not item.id.links.exists(part.encode()):
             return None
-        # A link can lead in circles, or to a file that the sender of this one wants to see.
+        # A link can be circular, or refer to a file that the sender wants to read.
         hard = isinstance(item.get(part, getlink=True), h5py.HardLink)
         item = item[part] if hard else None
         stored_here = isinstance(item, h5py.Dataset) and not (item.is_virtual or item.external)
@@ -234,7 +234,7 @@ def _checked_shape(
 
 
 def _converted(raw: Any, kind: str, shape: tuple[int, ...]) -> Any:
-    """Return a number or text for shape (), else an array."""
+    """Return a number or text for shape (), otherwise an array."""
     array = np.asarray(raw).reshape(shape)
     if kind == "text":
         texts = [text.decode() if isinstance(text, bytes) else str(text) for text in array.flat]

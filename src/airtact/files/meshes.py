@@ -76,14 +76,14 @@ def _scene(path: Path, skinned: bool = False) -> Any:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InvalidInput(
-            f"{path.name} ends in {path.suffix!r}, but surfaces are read from "
+            f"{path.name} ends in {path.suffix!r}, but surface files must end in "
             f"{', '.join(SUFFIXES)}.",
             code="unknown_format",
         )
     if not path.is_file():
         raise InvalidInput(f"there is no file {path}.", code="file_missing")
     content = bytes_of(path, LARGEST_MESH_FILE)
-    import trimesh  # imported here because it takes as long as all the rest of airtact
+    import trimesh  # imported here because this takes as long as importing the rest of airtact
 
     # Silence the tracebacks that trimesh prints.
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -116,7 +116,7 @@ def _describing_damage(path: Path) -> Iterator[None]:
             yield
     except InvalidInput as fault:
         raise InvalidInput(f"{path.name}: {fault}", code=fault.code) from None
-    except Exception as fault:  # each reader of trimesh fails in another way on a damaged file
+    except Exception as fault:  # each reader of trimesh fails in a different way on damaged files
         raise InvalidInput(
             f"{path.name} cannot be read: it is damaged ({type(fault).__name__}: {fault}).",
             code="file_unreadable",
@@ -150,7 +150,7 @@ def _stl(content: bytes) -> tuple[Any, Any]:
         numbers = re.findall(r"vertex\s+(\S+)\s+(\S+)\s+(\S+)", text.decode(errors="replace"))
         if any("," in number for vertex in numbers[:1] for number in vertex):
             raise InvalidInput(
-                "its numbers have decimal commas; export it with decimal points.",
+                "its numbers use decimal commas; export it with decimal points.",
                 code="file_unreadable",
             )
         corners = np.array([[float(_plain(number)) for number in vertex] for vertex in numbers])
@@ -210,8 +210,8 @@ def _check_tree(tree: Mapping[str, Any]) -> None:
                 )
     if any(map(any, morphed)):
         raise InvalidInput(
-            "it has morph targets with weights, which are not supported; apply them and export "
-            "the file again.",
+            "it contains morph targets with weights, which are not supported; apply them and "
+            "export the file again.",
             code="file_unreadable",
         )
     if any("bufferView" not in item or "sparse" in item for item in used):
@@ -219,7 +219,7 @@ def _check_tree(tree: Mapping[str, Any]) -> None:
             "its numbers are compressed or sparse; export it without compression.",
             code="file_unreadable",
         )
-    # Each triangle has three indices and three vertices at most.
+    # Each triangle has at most three indices and three vertices.
     _check_triangles(sum(int(item["count"]) for item in used) // 6)
 
 
@@ -251,5 +251,5 @@ def _place_by_joints(scene: Any, tree: Mapping[str, Any], numbers: bytes) -> Non
                 "and export it again.",
                 code="file_unreadable",
             )
-        # The place of the node itself does not count.
+        # The position of the node itself does not matter.
         scene.graph.update(frame_to=name, frame_from=scene.graph.base_frame, matrix=joints[0])

@@ -1,4 +1,4 @@
-"""Tables in text files with named columns; errors state the line."""
+"""Tables with named columns in text files; error messages state the line."""
 
 import csv
 import re
@@ -32,12 +32,12 @@ class TextTable:
     __repr__ = in_short
 
     def require(self, *names: str) -> None:
-        """Raise an error if the table lacks one of the columns."""
+        """Raise an error if one of the columns is missing."""
         missing = [name for name in names if name not in self.names]
         if missing:
             raise InvalidInput(
-                f"{self.file} has no column {', '.join(missing)}: it needs {', '.join(names)}, but "
-                f"has {', '.join(self.names)}.",
+                f"{self.file} has no column {', '.join(missing)}: the columns must be "
+                f"{', '.join(names)}, but are {', '.join(self.names)}.",
                 code="data_missing",
             )
 
@@ -54,7 +54,7 @@ class TextTable:
     def numbers(self, name: str) -> Float64[np.ndarray, "rows"]:
         """Read a column as real numbers.
 
-        NaN and infinity are unreadable.
+        NaN and infinity are rejected.
         """
         return np.array(self._parsed(name, _real, "a real number"), dtype=np.float64)
 
@@ -63,7 +63,7 @@ class TextTable:
         return np.array(self._parsed(name, _complex, "a number"), dtype=np.complex128)
 
     def order(self, name: str) -> Int64[np.ndarray, "rows"]:
-        """Return the order of the rows by a column that numbers them from 0, each once.
+        """Return the order of the rows according to a column that numbers them from 0.
 
         The numbers must be in range; see ``numbers`` for other errors.
         """
@@ -73,8 +73,8 @@ class TextTable:
         if len(wrong):
             row = order[wrong[0]]
             raise InvalidInput(
-                f"line {self.lines[row]} of {self.file} has {numbers[row]:g} for {name}, which "
-                f"must number the lines from 0 to {len(order) - 1}, each once.",
+                f"{name} is {numbers[row]:g} in line {self.lines[row]} of {self.file}, but it must "
+                f"number the lines from 0 to {len(order) - 1}, each once.",
                 code="out_of_range",
             )
         return order
@@ -86,18 +86,18 @@ class TextTable:
         for row, value in enumerate(values):
             if value is None or not max(abs(value.real), abs(value.imag)) <= LARGEST_NUMBER:
                 raise InvalidInput(
-                    f"line {self.lines[row]} of {self.file} has {self.rows[row][column]!r} for "
-                    f"{name}; use {kind} of {LARGEST_NUMBER:g} at most.",
+                    f"{name} is {self.rows[row][column]!r} in line {self.lines[row]} of "
+                    f"{self.file}; use {kind} of at most {LARGEST_NUMBER:g}.",
                     code="file_unreadable",
                 )
         return values
 
 
 def read_text_table(path: Path) -> TextTable:
-    """Read a file of cells separated by commas, or by spaces as in .txt files of COMSOL.
+    """Read a file of cells separated by commas, or by spaces as in .txt files from COMSOL.
 
-    The first line that is not a comment names the columns. If that line contains numbers, the last
-    comment before it names the columns, as in files of COMSOL.
+    The first line that is not a comment contains the names of the columns. If this line contains
+    numbers, the last comment before it contains the names, as in files from COMSOL.
     """
     file = path.name
     comments: list[str] = []
@@ -120,7 +120,7 @@ def read_text_table(path: Path) -> TextTable:
         # Single spaces are part of a name such as "p (Pa) @ freq=40000", which begins a column.
         names = re.split(r"\t+|\s{2,}|\s+(?=\S+ \(\S*\) @ )", header.lower())
     elif header:
-        # Names may have commas where the cells of the rows are between spaces.
+        # Names may contain commas if the cells of the rows are separated by spaces.
         names = header.lower().split() if spaced else list(_cells(file, 1, header.lower()))
         # COMSOL writes the commas of "p (Pa) @ freq=40000, gap=10" without quotation marks.
         for index in range(len(names) - 1, 0, -1):
@@ -129,7 +129,7 @@ def read_text_table(path: Path) -> TextTable:
                 names[index - 1 : index + 1] = [f"{names[index - 1]}, {names[index]}"]
     else:
         raise InvalidInput(
-            f"{file} has no line with the names of its columns; add one.", code="file_unreadable"
+            f"{file} has no line with the names of its columns; add it.", code="file_unreadable"
         )
     name, count = Counter(names).most_common(1)[0]
     if count > 1:
@@ -153,13 +153,13 @@ def _cells(file: str, line: int, text: str) -> tuple[str, ...]:
         return tuple(cell.strip() for cell in next(csv.reader([text], skipinitialspace=True)))
     except csv.Error as error:
         raise InvalidInput(
-            f"line {line} of {file}, of {len(text):,} characters, has a cell that cannot be read: "
-            f"{error}.",
+            f"line {line} of {file}, which has {len(text):,} characters, contains a cell that "
+            f"cannot be read: {error}.",
             code="file_unreadable",
         ) from None
 
 
-# Python's float also reads "1_000" and the digits of other scripts, which are slips in a table.
+# Python's float also accepts "1_000" and digits of other scripts, which are mistakes in a table.
 NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?"
 REAL = re.compile(rf"[+-]?{NUMBER}", re.IGNORECASE)
 COMPLEX = re.compile(rf"[+-]?{NUMBER}(?: *[+-] *{NUMBER}[ij]|[ij])?", re.IGNORECASE)
@@ -170,7 +170,7 @@ def _real(cell: str) -> float | None:
 
 
 def _complex(cell: str) -> complex | None:
-    """Read a complex number with the imaginary unit i, as in files of COMSOL and MATLAB."""
+    """Read a complex number with the imaginary unit i, as in files from COMSOL and MATLAB."""
     if not COMPLEX.fullmatch(cell):
         return None
     return complex(cell.lower().replace(" ", "").replace("i", "j"))

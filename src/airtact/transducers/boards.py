@@ -11,19 +11,19 @@ from airtact.geometry.pose import Pose, nearest_motion
 
 # Radius of the piston with the pattern of Nippon Ceramic's T4010A1 at 40 kHz [m]. Its case has a
 # radius of 5 mm. It is 6 dB down at 50 degrees off the axis, like the maker's curve. The AUTD3 SDK
-# has this curve as a table (its ``T4010A1``): 0.708, 0.501 and 0.355 of the pressure on the axis at
-# 40, 50 and 60 degrees; the piston has 0.62, 0.49 and 0.38.
+# contains this curve as a table (``T4010A1``): 0.708, 0.501 and 0.355 of the pressure on the axis
+# at 40, 50 and 60 degrees; for the piston, these values are 0.62, 0.49 and 0.38.
 NICERA_RADIUS = 4.0e-3
 
 # Radius of the piston for Murata's MA40S4S at 40 kHz, in a case of 4.95 mm radius [m]. It is 6 dB
-# down at 42 degrees off the axis; the data sheet gives 80 degrees from side to side. Other
+# down at 42 degrees off the axis; the data sheet states a full width of 80 degrees. Other
 # transducers of this size, such as those in kits, are similar.
 MURATA_RADIUS = 4.5e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """One kind of board. In its frame it lies in the plane z = 0 and radiates to +z.
+    """One kind of board. In its frame, it is in the plane z = 0 and radiates toward +z.
 
     Attributes
     ----------
@@ -95,9 +95,9 @@ def boards_needed(board: Board, elements: int) -> int:
     count = _whole_boards(board, elements)
     if count > board.max_boards:
         raise InvalidInput(
-            f"{elements} elements need {count} {board.name} boards, but one link drives at most "
-            f"{board.max_boards}: compute a drive for {board.max_boards * len(board)} elements or "
-            "fewer.",
+            f"{elements} elements require {count} {board.name} boards, but one link drives at most "
+            f"{board.max_boards}: compute a drive for at most {board.max_boards * len(board)} "
+            "elements.",
             code="too_many",
         )
     return count
@@ -179,8 +179,8 @@ def _board_pose(
         raise InvalidInput(
             f"elements {first} to {first + len(board) - 1} are not laid out like board {index} of "
             f"{board.name}: element {first + worst} is {off[worst] * 1e3:.3g} mm from its "
-            f"position and normals differ by up to {np.degrees(lean.max()):.3g} degrees; compute "
-            "the drive for that board's layout.",
+            f"position, and normals differ by up to {np.degrees(lean.max()):.3g} degrees; compute "
+            "the drive for the layout of this board.",
             code="wrong_kind",
         )
     return pose
@@ -208,7 +208,7 @@ def _autd3() -> Board:
         phases=256,
         transducer="Nippon Ceramic T4010A1",
         radius=NICERA_RADIUS,
-        source="AUTD3 SDK (autd3-core); message as pyautd3 takes it",
+        source="AUTD3 SDK (autd3-core); message as in pyautd3",
     )
 
 

@@ -39,9 +39,9 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, a column is missing, or a line holds a cell that is not a
-        number, an element that does not exist or is repeated, or a gain that is negative or over
-        10. The message names the line.
+        If the file cannot be read, a column is missing, or a line contains a cell that is not a
+        number, an element that does not exist or is repeated, or a gain that is negative or above
+        10. The message states the line.
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     table = read_text_table(path)
@@ -64,7 +64,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
                     f"element {element} is already in line {lines[element]}.",
                     code="given_twice",
                 )
-            if not 0.0 <= gain <= 10.0:  # a larger one is probably in per cent
+            if not 0.0 <= gain <= 10.0:  # larger gains are probably in per cent
                 raise InvalidInput(
                     f"gain {gain:g} of element {element} must be 0 to 10.", code="out_of_range"
                 )
@@ -101,15 +101,15 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
         if values.max(initial=0.0) >= limit:
             row = int(values.argmax())
             raise InvalidInput(
-                f"line {table.lines[row]} of {Path(path).name} has {values[row]:g} {unit} for "
-                f"{column}, which must be below {limit:.3g}: use metres and radians.",
+                f"{column} is {values[row]:g} {unit} in line {table.lines[row]} of "
+                f"{Path(path).name}, but must be below {limit:.3g}: use metres and radians.",
                 code="out_of_range",
             )
     # Elements that are not listed keep their positions.
     motions = np.zeros((len(array), 6))
     elements = table.numbers(COLUMNS[0]).astype(np.int64)
     motions[elements] = np.stack([table.numbers(name) for name in MOTION], axis=1)
-    # SciPy needs writable arrays, but those of a ``PhasedArray`` are read-only.
+    # SciPy requires writable arrays, but those of a ``PhasedArray`` are read-only.
     turns = Rotation.from_rotvec(motions[:, 3:])
     return PhasedArray(
         array.positions + motions[:, :3],

@@ -18,7 +18,7 @@ from airtact.errors import (
 
 # Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m]: √2 times 3.10 Pa rms,
 # the amplitude in AUTD3's SDK. It is uncalibrated, and other sources differ by a factor of 2.
-# Measure your own device if pressures in pascal matter.
+# Measure your own device if absolute pressures matter.
 DEFAULT_SENSITIVITY = 4.38
 
 # Largest product of wavenumber and radius for each number of points; the far pattern then has an
@@ -30,15 +30,15 @@ MAX_PISTON_SIZE = {12: 3.5, 19: 4.8}
 class Element:
     """One transducer as weighted monopoles on its face.
 
-    In its own frame the face is in the plane z = 0 and radiates to +z.
+    In the frame of the element, the face is in the plane z = 0 and radiates toward +z.
 
     Attributes
     ----------
     points : (Q, 3) points of the face relative to the element's position [m].
     weights : (Q,) contribution of each point to the pressure; their sum is 1.
     sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m]; uncalibrated by default.
-    directional : whether the element radiates only into the half space in front of its face. Foci
-        and bodies must be there.
+    directional : whether the element only radiates into the half-space in front of its face. Foci
+        and bodies must be in this half-space.
     radius : radius of the face [m]; 0 for a point.
 
     Raises
@@ -99,16 +99,16 @@ class Element:
         """Describe the directivity at a wavenumber k [rad/m].
 
         >>> piston(4.0e-3).pattern_in_words(732.5)
-        'pistons of 4 mm radius (-6 dB at 49 degrees), nothing behind them'
+        'pistons of 4 mm radius (-6 dB at 49 degrees) that only radiate forward'
         """
         if self.radius == 0.0:
-            return "directional" if self.directional else "monopoles, alike in all directions"
+            return "directional" if self.directional else "monopoles (equal in all directions)"
         size = wavenumber * self.radius
         half = 2.2151  # argument at which the pattern 2 J₁(x)/x of a piston is a half, −6 dB
-        width = "over -6 dB to all sides"
+        width = "above -6 dB in all directions"
         if size > half:
             width = f"-6 dB at {np.degrees(np.arcsin(half / size)):.0f} degrees"
-        return f"pistons of {self.radius * 1e3:.3g} mm radius ({width}), nothing behind them"
+        return f"pistons of {self.radius * 1e3:.3g} mm radius ({width}) that only radiate forward"
 
     def same_as(self, element: "Element") -> bool:
         """Whether both elements have equal values."""
@@ -166,9 +166,9 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     With 19 points, the disc uses Albrecht's rule of degree 9 (ZAMM 40, 514, 1960; S2 9-1 in Stroud,
     Approximate Calculation of Multiple Integrals, 1971). Its error in the far field is of order
     x¹⁰: 1.8e-4 of the pressure on the axis at ka = 4 and 1e-3 at ka = 4.8, which are radii of 5.5
-    and 6.5 mm at 40 kHz. With 12 points it uses the cheaper rule of degree 7 (S2 7-1 in Stroud),
-    with errors of 3.3e-4 at ka = 2.9 and 1.3e-3 at ka = 3.5. A piston whose ka is too large for its
-    number of points is rejected once the frequency is known.
+    and 6.5 mm at 40 kHz. With 12 points, it uses the cheaper rule of degree 7 (S2 7-1 in Stroud),
+    with errors of 3.3e-4 at ka = 2.9 and 1.3e-3 at ka = 3.5. A piston is rejected when the
+    frequency is known if its ka is too large for its number of points.
 
     Parameters
     ----------

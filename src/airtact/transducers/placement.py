@@ -51,8 +51,8 @@ def check_placement(
     for plane in planes_behind(scene, array):
         height = 1e3 * float(plane.height(array.positions).min())
         raise InvalidInput(
-            f"the plane is {height:.3g} mm behind the elements, which radiate forwards only. It "
-            "receives no sound: remove it.",
+            f"the plane is {height:.3g} mm behind the elements, which only radiate forward. No "
+            "sound reaches it: remove it.",
             code="behind_faces",
         )
     for index, obstacle in enumerate(scene.obstacles):
@@ -74,8 +74,8 @@ def check_apart(array: PhasedArray) -> None:
     overlapping = int(np.sum(distances[:, 1] < smallest))
     raise InvalidInput(
         f"elements {first} and {second} are {1e3 * distance:.3g} mm apart at "
-        f"{in_mm(array.positions[first])}, and {overlapping} of {len(array)} overlap another one: "
-        "is a board or a list included twice? Move or remove one of them.",
+        f"{in_mm(array.positions[first])}, and {overlapping} of {len(array)} elements overlap: is "
+        "a board or a list included twice? Move or remove one of them.",
         array.positions[first],
         code="bodies_overlap",
     )
@@ -130,7 +130,7 @@ def _check_images(
     plane: Plane, scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None
 ) -> None:
     """Raise an error if the image of a body or focus in a plane is behind a face."""
-    # Otherwise the image of the element would have to radiate backwards.
+    # Otherwise, the image of the element would have to radiate backward.
     radiating = ~flush(plane, array)
     if foci is not None:
         for index, height in enumerate(_height(array, plane.image(foci))):
@@ -207,7 +207,7 @@ def _check_behind(array: PhasedArray, behind: Depths, subject: str) -> None:
     board = f"board {faces[0] // len(kind[0])}" if kind and len(kind[1]) > 1 else "the array"
     raise InvalidInput(
         f"{subject} behind the faces of {counted(len(faces), 'element', 'elements')}, which only "
-        f"radiate forwards: {behind[faces[0]] * 1e3:.3g} mm behind element {faces[0]}. Turn or "
+        f"radiate forward: {behind[faces[0]] * 1e3:.3g} mm behind element {faces[0]}. Turn or "
         f"move {board}.",
         code="behind_faces",
     )

@@ -15,7 +15,7 @@ from airtact.transducers.layout import PhasedArray
 
 # Distance from the faces of the transducers to the back of a board [m]. No maker states it: a case
 # is 7.1 mm high (Murata, data sheet of the MA40S4S), and a circuit board is usually 1.6 mm thick.
-# Parts on the back are left out.
+# Components on the back are ignored.
 THICKNESS = 8.7e-3
 
 
@@ -53,14 +53,14 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     if boards is None:
         raise InvalidInput(
             "the elements are not laid out like boards of one kind. Use an array of boards, or "
-            "the bodies behind the elements as obstacles.",
+            "declare the bodies behind the elements as obstacles.",
             code="wrong_kind",
         )
     board, poses = boards
     if board.outline is None:
         raise InvalidInput(
             f"boards of {board.name} cannot reflect, because the maker does not state their "
-            "outline. Use the plates as obstacles.",
+            "outline. Declare the plates as obstacles instead.",
             code="unknown_name",
         )
     # Boards within 0.5 mm are one body, with the seam between them filled.
