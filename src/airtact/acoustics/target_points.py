@@ -302,7 +302,7 @@ def frame_of(
     upwards = direction - (direction @ towards) * towards
     if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(direction):
         raise InvalidInput(
-            f"up is {direction.tolist()}, along the normal {towards.tolist()}; use another upward "
+            f"up is {direction.tolist()}, parallel to the normal {towards.tolist()}; use another "
             "direction.",
             code="all_zero",
         )

@@ -365,7 +365,9 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
     if (kind := raw.get("modulation", "none")) == "am":
         modulation = AmplitudeModulation(raw["modulation_frequency"], raw["modulation_depth"])
     elif kind != "none":
-        raise InvalidInput(f"the modulation {kind!r} is neither none nor am.", code="unknown_name")
+        raise InvalidInput(
+            f"the modulation is {kind!r}, but must be none or am.", code="unknown_name"
+        )
     for name in ("wanted_pressures", "transfer_matrix"):
         if name in raw:
             check_finite(raw[name], name)

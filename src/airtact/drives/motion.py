@@ -85,7 +85,7 @@ class Motion:
             object.__setattr__(self, "frequency", frequency)
         if self.frames is not None and not MIN_FRAMES <= self.frames <= MAX_FRAMES:
             raise InvalidInput(
-                f"a path has {MIN_FRAMES} to {MAX_FRAMES} frames, not {self.frames}.",
+                f"a path must have {MIN_FRAMES} to {MAX_FRAMES} frames, not {self.frames}.",
                 code="sizes_differ",
             )
         if self.path != "points":
@@ -246,8 +246,8 @@ def moving_foci(
     frames = len(indices)
     if turns * frames > clock:
         raise InvalidInput(
-            f"{turns:g} rounds per second of {frames} frames each need more frames per second than "
-            f"the sound has periods ({clock:g} Hz). Use a modulation frequency of "
+            f"{turns:g} rounds per second with {frames} frames each need more frames per second "
+            f"than the sound has periods ({clock:g} Hz). Use a modulation frequency of "
             f"{clock / frames:.4g} Hz or less.",
             code="out_of_range",
         )

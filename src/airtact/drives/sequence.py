@@ -51,7 +51,7 @@ class Sequence:
         drives = complex_numbers(self.drives, "the drives of a sequence")
         if drives.ndim != 2 or drives.size == 0:
             raise InvalidInput(
-                f"a sequence has the shape (frames, elements), not {drives.shape}.",
+                f"a sequence must have shape (frames, elements), not {drives.shape}.",
                 code="wrong_shape",
             )
         check_finite(drives, "the drives of a sequence (frame, element)")
@@ -59,7 +59,7 @@ class Sequence:
         if largest.max() > FULL_SCALE:
             raise InvalidInput(
                 f"frame {int(largest.argmax())} of a sequence drives an element at "
-                f"{largest.max():.4g} of full scale. Divide the sequence by this value.",
+                f"{largest.max():.4g} times full scale. Divide the sequence by this value.",
                 code="over_full_scale",
             )
         drives.flags.writeable = False

@@ -71,7 +71,7 @@ class TransferMatrix:
         matrix = complex_numbers(self.matrix, "the transfer matrix")
         if matrix.ndim != 2 or matrix.size == 0:
             raise InvalidInput(
-                f"a transfer matrix has the shape (foci, elements), not {matrix.shape}.",
+                f"a transfer matrix must have shape (foci, elements), not {matrix.shape}.",
                 code="wrong_shape",
             )
         check_finite(matrix, "the transfer matrix (focus, element)")

@@ -96,8 +96,8 @@ class TransferEnsemble(TransferMatrix):
         if len(shape) != 3 or shape[0] == 0 or shape[1:] != self.matrix.shape:
             foci, elements = self.matrix.shape
             raise InvalidInput(
-                f"the samples have shape {shape}, but they need (samples, {foci}, {elements}), "
-                "with 1 sample or more.",
+                f"the samples have shape {shape}, but must have shape (samples, {foci}, "
+                f"{elements}), with at least 1 sample.",
                 code="wrong_shape",
             )
         for array in (self.geometry, self.gains):

@@ -308,8 +308,8 @@ class Link(ABC):
         self.check_elements(len(frame))
         if not self.levels.same_as(frame.levels):
             raise InvalidInput(
-                f"a frame of {len(frame.levels.amplitudes)} amplitudes and {frame.levels.phases} "
-                f"phases is not for {self.codec.board.name}, which has "
+                f"a frame with {len(frame.levels.amplitudes)} amplitudes and {frame.levels.phases} "
+                f"phases does not fit {self.codec.board.name}, which has "
                 f"{len(self.levels.amplitudes)} and {self.levels.phases}: quantise the drive with "
                 "link.levels.",
                 code="sizes_differ",

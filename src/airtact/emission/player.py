@@ -383,7 +383,7 @@ class Player:
         self._confirm_silence()
 
     def _confirm_silence(self) -> None:
-        # Passing faults such as lost packets must not leave the boards emitting.
+        # Transient faults such as lost packets must not leave the boards emitting.
         while True:
             self.alive(STALL)
             try:

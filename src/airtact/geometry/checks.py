@@ -62,7 +62,7 @@ def check_not_crossed(surface: Surface) -> None:
         where = surface.corners[pairs[0]].mean(axis=(0, 1))
         meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
         raise InvalidInput(
-            f"the surface crosses itself: {meet}, first triangles {first} and {second} near "
+            f"the surface crosses itself: {meet}, such as {first} and {second} near "
             f"{in_mm(where)}; repair it, or load it with union=True.",
             where,
             code="mesh_faulty",

@@ -95,8 +95,8 @@ def _read_pose(path: Path) -> Pose:
         ) from None
     if not pose.positions_m or (pose.joints is not None and tuple(pose.joints) != NAMES):
         raise InvalidInput(
-            f"use positions_m, and as joints the 25 names of WebXR in order, not "
-            f"{len(pose.positions_m)} positions and {len(pose.joints or ())} names.",
+            f"there are {len(pose.positions_m)} positions_m and {len(pose.joints or ())} joints; "
+            "use the 25 names of WebXR in order as joints, with one position for each.",
             code="hand_implausible",
         )
     if pose.radii_m is not None and len(pose.radii_m) != len(pose.positions_m):

@@ -294,7 +294,7 @@ def _checked_receivers(
     wrong = numbers[(numbers < 0) | (numbers >= elements)]
     if len(wrong):
         raise InvalidInput(
-            f"receiver {wrong[0]} does not exist; elements are 0 to {elements - 1}.",
+            f"receiver {wrong[0]} does not exist; elements are numbered 0 to {elements - 1}.",
             code="out_of_range",
         )
     values, counts = np.unique(numbers, return_counts=True)

@@ -418,7 +418,7 @@ def scattering_family(
     shift = 0.5 * (high - low) * family.effect
     if shift < 1e-7:
         raise InvalidInput(
-            f"from {low:g} to {high:g} the bodies change no more than by a translation of "
+            f"from {low:g} to {high:g} the bodies change no more than in a translation by "
             f"{1e3 * shift:.1g} mm; scene_of must use its argument.",
             code="all_zero",
         )

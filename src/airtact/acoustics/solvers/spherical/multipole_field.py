@@ -206,8 +206,8 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     alone = field.without_images
     if alone is None:
         raise InvalidInput(
-            f"a field by {field.report.solver} in front of a plane is not known without the images "
-            "of its bodies; solve with BoundaryElement.",
+            f"a field from {field.report.solver} in front of a plane is not known without the "
+            "images of its bodies; solve with BoundaryElement.",
             code="not_supported",
         )
     clock = Clock(progress)
