@@ -32,7 +32,7 @@ def table_of(table: type[tables.Table]) -> str:
     head = ""
     if table.one_of:
         names = ", ".join(f"`{name}`" for name in table.one_of)
-        head = f"Give exactly one of {names}.\n\n"
+        head = f"Set exactly one of {names}.\n\n"
     keys: dict[tuple[str, ...], list[str]] = {}
     for field in msgspec.structs.fields(table):
         meaning, unit = meanings[field.name]
@@ -59,10 +59,10 @@ def meanings_of(table: type[tables.Table]) -> Iterator[tuple[str, tuple[str, str
 
 
 def default_of(field: msgspec.structs.FieldInfo, meaning: str) -> tuple[str, str]:
-    """Split off what a docstring says of a key that is left out; else show the default."""
-    kept, _, stated = meaning.removesuffix(", if left out").partition("; ")
-    if stated and meaning.endswith("if left out"):
-        return kept, stated.removesuffix(" if left out")
+    """Split the stated default from the meaning of a key, or return the schema's default."""
+    kept, _, stated = meaning.partition("; by default ")
+    if stated:
+        return kept, stated
     if field.required:
         return meaning, "required"
     if field.default in (None, msgspec.NODEFAULT) or isinstance(field.default, tables.Table):
@@ -114,7 +114,7 @@ def name_of(kind: Any) -> str:
 
 
 def rules_of(field: msgspec.structs.FieldInfo) -> str:
-    """Say which keys a key goes with."""
+    """State with which keys a key can be combined."""
     words = {"only with": "Only with", "not with": "Not with", "needed by": "Required with"}
     rules = [
         note for note in getattr(field.type, "__metadata__", ()) if isinstance(note, tables.Rule)

@@ -200,7 +200,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_missing",
             ["[medium]\nsound_speed = 340.0\n", ARRAY, BALL, FOCUS],
-            "medium: sound_speed needs density",
+            "medium: sound_speed requires density",
         ),
         (
             "options_clash",
@@ -242,7 +242,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_missing",
             [MEDIUM, ARRAY, BALL, 'boundary = "impedance"\n', FOCUS],
-            'obstacles[0]: boundary = "impedance" needs ratio',
+            'obstacles[0]: boundary = "impedance" requires ratio',
         ),
         (
             "not_supported",
@@ -269,7 +269,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_missing",
             [MEDIUM, '[array]\nlayout = "boards"\n', BALL, FOCUS],
-            'array: layout = "boards" needs poses',
+            'array: layout = "boards" requires poses',
         ),
         (
             "out_of_range",
@@ -289,7 +289,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_missing",
             [MEDIUM, ARRAY, "[array.pose]\ndegrees = 3.0\n", BALL, FOCUS],
-            "array.pose: degrees needs axis",
+            "array.pose: degrees requires axis",
         ),
         (
             "key_misplaced",

@@ -55,7 +55,9 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
                     verb = "cannot be combined" if holds else "is valid only"
                     raise InvalidInput(f"{field.name} {verb} with {words}.", code="key_misplaced")
                 if holds and not present and rule.words == "needed by":
-                    raise InvalidInput(f"{words} needs {field.name}: add it.", code="key_missing")
+                    raise InvalidInput(
+                        f"{words} requires {field.name}: add it.", code="key_missing"
+                    )
         count = sum(getattr(self, name) is not None for name in self.one_of)
         if self.one_of and count != 1:
             raise InvalidInput(
@@ -74,11 +76,11 @@ class MediumTable(Table, frozen=True):
 
     Attributes
     ----------
-    celsius : temperature of air [°C].
-    humidity : relative humidity of air; 0.5 if left out.
+    celsius : temperature of the air [°C].
+    humidity : relative humidity of the air; by default 0.5.
     sound_speed : speed of sound of another fluid [m/s].
     density : density of the fluid [kg/m³].
-    absorption : absorption of the fluid [Np/m]; 0 if left out.
+    absorption : absorption of the fluid [Np/m]; by default 0.
     """
 
     one_of: ClassVar = ("celsius", "sound_speed")
@@ -111,18 +113,17 @@ class ArrayTable(Table, frozen=True):
 
     Attributes
     ----------
-    layout : "surrounding_box", the paper's box around the origin, or a box of four boards of the
-        kind ``board``; "flat_boards", AUTD3 boards edge to edge in the plane z = 0; "boards", each
-        at its pose; "tinylev", "biglev", "flat_8x8" or "opposed_sonicsurfaces"; or a .csv file
-        beside the scene file.
-    board : kind of board: "autd3", "sonicsurface", "nano16" or "openmpd"; "autd3" if left out.
-    rows, columns : number of flat boards along y and along x; 2 if left out.
-    poses : pose of each board.
-    calibration : .csv file beside the scene file with the gain of each element.
-    source : "piston" radiates forwards, "monopole" in all directions.
-    piston_radius : radius of a transducer [m]; that of the board, or 4.5 mm for .csv, if
-        left out.
-    sensitivity : pressure at 1 m, times 1 m, at full scale [Pa·m]; 4.38 if left out.
+    layout : "surrounding_box" is the paper's box around the origin, or a box of four boards of the
+        kind ``board``; "flat_boards" places AUTD3 boards edge to edge in the plane z = 0; "boards"
+        places each board at a pose; "tinylev", "biglev", "flat_8x8" and "opposed_sonicsurfaces" are
+        known arrays; a .csv file in the folder of the scene contains a custom array.
+    board : kind of board: "autd3", "sonicsurface", "nano16" or "openmpd"; by default "autd3".
+    rows, columns : number of flat boards along y and along x; by default 2.
+    poses : poses of the boards.
+    calibration : .csv file in the folder of the scene with the gain of each element.
+    source : "piston" radiates only forward, "monopole" in all directions.
+    piston_radius : radius of a transducer [m]; by default that of the board, or 4.5 mm for .csv.
+    sensitivity : peak pressure at full scale, 1 m away, times 1 m [Pa·m]; by default 4.38.
     reflects : whether the boards are rigid bodies that reflect sound.
     pose : pose of the whole array in the obstacles' frame.
     """
@@ -162,7 +163,7 @@ class CapsuleTable(Table, frozen=True):
     Attributes
     ----------
     start, end : ends of the axis [m].
-    radius : radius of cylinder and ends [m].
+    radius : radius of the cylinder and the ends [m].
     edge : longest triangle edge in pictures; it does not affect the solver [m].
     """
 
@@ -192,16 +193,16 @@ class ObstacleTable(Table, frozen=True):
 
     Attributes
     ----------
-    pinch, capsule, sphere : body given by formula.
-    surface : mesh file beside the scene file.
-    joints : pose file of a scanned hand, in the frame of the mesh, for its named places.
-    scale : length of one unit of the mesh file [m]; 1 if left out.
-    largest_hole : widest hole that is filled [m]; 0.002 if left out.
-    sharp_degrees : edges that turn by more than this stay sharp [°]; 75 if left out.
-    union : whether to replace overlapping parts by the surface around them.
+    pinch, capsule, sphere : body defined by a formula.
+    surface : mesh file in the folder of the scene.
+    joints : pose file of a scanned hand in the frame of the mesh, which defines its named places.
+    scale : length of one unit of the mesh file [m]; by default 1.
+    largest_hole : widest hole that is filled [m]; by default 0.002.
+    sharp_degrees : angle above which edges stay sharp [°]; by default 75.
+    union : whether to replace overlapping parts with the surface around them.
     hand : pose file of a hand.
-    gap : distance to which thumb and index finger open [m].
-    boundary : "sound_hard" reflects completely, "impedance" absorbs, "filled" is another fluid.
+    gap : distance to which the thumb and the index finger are opened [m].
+    boundary : "sound_hard" reflects completely, "impedance" absorbs, and "filled" is another fluid.
     ratio : surface impedance Z/(ρc); [real, imaginary] if complex.
     medium : fluid inside the body.
     pose : pose of the body and its named points.
@@ -261,8 +262,8 @@ class ButtonTable(Table, frozen=True):
     ----------
     centre : centre of the disc at rest [m].
     radius : radius of the disc [m].
-    travel : distance by which it can be pressed [m].
-    normal : direction from which it is pressed.
+    travel : distance by which the disc can be pressed [m].
+    normal : direction from which the disc is pressed.
     """
 
     centre: Triple
@@ -289,7 +290,7 @@ class GratingTable(Table, frozen=True):
 
     Attributes
     ----------
-    pitch : distance from ridge to ridge [m].
+    pitch : distance between ridges [m].
     direction : direction across the ridges.
     """
 
@@ -302,15 +303,15 @@ class ObjectTable(Table, frozen=True):
 
     Attributes
     ----------
-    sphere, capsule, box, cylinder, half_space, button : object given by formula.
-    surface : closed mesh file beside the scene file.
-    scale : length of one unit of the mesh file [m]; 1 if left out.
+    sphere, capsule, box, cylinder, half_space, button : object defined by a formula.
+    surface : closed mesh file in the folder of the scene.
+    scale : length of one unit of the mesh file [m]; by default 1.
     name : name of the object in results.
     style : "points" puts a focus where each pad is deepest; "outline" moves a focus along the edge
         of the contact; "texture" is like "points", but stronger on the ridges of ``grating``.
     grating : ridges fixed to the object.
-    stiffness : increase of the strength, from 0.2 to 1, per depth [1/m]; 400, or 0.8 / ``travel``
-        for a button, if left out.
+    stiffness : increase of the strength, from 0.2 to 1, per depth [1/m]; by default 400, or 0.8
+        / ``travel`` for a button.
     pose : pose of the object.
     """
 
@@ -362,7 +363,7 @@ class PolylineTable(Table, frozen=True):
 
     Attributes
     ----------
-    corners : corners in order [m].
+    corners : corners of the line, in order [m].
     spacing : largest distance between neighbours [m].
     closed : whether a line connects the last corner to the first.
     """
@@ -430,7 +431,7 @@ class SvgTable(Table, frozen=True):
 
     Attributes
     ----------
-    file : SVG file beside the scene file.
+    file : SVG file in the folder of the scene.
     path : text of one SVG path.
     width : width of the drawing [m].
     spacing : largest distance between neighbours [m].
@@ -456,7 +457,7 @@ class SurfacePointsTable(Table, frozen=True):
     ----------
     body : name of the body.
     spacing : mean distance between neighbours [m].
-    facing : direction that the chosen part of the surface faces; the whole surface if left out.
+    facing : direction that the selected part of the surface faces; by default the whole surface.
     within : largest angle between the surface's normal and ``facing`` [°].
     """
 
@@ -492,12 +493,12 @@ class FocusTable(Shape, frozen=True):
 
     Attributes
     ----------
-    at : named point of a body, such as "thumb.pad"; with two hands "left.thumb.pad".
+    at : named point of a body, such as "thumb.pad", or "left.thumb.pad" with two hands.
     onto : name of the body onto whose surface the points are projected.
-    offset : distance from the body's surface [m]; 0.0005 if left out.
-    pressure : peak pressure at every point [Pa]; as much as possible if left out.
+    offset : distance from the body's surface [m]; by default 0.0005.
+    pressure : peak pressure at every point [Pa]; by default as much as possible.
     share : pressure relative to the other foci.
-    phase_degrees : phase of the pressure [°]; free if left out.
+    phase_degrees : phase of the pressure [°]; by default free.
     name : name of the focus in results.
     """
 
@@ -524,13 +525,13 @@ class SuppressionTable(Shape, frozen=True):
 
 
 class TrapTable(Table, frozen=True):
-    """A trap of a small bead.
+    """A trap for a small bead.
 
     Attributes
     ----------
     point : centre of the bead [m].
-    kind : "twin" has two lobes of opposite phase along ``axis``, "vortex" a ring around it.
-    axis : direction of any length.
+    kind : "twin" has two lobes of opposite phase along ``axis``; "vortex" has a ring around it.
+    axis : axis of the trap, of any length.
     radius : radius of the bead [m].
     density : density of the bead [kg/m³].
     sound_speed : speed of sound in the bead [m/s].
@@ -549,7 +550,7 @@ class SolverTable(Table, frozen=True):
 
     Attributes
     ----------
-    name : name of the solver; chosen for the bodies if left out.
+    name : name of the solver; by default one that supports the bodies.
     accuracy : largest relative error of the field.
     """
 
@@ -576,15 +577,15 @@ class ModulationTable(Table, frozen=True):
     ----------
     kind : "am" varies the amplitude; "lm" moves each focus along a small path around its position;
         "stm" moves one focus through all points, or along a path.
-    frequency : frequency of the force, or rounds of the path per second [Hz]; 200 for
-        "am", 50 for "lm", 7 m/s along the path for "stm", if left out.
-    depth : depth of the modulation of the force, 0 to 1; 1 if left out.
+    frequency : frequency of the force, or rounds of the path per second [Hz]; by default 200
+        for "am", 50 for "lm", 7 m/s along the path for "stm".
+    depth : depth of the modulation of the force, 0 to 1; by default 1.
     path : shape of the path; "points" only with "stm".
-    radius : radius of the circle [m]; 0.003 for "lm", 0.01 for "stm", if left out.
-    length : length of the line [m]; 0.006 for "lm", 0.02 for "stm", if left out.
-    frames : positions on a path; 16 if left out.
-    along : surface of the path: the nearest skin or the plane facing the array; "skin" within 20
-        mm of skin, otherwise "array", if left out.
+    radius : radius of the circle [m]; by default 0.003 for "lm", 0.01 for "stm".
+    length : length of the line [m]; by default 0.006 for "lm", 0.02 for "stm".
+    frames : number of positions on the path; by default 16.
+    along : whether the path lies on the nearest skin or in the plane facing the array; by default
+        "skin" within 20 mm of skin, otherwise "array".
     """
 
     kind: Literal["am", "lm", "stm"]
@@ -621,14 +622,18 @@ class UncertaintyTable(Table, frozen=True):
 
     Attributes
     ----------
-    position, rotation : the hand as a whole, along each axis and about a random axis [m, °].
-    own_position, own_rotation : each body separately [m, °].
-    along_skin : each focus along the surface [m].
+    position : deviation of the whole hand along each axis [m].
+    rotation : deviation of the whole hand about a random axis [°].
+    own_position : deviation of each body along each axis [m].
+    own_rotation : deviation of each body about a random axis [°].
+    along_skin : deviation of each focus along the surface [m].
     age : delay of the pose [s].
     velocity : velocity of the hand [m/s].
-    temperature, humidity : the air [K, 1].
-    gain, phase : each element [1, °].
-    dead : share of elements that emit nothing.
+    temperature : deviation of the temperature of the air [K].
+    humidity : deviation of the relative humidity of the air [1].
+    gain : relative deviation of the gain of each element [1].
+    phase : deviation of the phase of each element [°].
+    dead : fraction of elements that emit nothing.
     samples : number of samples that the method uses.
     seed : seed of the random samples.
     """
@@ -654,14 +659,14 @@ class SceneFile(Table, frozen=True):
 
     Attributes
     ----------
-    array : the transducers.
-    foci : points that a person feels; contacts of bodies with ``objects`` if left out.
-    traps : traps of small beads.
+    array : transducers.
+    foci : points that the person feels; by default the contacts of bodies with ``objects``.
+    traps : traps for small beads.
     objects : virtual objects; at most 64.
-    medium : fluid around the bodies; air at 20 °C if left out.
+    medium : fluid around the bodies; by default air at 20 °C.
     suppression : points where the sound is suppressed.
     obstacles : bodies.
-    planes : a rigid plane; at most one.
+    planes : rigid plane; at most one.
     frequency : frequency of the sound [Hz].
     merge_bodies : whether to merge sound-hard bodies that overlap or are under 0.3 mm apart.
     most_points : largest number of foci and suppression points together.
