@@ -14,6 +14,7 @@ from scipy.special import spherical_jn, spherical_yn
 
 import airtact as at
 from airtact.traps import gorkov
+from benchmarks.common import timed
 from benchmarks.others import run_case
 
 AIR = at.Medium(sound_speed=343.1, density=1.2)
@@ -142,7 +143,7 @@ def large_rows() -> Iterator[str]:
             body = at.sound_hard(surface) if filling is None else at.filled(surface, filling)
             function = standing_wave_function(K * radius, filling)
             expected = scale * function * np.sin(2 * K * 1e-3)
-            solvers = [at.SphereSeries()]
+            solvers: list[at.acoustics.Solver] = [at.SphereSeries()]
             if filling is None:
                 solvers.append(at.BoundaryElement(accuracy=0.01))
             for solver in solvers:
@@ -166,23 +167,32 @@ def fingers_rows() -> Iterator[str]:
     error = (np.linalg.norm(pull - finite, axis=1) / size).max()
     effect = (np.linalg.norm(alone - finite, axis=1) / size).max()
     yield f"bead between two fingers: {error:.2%} off finite elements; the fingers change {effect:.1%}"
+    ball = at.sound_hard(at.sphere(2e-3, 1e-3, (0.5e-3, 2e-3, 0.0)))
+    found, turn = at.traps.body_force(FINGERS, PISTONS, IN_PHASE, ball)
+    finite, other = at.traps.body_force(FINGERS, PISTONS, IN_PHASE, ball, solver=at.FiniteElement())
+    error = np.linalg.norm(found - finite) / np.linalg.norm(finite)
+    twist = np.linalg.norm(turn - other) / (2e-3 * np.linalg.norm(finite))
+    yield f"hard ball of 4 mm between them, body_force: {error:.2%} off; torque {twist:.1e} of F·a off"
 
 
 def time_rows() -> Iterator[str]:
     """Yield the time of one more point on a solved scene, and of one more trap."""
     bead = gorkov.bead_of(FINGERS, 0.65e-3, 29.36, 900.0)
     field, _, _ = gorkov.solved(FINGERS, PISTONS, IN_PHASE, BETWEEN, 0.65e-3, 29.36, 900.0, None)
+    point = BETWEEN[:1]
 
     def verdict() -> None:
-        sound = gorkov.derivatives(field, BETWEEN[:1], bead)
+        sound = gorkov.derivatives(field, point, bead)
         gorkov.force_of(sound, bead, FINGERS)
         gorkov.stiffness_of(sound, bead, FINGERS)
 
-    yield f"force and stiffness at a point in a solved field: {1e3 * median(verdict):.2f} ms"
+    yield f"force and stiffness at a point in a solved field: {timed([verdict] * 32)[0]}"
     solver = at.BoundaryElement().factorised(FINGERS)
-    point = BETWEEN[:1]
-    hold = median(lambda: at.traps.hold(FINGERS, PISTONS, point, axis=(0, 1, 0), solver=solver))
-    yield f"drive of a trap in a factorised scene: {1e3 * hold:.1f} ms"
+
+    def hold() -> at.Drive:
+        return at.traps.hold(FINGERS, PISTONS, point, axis=(0, 1, 0), solver=solver)
+
+    yield f"drive of a trap in a factorised scene: {timed([hold] * 32)[0]}"
 
 
 def peers_rows(python: str | None) -> Iterator[str]:
@@ -212,13 +222,14 @@ def peers_rows(python: str | None) -> Iterator[str]:
     flipped = _exact(points, drive.amplitudes, -1.0)
     answers = {}
     own = at.traps.force(OPEN_AIR, POINTS, drive, points)
-    took = median(lambda: at.traps.force(OPEN_AIR, POINTS, drive, points))
+    jobs = [lambda: at.traps.force(OPEN_AIR, POINTS, drive, points)] * 32
+    took = timed(jobs)[0].median
     potential = at.traps.potential(OPEN_AIR, POINTS, drive, points)
     answers[f"airtact {at.__version__}"] = np.column_stack([potential, own]), took
     if python is not None:
         for package in range(2):  # AcousTools, levitate
             answer = run_case("traps", python, {**case, "package": package})
-            answers[answer.version] = answer.matrix[:, 1:].real, np.median(answer.seconds)
+            answers[answer.version] = np.real(answer.matrix[:, 1:]), np.median(answer.seconds)
     for name, (values, took) in answers.items():
         force = values[:, 1:]
         size = np.linalg.norm(truth[:, 1:], axis=1)
@@ -229,9 +240,13 @@ def peers_rows(python: str | None) -> Iterator[str]:
             f"{name}: potential {energy:.2e} off, force {np.median(error):.2e} off (worst "
             f"{error.max():.2e}), ratio {ratio:.5f}, {1e6 * took / len(points):.0f} µs a point"
         )
-        apart = np.abs(values[:, 0] - flipped[:, 0]).max() / np.ptp(truth[:, 0])
         if name.startswith("AcousTools"):
-            yield f"  against a gradient with the sign of 1/d flipped: potential {apart:.2e} off"
+            apart = np.abs(values[:, 0] - flipped[:, 0]).max() / np.ptp(truth[:, 0])
+            error = np.linalg.norm(force - flipped[:, 1:], axis=1) / np.median(size)
+            yield (
+                f"  against a gradient with the sign of its 1/r term flipped: potential "
+                f"{apart:.2e} off, force {np.median(error):.2e} (worst {error.max():.2e})"
+            )
 
 
 def _exact(points: np.ndarray, drive: np.ndarray, sign: float) -> np.ndarray:
@@ -254,17 +269,6 @@ def _exact(points: np.ndarray, drive: np.ndarray, sign: float) -> np.ndarray:
     sound = gorkov.Derivatives(pressure, gradient, second, np.zeros((len(points), 3, 3, 3)) + 0j)
     energy = gorkov.potential_of(pressure, gradient, bead, OPEN_AIR)
     return np.column_stack([energy, gorkov.force_of(sound, bead, OPEN_AIR)])
-
-
-def median(job: Callable[[], object]) -> float:
-    """Median time of 31 runs after a first one [s]."""
-    job()
-    seconds = []
-    for _ in range(31):
-        began = time.perf_counter()
-        job()
-        seconds.append(time.perf_counter() - began)
-    return float(np.median(seconds))
 
 
 ROWS: dict[str, Callable[[], Iterator[str]]] = {

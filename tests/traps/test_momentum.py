@@ -43,7 +43,7 @@ def test_sphere_in_a_plane_standing_wave(size, filling) -> None:
     radius = size / K
     surface = at.sphere(radius, radius / 3, (0.0, 1e-3, 0.0))
     body = at.sound_hard(surface) if filling is None else at.filled(surface, filling)
-    force, torque = at.traps.body_force(OPEN_AIR, PAIR, BOTH, body)
+    force, torque = at.traps.body_force(OPEN_AIR, PAIR, BOTH, body, solver=at.SphereSeries())
     scale = np.pi * radius**2 * 2000**2 / (8 * 1.2 * 343.1**2)
     expected = scale * standing_wave_function(size, filling) * np.sin(2 * K * 1e-3)
     # The waves are not quite plane over the largest sphere.
@@ -51,9 +51,7 @@ def test_sphere_in_a_plane_standing_wave(size, filling) -> None:
     assert np.abs(force[[0, 2]]).max() < 1e-6 * scale
     assert np.abs(torque).max() < 1e-6 * scale * radius
     if filling is None:
-        other, _ = at.traps.body_force(
-            OPEN_AIR, PAIR, BOTH, body, solver=at.BoundaryElement(accuracy=0.01)
-        )
+        other, _ = at.traps.body_force(OPEN_AIR, PAIR, BOTH, body)
         np.testing.assert_allclose(other, force, rtol=0, atol=3e-3 * scale)
 
 
@@ -85,7 +83,7 @@ def test_a_vortex_turns_what_absorbs_by_the_absorbed_power() -> None:
     ring = at.PhasedArray(places, element=at.monopole(3.4))
     drive = at.Drive(np.exp(-1j * angle))
     body = at.impedance(at.sphere(2e-3, 1e-3), 1.5)
-    _, torque = at.traps.body_force(OPEN_AIR, ring, drive, body)
+    _, torque = at.traps.body_force(OPEN_AIR, ring, drive, body, solver=at.SphereSeries())
     scene = at.Scene(AIR, [body])
     field = at.SphereSeries().radiate(scene, at.evaluation.drive_sources(ring, [drive], scene))
     skin = field.on_surface
@@ -116,10 +114,14 @@ def test_finite_elements_and_the_series_agree_on_a_filled_sphere() -> None:
     assert np.linalg.norm(finite - exact) < 0.01 * np.linalg.norm(exact)
 
 
-def test_a_body_in_contact_is_rejected(as_outside_the_tests) -> None:
+def test_impossible_bodies_are_rejected(as_outside_the_tests) -> None:
     finger = at.sound_hard(at.capsule((0.012, 0, 0), (0.032, 0, 0), 6e-3, 2e-3))
     rod = at.sound_hard(at.capsule((3e-3, -5e-3, 0), (3e-3, 5e-3, 0), 1e-3, 1e-3))
     with raises_code("bodies_overlap", "(3.00, 0.00, 0.00)"):
         at.traps.body_force(at.Scene(AIR, [finger]), TINYLEV, IN_PHASE, rod)
+    far = at.PhasedArray(np.array([[0.0, 0.0, 0.5]]), element=at.monopole())
+    with raises_code("out_of_range", "wavelengths"):
+        large = at.sound_hard(at.sphere(0.1, 0.03))
+        at.traps.body_force(OPEN_AIR, far, at.Drive(np.ones(1) + 0j), large)
     with raises_code("wrong_kind"):
         at.traps.body_force(OPEN_AIR, TINYLEV, IN_PHASE, at.sphere(1e-3, 1e-3))
