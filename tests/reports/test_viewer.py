@@ -94,7 +94,7 @@ def test_keys_and_controls_change_the_scene(report):
     for name in ("surfaces", "cut", "slice"):
         report.click(f"[name={name}]")
         pictures.append(still(report))
-    report.click("text=whole array")
+    report.click("[data-look=array]")
     pictures.append(still(report))
     assert len(set(pictures)) == len(pictures)
 
@@ -109,7 +109,7 @@ def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered, v
     assert "requested: 900 Pa" in words
     assert f"object considered: {run.pressures[0]:,.0f} Pa" in words
     report.uncheck("[name=surfaces]")
-    report.click("text=the foci")
+    report.click("[data-look=foci]")
     box = report.locator(".stage").bounding_box()
     shown = []
     for share in np.linspace(0.3, 0.7, 30):
@@ -219,7 +219,7 @@ def test_a_plane_is_a_sheet_seen_from_its_front(browser, tmp_path):
         "JSON.parse(document.getElementById('viewer-facts').textContent).sheets"
     )
     np.testing.assert_allclose(np.array(sheet)[:, 2], -70.0)
-    page.click("text=whole array")
+    page.click("[data-look=array]")
     assert "a rigid plane" in page.get_attribute("canvas", "aria-label")
     still(page)
     box = page.locator(".stage").bounding_box()

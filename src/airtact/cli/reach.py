@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     "--points",
     type=click.IntRange(min=1, max=5000),
     default=500,
-    help="Number of points on the skin; 500.",
+    help="Number of points on the skin; by default 500.",
 )
 @click.option(
     "--accuracy",
     type=float,
     default=0.03,
-    help="Requested relative error of boundary elements; 0.03.",
+    help="Largest relative error of the boundary elements; by default 0.03.",
 )
 @pictures
 @open_result
@@ -41,8 +41,9 @@ def reach(
 ) -> None:
     """Map the largest pressure that the array of SCENE can produce on the skin.
 
-    Writes reach.csv and the page reach.html. The bodies are in the sound, all transducers are at
-    full scale and in phase at one point of the skin. No drive gives more there.
+    The command writes reach.csv and the page reach.html. The pressure at each point of the skin is
+    that of all transducers at full scale and in phase at this point, including scattering by the
+    bodies. No drive produces more pressure there.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
@@ -78,7 +79,7 @@ def reach(
 def _table(result: "ReachMap") -> "Table":
     table = plain_table("part", "points", "weakest", "strongest", "x", "y", "z")
     table.title = f"Largest pressure at {len(result.bounds):,} points of the skin"
-    table.caption = "x, y, z: the strongest point of each part."
+    table.caption = "x, y and z are the coordinates of the strongest point of each part."
     for name, weakest, strongest in result.extremes:
         table.add_row(
             name,

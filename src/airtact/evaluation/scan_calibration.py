@@ -226,10 +226,10 @@ def calibrate_from_scans(
 
     Parameters
     ----------
-    scans : scans of the field of the empty array in peak pascals, with one misalignment and one
-        reference phase. If one has no phases, magnitudes are compared and no gain is determined.
+    scans : scans of the field of the empty array in pascals (peak), with the same misalignment and
+        reference phase. If a scan has no phases, magnitudes are compared and no gain is determined.
     drives : the drive of each scan.
-    array : the array as it is believed to be, in the frame of the scans.
+    array : the array with its assumed positions, in the frame of the scans.
     scene : medium and frequency, without bodies and planes.
     microphone : the microphone; a point by default.
 

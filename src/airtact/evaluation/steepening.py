@@ -38,7 +38,7 @@ class Steepening:
     Attributes
     ----------
     second : (F,) ratio of the second harmonic to the linear fundamental, by second-order theory.
-    depletion : (F,) lost share of the fundamental, by third-order theory.
+    depletion : (F,) lost fraction of the fundamental, by third-order theory.
     doubt : (F,) relative error of the waves' amplitude, because the estimate simplifies the bodies.
     """
 
@@ -179,7 +179,7 @@ def _waves_at(field: RadiatedField, excitation: int, point: Float64[np.ndarray, 
 
 def _skin_near(scene: Scene, point: Float64[np.ndarray, "3"]) -> list[Plane]:
     """Return the tangent plane of a body within half a wavelength of a point, if there is one."""
-    step = 1e-4  # of the difference of depths
+    step = 1e-4  # step of the finite difference of depths [m]
     around = step * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     depth = scene.depth(point + around)
     if not -depth[0] < scene.wavelength / 2.0:
@@ -214,7 +214,7 @@ def _second_harmonic(cosine: np.ndarray, path: float) -> tuple[np.ndarray, np.nd
 
 
 def _third_order(waves: _Waves) -> float:
-    """Return the lost share of the fundamental at the focus, times (ρc²)² [Pa²]."""
+    """Return the lost fraction of the fundamental at the focus, times (ρc²)² [Pa²]."""
     pressure = waves.pressure
     cosine = waves.direction @ waves.direction.T
     first, other = np.triu_indices(len(pressure))

@@ -22,7 +22,7 @@ def constant_force_note(fastest: float = np.inf) -> str:
     frequency = min(int(fastest), 200) if np.isfinite(fastest) else 200
     keys = 'kind = "am"' if frequency == 200 else f'kind = "am" and frequency = {frequency}'
     return (
-        f"Skin hardly feels a constant force: set {keys} in [drive.modulation] of the "
+        f"The skin hardly feels a constant force: set {keys} in [drive.modulation] of the "
         f"scene file, or play the drive with --modulate am:{frequency}."
     )
 
@@ -56,6 +56,7 @@ def sensation(
     return (
         f"The weakest focus is {abs(level):.0f} dB {'above' if level >= 0 else 'below'} the "
         f"threshold of detection with {modulation} modulation, {THRESHOLDS[modulation]:g} Pa "
-        "(T. Howard et al. 2019 on an Ultraleap STRATOS, cited from a secondary source that does "
-        "not state peak or rms; people and places on the skin differ by several decibels)."
+        "(T. Howard et al. 2019, measured with an Ultraleap STRATOS and cited from a secondary "
+        "source that states neither peak nor rms; thresholds vary between people and places on "
+        "the skin by several decibels)."
     )

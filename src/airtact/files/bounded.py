@@ -102,7 +102,7 @@ def datasets_of(
         number, a name, which stands for the same length everywhere, or ``*`` for any length. An
         axis in brackets is optional.
     newest : newest ``format_version`` that can be read.
-    largest : largest size of the file, and of its arrays unpacked [bytes].
+    largest : largest size of the file, and of its unpacked arrays [bytes].
 
     Raises
     ------

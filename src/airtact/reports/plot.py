@@ -52,8 +52,8 @@ def field(
 
     Parameters
     ----------
-    result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a solver's field. A
-        rendering is drawn at the amplitudes of its drive.
+    result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a solver's field. The
+        result of ``render`` is drawn at the amplitudes of its drive.
     target : the foci; needed for a solver's field, unless that is the field of beacons.
     drive : name of a drive of a comparison, or index of an excitation of a solver's field.
     over : name of a second drive of a comparison; plots the level of ``drive`` relative to it [dB].

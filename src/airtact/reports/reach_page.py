@@ -1,4 +1,4 @@
-"""The page of a map of reach: the skin in 3-D, the extremes of each part, the table as CSV."""
+"""The page of a reach map: the skin in 3-D, the extremes of each part, and the table as CSV."""
 
 import base64
 from pathlib import Path
@@ -18,7 +18,7 @@ from airtact.setup.reaching import ReachMap
 
 
 def write_reach_page(path: Path, result: ReachMap) -> None:
-    """Write reach.html; the file appears only once it is complete."""
+    """Write reach.html, which only appears once it is complete."""
     setup = result.setup
     kilopascals = 1e-3 * result.bounds
     rows = []
@@ -38,8 +38,8 @@ def write_reach_page(path: Path, result: ReachMap) -> None:
         points=counted(len(kilopascals), "point", "points"),
         facts=[
             (f"{kilopascals.max():.3g} kPa", "at the strongest point of the skin"),
-            (f"{np.median(kilopascals):.3g} kPa", "at half of the points"),
-            (f"{kilopascals.min():.3g} kPa", "at the weakest point"),
+            (f"{np.median(kilopascals):.3g} kPa", "median over the points"),
+            (f"{kilopascals.min():.3g} kPa", "at the weakest point of the skin"),
         ],
         rows=rows,
         table=base64.b64encode(result.csv.encode()).decode("ascii"),
@@ -57,7 +57,8 @@ def _still(result: ReachMap) -> Any:
         plot.reach(result, ax=space_axes(figure, view, (1, 2, 1 + side)))
     return picture(
         figure,
-        "Largest pressure at each point of the skin, from the side of the array and from behind.",
+        "Largest pressure at each point of the skin, seen from the side of the array and from "
+        "behind.",
         "Two views of the skin, coloured by the largest pressure",
         wide=True,
     )

@@ -26,7 +26,7 @@ def trap_pictures(run: Rendering, index: int) -> list[Markup]:
 
     windows = [Window(point, *sides, size, size, size / 28) for sides in ((x, y), (x, z), (y, z))]
     points = np.concatenate([window.points for window in windows])
-    # The velocity has no value in bodies, where the picture stays grey.
+    # The velocity is undefined inside bodies, where the picture stays grey.
     velocity = field.velocity(points)[:, :, 0]
     gradient = 2j * np.pi * scene.frequency * scene.medium.density * velocity
     potential = 1e9 * potential_of(field.at(points)[:, 0], gradient, bead, scene)
@@ -72,8 +72,8 @@ def trap_pictures(run: Rendering, index: int) -> list[Markup]:
     panels.append(
         picture(
             figure,
-            f"Force along each axis. Its slopes at the bead are the stiffnesses {stiffness} N/m; "
-            f"the weight is {1e6 * weight:.2g} µN.",
+            f"Force along each axis. The slopes at the bead are the stiffnesses {stiffness} N/m; "
+            f"the weight of the bead is {1e6 * weight:.2g} µN.",
             "Curves of the force along x, y and z",
         )
     )

@@ -1,4 +1,4 @@
-"""The page that explains weak foci: for each focus a waterfall of the causes."""
+"""The page that explains weak foci by a waterfall chart of the causes for each focus."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from airtact.setup.explaining import Explanation
 
 
 def write_why_page(path: Path, explained: Explanation, title: str, text: str) -> None:
-    """Write the page; the file appears only once it is complete.
+    """Write the page, which only appears once it is complete.
 
     Parameters
     ----------
@@ -56,6 +56,6 @@ def _waterfall(explained: Explanation, focus: int) -> dict[str, Any]:
         before = after
     share = 100.0 * before / largest
     words = f"{before:,.0f} Pa"
-    end = {"name": "what remains", "kind": "total", "start": 0.0, "length": share}
+    end = {"name": "remaining pressure", "kind": "total", "start": 0.0, "length": share}
     bars.append({**end, "pressure": words, "change": ""})
     return {"focus": explained.foci[focus], "bars": bars, "words": words}

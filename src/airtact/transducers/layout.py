@@ -40,7 +40,7 @@ class PhasedArray:
     positions : (E, 3) centres of the elements' faces [m].
     normals : (E, 3) directions in which they radiate; stored as unit vectors.
     element : kind of transducer at every position. By default a piston of 4.5 mm radius, which only
-        radiates forwards, or a monopole if no normals are given.
+        radiates forward, or a monopole if no normals are given.
     tangents : (E, 3) direction of each element's x axis, which orients the points of its face;
         stored as unit vectors. By default any direction perpendicular to the normal.
     gains : (E,) factor of amplitude and phase of each element relative to a nominal one, in the
@@ -89,7 +89,7 @@ class PhasedArray:
                 code="out_of_range",
             )
         if element is None:
-            # Murata's transducers are the usual ones.
+            # The most common transducers are Murata's.
             element = monopole() if normals is None else piston(MURATA_RADIUS, points=12)
         if normals is None:
             normals = np.tile([0.0, 0.0, 1.0], (len(positions), 1))
@@ -153,7 +153,7 @@ class PhasedArray:
     def moved(self, pose: Pose) -> "PhasedArray":
         """Return the array moved rigidly: positions x become pose.apply(x), and faces rotate."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
-        # A rigid motion needs no new checks, and a moving hand needs many motions per second.
+        # A rigid motion requires no new checks, and a moving hand requires many per second.
         # Directions are normalised, so that rounding does not accumulate.
         moved = object.__new__(PhasedArray)
         normals = _unit(pose.rotate(self.normals), "normal")
@@ -169,7 +169,7 @@ class PhasedArray:
         return moved
 
     def facing(self, point: Vector, direction: Vector, distance: float) -> "PhasedArray":
-        """Return the array moved to a distance from a point, so that it radiates towards the point.
+        """Return the array moved to a distance from a point, so that it radiates toward the point.
 
         Parameters
         ----------
@@ -233,7 +233,7 @@ class PhasedArray:
         -------
         A new array, moved by the inverse of the pose.
         """
-        of_kind(pose, Pose, "where the hand is", "Pose(rotation, translation)")
+        of_kind(pose, Pose, "the pose of the hand", "Pose(rotation, translation)")
         return self.moved(pose.inverse())
 
 
@@ -333,11 +333,12 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     """Build the paper's array (section 3.3): four AUTD3 boards around a box of 14 x 14 x 18 cm.
 
     The origin is the centre of the box and z its long axis. The faces are at x = +70 mm, x = -70
-    mm, y = +70 mm and y = -70 mm, in that order. On each face a board is centred and radiates
-    inwards. Elements have the order of the board. The board's x axis (18 elements) runs along +z on
-    every face, so its y axis (14 elements) runs along +y, -y, -x and +x: each face is the first one
-    rotated about z. The box is 140 mm wide, but a real board is 151.4 mm wide and would extend 5.7
-    mm beyond its neighbours at each corner. ``board="autd3"`` makes a box that real boards fit.
+    mm, y = +70 mm and y = -70 mm, in this order. A board is centred on each face and radiates
+    inward. The elements are in the order of the board. The board's x axis (18 elements) runs along
+    +z on every face, so its y axis (14 elements) runs along +y, -y, -x and +x: each face is the
+    first face rotated about z. The box is 140 mm wide, but a real board is 151.4 mm wide and would
+    extend 5.7 mm beyond its neighbours at each corner. ``board="autd3"`` creates a box that real
+    boards fit.
 
     Parameters
     ----------
@@ -377,10 +378,10 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
 
 
 def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None) -> PhasedArray:
-    """Build a grid of AUTD3 boards in the plane z = 0, centred on the origin, radiating to +z.
+    """Build a grid of AUTD3 boards in the plane z = 0, centred on the origin, radiating toward +z.
 
-    Boards touch edge to edge: they are 192.0 mm apart along x and 151.4 mm along y, the size of a
-    board. Boards are numbered along x first; the elements of each board keep their order.
+    Boards touch edge to edge: their spacing of 192.0 mm along x and 151.4 mm along y is the size of
+    a board. Boards are numbered along x first; the elements of each board keep their order.
 
     Parameters
     ----------
@@ -400,7 +401,8 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     for name, count in (("rows", rows), ("columns", columns)):
         if not isinstance(count, int | np.integer) or count < 1:
             raise InvalidInput(
-                f"flat boards need a whole number of {name}, at least 1, not {count!r}.",
+                f"the number of {name} of flat boards must be a whole number of at least 1, not "
+                f"{count!r}.",
                 code="out_of_range",
             )
     autd3 = board_named("autd3")

@@ -17,15 +17,14 @@ class Levels:
 
     Attributes
     ----------
-    amplitudes : (A,) amplitude of each level as a fraction of full scale, rising from 0 to 1; A is
-        2 to 256. A board with two levels only switches elements on and off.
+    amplitudes : (A,) amplitude of each level as a fraction of full scale, increasing from 0 to 1; A
+        is 2 to 256. A board with two levels only switches elements on and off.
     phases : number of phase levels, 2 to 256; level k is the phase 2π k/phases.
 
     Raises
     ------
     InvalidInput
-        If there are fewer than 2 or more than 256 of either, or the amplitudes do not rise from 0
-        to 1.
+        If either number is below 2 or above 256, or the amplitudes do not increase from 0 to 1.
 
     Examples
     --------
@@ -48,7 +47,7 @@ class Levels:
         _check_count(len(amplitudes), "amplitude")
         if amplitudes[0] != 0.0 or amplitudes[-1] != 1.0 or not np.all(np.diff(amplitudes) > 0.0):
             raise InvalidInput(
-                f"levels of amplitude must rise from 0 to 1, not from {amplitudes[0]:g} to "
+                f"levels of amplitude must increase from 0 to 1, not from {amplitudes[0]:g} to "
                 f"{amplitudes[-1]:g}.",
                 code="out_of_range",
             )
@@ -112,7 +111,7 @@ def _check_count(levels: int, name: str) -> int:
     integer = isinstance(levels, int | np.integer) and not isinstance(levels, bool)
     if not integer or not 2 <= levels <= 256:
         raise InvalidInput(
-            f"there are 2 to 256 levels of {name}, not {levels}.", code="out_of_range"
+            f"the number of {name} levels must be 2 to 256, not {levels}.", code="out_of_range"
         )
     return int(levels)
 

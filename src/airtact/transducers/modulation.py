@@ -15,29 +15,31 @@ DEFAULT_FREQUENCY = 200.0
 class AmplitudeModulation:
     """A common factor of all elements that makes the force at each focus vary as a cosine.
 
-    Skin hardly feels a constant force. It is most sensitive to vibration at 200 to 300 Hz (S. J.
-    Bolanowski et al., J. Acoust. Soc. Am. 84, 1680, 1988).
+    The skin hardly feels a constant force. It is most sensitive to vibration at 200 to 300 Hz
+    (S. J. Bolanowski et al., J. Acoust. Soc. Am. 84, 1680, 1988).
 
     Attributes
     ----------
     frequency : frequency of the force [Hz].
-    depth : the force varies between its maximum and 1 − depth of it; above 0, at most 1.
+    depth : depth of the modulation, above 0 and at most 1. The force varies between 1 − depth and 1
+        times its maximum.
 
     Raises
     ------
     InvalidInput
-        If the frequency is not above zero or over 1000 Hz, or the depth is outside 0 to 1.
+        If the frequency is not above 0 and at most 1000 Hz, or the depth is not above 0 and at most
+        1.
     """
 
     frequency: float = DEFAULT_FREQUENCY
     depth: float = 1.0
 
     def __post_init__(self) -> None:
-        hint = "skin feels vibration up to some 1000 Hz."
+        hint = "the skin only feels vibration up to about 1000 Hz."
         frequency = within(
             self.frequency, 0.0, 1000.0, "the frequency of the modulation", "Hz", hint
         )
-        hint = "5 per cent is depth=0.05."
+        hint = "for 5 per cent, use depth=0.05."
         depth = within(self.depth, 0.0, 1.0, "the depth of the modulation", "of the force", hint)
         object.__setattr__(self, "frequency", frequency)
         object.__setattr__(self, "depth", depth)
@@ -64,7 +66,7 @@ def check_rate(rate: float, clock: float, slowest: int, board: str) -> None:
     divide = min(max(round(clock / rate), 1), slowest)
     if abs(clock / divide - rate) > 1e-6 * rate:
         raise InvalidInput(
-            f"{rate:g} frames/s are not {clock:g} Hz divided by a whole number up to {slowest}: "
-            f"the nearest that {board} plays is {clock / divide:.7g} frames/s.",
+            f"{rate:g} frames/s is not {clock:g} Hz divided by a whole number up to {slowest}: the "
+            f"nearest rate that {board} can play is {clock / divide:.7g} frames/s.",
             code="out_of_range",
         )
