@@ -56,7 +56,7 @@ def emit(
     log: Path | None,
     **settings: Any,
 ) -> None:
-    """Emit DRIVE.h5 on boards for some seconds, then silence them.
+    """Emit DRIVE.h5 on boards for a few seconds, then silence them.
 
     Without --cap and --full-scale, the level half a metre from the array is limited to 110 dB. The
     amplitude ramps up over 0.2 s. A separate process sends a frame of zeros at the end, after an

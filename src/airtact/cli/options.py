@@ -43,7 +43,7 @@ class Names(click.Choice):
     Parameters
     ----------
     registry : location of the names, such as ``"airtact.transducers.boards:BOARDS"``.
-    more : further names.
+    more : additional names.
     """
 
     case_sensitive = True

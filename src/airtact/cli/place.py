@@ -1,4 +1,4 @@
-"""``airtact place``: search for the positions of boards that make the weakest focus strongest."""
+"""``airtact place``: search for board positions that maximise the pressure at the weakest focus."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any

@@ -28,7 +28,7 @@ HELD_EQUAL = {
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The pressure at each focus under several drives, relative to the first drive.
+    """The pressure at each focus for several drives, relative to the first drive.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Comparison:
         return {name: pressures[:, self.column(name)] for name in self.names}
 
     def under(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
-        """(D, F) pressure of each drive at each focus [Pa], under one normalisation.
+        """(D, F) pressure of each drive at each focus [Pa] for one normalisation.
 
         Raises
         ------
@@ -112,7 +112,7 @@ class Comparison:
         return self.pressures[held_equal]
 
     def ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
-        """(D, F) ratio of each drive's pressure to that of the first, under one normalisation.
+        """(D, F) ratio of each drive's pressure to that of the first, for one normalisation.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class Comparison:
         Raises
         ------
         InvalidInput
-            If the normalisation is unknown, or the first drive gives a focus no pressure.
+            If the normalisation is unknown, or the first drive produces no pressure at a focus.
         """
         pressures = self.under(held_equal)
         if not pressures[0].all():
@@ -133,7 +133,7 @@ class Comparison:
         return pressures / pressures[0]
 
     def weakest(self, held_equal: str) -> Float64[np.ndarray, "drives"]:
-        """(D,) pressure of each drive at its weakest focus [Pa], under one normalisation.
+        """(D,) pressure of each drive at its weakest focus [Pa] for one normalisation.
 
         Foci without a request are ignored.
 
@@ -228,7 +228,7 @@ def compare(
 
     Returns
     -------
-    Pressure of each drive at each focus under each normalisation of ``HELD_EQUAL``. The choice of
+    Pressure of each drive at each focus for each normalisation of ``HELD_EQUAL``. The choice of
     normalisation can reverse a conclusion: drives that leave most elements nearly silent are strong
     at equal energy and weak at equal peak.
 

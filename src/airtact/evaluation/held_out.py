@@ -15,7 +15,7 @@ from airtact.evaluation.metrics import pascals
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """The weakest focus under several drives, over samples that no drive was computed from.
+    """The pressure at the weakest focus for several drives, over samples that were not used to compute the drives.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The pressure at every focus under a drive, from a solver that did not compute the drive."""
+"""The pressure at every focus for a drive, from a solver that did not compute the drive."""
 
 from dataclasses import dataclass
 

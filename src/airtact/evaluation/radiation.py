@@ -17,7 +17,7 @@ def radiation_pressure(
     velocity: Complex128[np.ndarray, "points 3"],
     medium: Medium,
 ) -> Float64[np.ndarray, "points"]:
-    """Return the mean pressure of sound on a sound-hard surface [Pa], positive inwards.
+    """Return the mean pressure of sound on a sound-hard surface [Pa], positive inward.
 
     To second order the mean pressure is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2. No air crosses a hard surface at
     rest. With peak values the mean pressure is therefore |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc.
@@ -47,7 +47,7 @@ def radiation_pressure(
 
 @dataclass(frozen=True, eq=False)
 class RadiationMap:
-    """Sound on the surfaces of all bodies of a scene under one drive, at Q surface points.
+    """Sound on the surfaces of all bodies of a scene for one drive, at Q surface points.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class RadiationMap:
     points, normals, areas : (Q, 3) position [m], (Q, 3) outward normal and (Q,) area [m²] of each
         point.
     pressure : (Q,) total pressure, complex peak value [Pa].
-    radiation_pressure : (Q,) mean pressure, positive inwards [Pa].
+    radiation_pressure : (Q,) mean pressure, positive inward [Pa].
     """
 
     body: Int64[np.ndarray, "points"]
@@ -77,7 +77,7 @@ class RadiationMap:
     def pad_force(self, focus: Real[np.ndarray, "3"]) -> float:
         """Force on the skin within 5 mm of a focus [N], about the area of a fingertip.
 
-        It is positive inwards, and NaN if the skin is more than 2 mm from the focus.
+        It is positive inward, and NaN if the skin is more than 2 mm from the focus.
         """
         nearest = int(np.linalg.norm(self.points - focus, axis=1).argmin())
         # Height of the focus above the tangent plane of the nearest point

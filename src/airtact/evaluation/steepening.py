@@ -126,8 +126,8 @@ class _Waves:
     Attributes
     ----------
     pressure : (N,) pressure of each wave [Pa].
-    direction : (N, 3) direction of each wave. The mean of several sources is shorter than 1, so
-        that products of directions are mean cosines.
+    direction : (N, 3) direction of each wave. The mean of several sources has a
+        length below 1, so that products of directions are mean cosines.
     path : length of the paths times the wavenumber [rad].
     """
 

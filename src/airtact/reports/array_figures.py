@@ -56,7 +56,7 @@ class Face:
 def unfold(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> list[Face]:
-    """Split an array into its flat faces and unfold them; more than eight count as a single face.
+    """Split an array into its flat faces and unfold them; more than eight faces are treated as one.
 
     Faces around an upright axis are in the order that a viewer inside sees when turning right.
     """

@@ -137,7 +137,7 @@ def phases(
     Parameters
     ----------
     array : the transducers.
-    drive : their drive.
+    drive : drive of the transducers.
     show : "phase" [rad] or "amplitude", as a fraction of full scale.
     ax : axes to draw into; by default those of a new figure.
 

@@ -44,7 +44,7 @@ class SceneView:
     ----------
     setup : the transducers, the foci and the planes.
     drives : amplitudes (E,) of each drive by name; the first drive is shown first.
-    reached : (F, D) peak pressure at the foci under each drive [Pa].
+    reached : (F, D) peak pressure at the foci for each drive [Pa].
     surfaces : bodies with their pressures; None in open air.
     slices : pressure of each drive in parallel planes.
     held_equal : the quantity that is the same for all drives, in words.

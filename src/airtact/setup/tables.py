@@ -668,7 +668,7 @@ class SceneFile(Table, frozen=True):
     obstacles : bodies.
     planes : rigid plane; at most one.
     frequency : frequency of the sound [Hz].
-    merge_bodies : whether to merge sound-hard bodies that overlap or are under 0.3 mm apart.
+    merge_bodies : whether to merge sound-hard bodies that overlap or are less than 0.3 mm apart.
     most_points : largest number of foci and suppression points together.
     solver : computation of the field.
     drive : computation of the drive.

@@ -108,8 +108,8 @@ def _whole_boards(board: Board, elements: int) -> int:
     if rest or count == 0:
         near = len(board) * min(max(count, 1), board.max_boards)
         raise InvalidInput(
-            f"{counted(elements, 'element does', 'elements do')} not fill whole {board.name} "
-            f"boards of {len(board)}: use a drive for {near} elements.",
+            f"{counted(elements, 'element does', 'elements do')} not make up whole {board.name} "
+            f"boards, which have {len(board)} elements each: use a drive for {near} elements.",
             code="sizes_differ",
         )
     return count
