@@ -15,7 +15,9 @@ from airtact.evaluation.metrics import pascals
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """The pressure at the weakest focus for several drives, over samples that were not used to compute the drives.
+    """The pressure at the weakest focus for several drives, over new samples.
+
+    The samples were not used to compute the drives.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ class Window:
 
     @property
     def origin(self) -> Float64[np.ndarray, "3"]:
-        """Origin of the picture [m]: that of the frame if the sides are along its axes, or the centre."""
+        """Origin of the picture [m]: the frame's if the sides follow its axes, or the centre."""
         aligned = [axis for axis in (self.right, self.up) if _axis_name(axis)]
         return self.centre - sum((self.centre @ axis * axis for axis in aligned), np.zeros(3))
 
