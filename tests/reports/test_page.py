@@ -35,7 +35,7 @@ def test_a_page_needs_no_other_file(page) -> None:
     assert len(sources) == 2
     for source in sources:
         assert b64decode(source.removeprefix("data:image/webp;base64,")).startswith(b"RIFF")
-    assert not re.search(r"https?://|@import|url\(|<script|<link", page)
+    assert not re.search(r"https?://|@import|url\(|<script src|<link", page)
     assert page.startswith("<!DOCTYPE html>")
 
 

@@ -1,5 +1,6 @@
 """The scene of a page turns, shows values and fetches nothing, in a real browser."""
 
+import csv
 import json
 import re
 from dataclasses import replace
@@ -144,6 +145,19 @@ def test_pictures_can_be_kept(report):
     with report.expect_download() as kept:
         report.click("[name=png]")
     assert kept.value.path().read_bytes().startswith(b"\x89PNG")
+
+
+def test_tables_can_be_saved(report, tmp_path):
+    for button in report.locator("button.save").all():
+        with report.expect_download() as download:
+            button.click()
+        download.value.save_as(tmp_path / download.value.suggested_filename)
+    assert len(list(tmp_path.iterdir())) >= 2
+    with (tmp_path / "pressure-at-each-focus.csv").open(encoding="utf-8-sig", newline="") as file:
+        saved = list(csv.reader(file))
+    shown = report.locator("h2:has-text('Pressure at each focus') ~ .scroll tr").first
+    assert saved[0] == shown.locator("th").all_text_contents()
+    assert len({len(row) for row in saved}) == 1
 
 
 def test_nothing_is_wider_than_a_narrow_screen(browser, rendered):
