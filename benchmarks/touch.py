@@ -218,7 +218,9 @@ class Noting(TouchAware):
         return moment
 
 
-def real(setting: Setting, maker: Noting, frames: Sequence[HandFrame], path: Path) -> None:
+def real(
+    setting: Setting, maker: Noting, frames: Sequence[HandFrame], path: Path
+) -> dict[str, float]:
     """Send frames to the real loop by a web socket, and keep what it does in a file."""
     # The process that solves needs seconds to start.
     until = time.monotonic() + 60.0
@@ -248,17 +250,25 @@ def real(setting: Setting, maker: Noting, frames: Sequence[HandFrame], path: Pat
         setting.scene, hands, maker, seconds=seconds, session=session, latency=LATENCY
     )
     sender.join()
-    print(
-        f"  {path.stem}: {done.rate:.0f} drives/s, 95 of 100 frames at the link after "
-        f"{1e3 * done.delay:.1f} ms; {(maker.solutions - begun) / seconds:.0f} solutions/s",
-        flush=True,
-    )
+    figures = {
+        "drives/s": done.rate,
+        "ms from 95 of 100 frames to the link": 1e3 * done.delay,
+        "solutions/s": (maker.solutions - begun) / seconds,
+    }
+    tell(path.stem, figures)
     kept = at.live.read_session(path.with_suffix(".h5"))
     emitted = dict(zip(kept.drive_frame_time.tolist(), kept.time_in_air.tolist(), strict=True))
     played = [played_of(moment) for moment in maker.made if moment.foci is not None]
     for one in played:
         one.time = max(one.time, emitted.get(one.frame_time, one.time))
     np.save(path, np.array(played, dtype=object), allow_pickle=True)
+    return figures
+
+
+def tell(title: str, figures: dict[str, float]) -> None:
+    """Print one line per figure."""
+    for name, figure in figures.items():
+        print(f"  {title}: {figure:.4g} {name}", flush=True)
 
 
 def played_of(moment: Moment) -> Played:
@@ -409,7 +419,7 @@ def weakest(matrix: np.ndarray, amplitudes: np.ndarray, shares: np.ndarray) -> f
     return float(received.min() / max(np.linalg.norm(amplitudes), 1e-12))
 
 
-def judge(played: Sequence[Played], title: str, tried: Judge, every: int) -> None:
+def judge(played: Sequence[Played], title: str, tried: Judge, every: int) -> dict[str, float]:
     """Print what drives bring to the true hand, missed and false contacts, and delays."""
     later = [one for one in played if one.time > WARMING]
     sounding = [one for one in later if len(one.strengths) and one.strengths.max() > 0.05]
@@ -426,21 +436,22 @@ def judge(played: Sequence[Played], title: str, tried: Judge, every: int) -> Non
         false += any(part not in near for part in parts)
     if not len(kept):
         print(f"  {title}: nothing to judge, the loop was silent", flush=True)
-        return
-    print(
-        f"  {title}: kept {np.median(kept):.3f}, lowest tenth {np.quantile(kept, 0.1):.3f} of "
-        f"{len(kept)}; of {len(later)} drives {missed} miss a contact deeper than 2 mm, {false} "
-        f"have a focus without a contact",
-        flush=True,
-    )
-    waited = delays(played, tried)
+        return {}
+    figures = {
+        "kept, median": np.median(kept),
+        "kept, lowest tenth": np.quantile(kept, 0.1),
+        "drives judged": len(kept),
+        "drives": len(later),
+        "drives miss a contact deeper than 2 mm": missed,
+        "drives have a focus without a contact": false,
+    }
+    waited = 1e3 * delays(played, tried)
     if len(waited):
-        print(
-            f"  {title}: first frame with a contact to the sound of its focus, median "
-            f"{1e3 * np.median(waited):.0f} ms, 95 of 100 under "
-            f"{1e3 * np.quantile(waited, 0.95):.0f} ms of {len(waited)}",
-            flush=True,
-        )
+        text = "ms from the first frame with a contact to the first drive with its focus"
+        figures[f"{text}, median"] = np.median(waited)
+        figures[f"{text}, 95 of 100"] = np.quantile(waited, 0.95)
+    tell(title, figures)
+    return figures
 
 
 def find_parts(tried: Judge, then: float) -> set[str]:
@@ -529,22 +540,34 @@ def main() -> None:
         for name in SETTINGS if given.setting == "all" else [given.setting]:
             setting = SETTINGS[name]()
             tried = Judge(setting)
-            for noise, which, run in product(
-                given.noises, ("airtact", "distances"), range(given.runs)
-            ):
-                title = f"{name}, noise {1e3 * noise:g} mm, {which}{RUN}{run + 1}"
-                path = folder / f"{title}.npy"
-                if given.judge is None:
-                    frames = frames_of(setting, given.seconds, noise, run)
-                    solvers = [] if which == "distances" else None
-                    if given.emulated:
-                        solvers = [] if which == "distances" else [Emulated(setting.scene)]
-                        played = emulated(Noting(setting.scene, solvers), frames)
-                        np.save(path, np.array(played, dtype=object), allow_pickle=True)
-                    else:
-                        real(setting, Noting(setting.scene, solvers), frames, path)
-                if given.record is None and path.exists():
-                    judge(list(np.load(path, allow_pickle=True)), title, tried, given.every)
+            for noise, which in product(given.noises, ("airtact", "distances")):
+                done = []
+                what = f"{name}, noise {1e3 * noise:g} mm, {which}"
+                for run in range(given.runs):
+                    title = f"{what}{RUN}{run + 1}"
+                    done.append({})
+                    path = folder / f"{title}.npy"
+                    if given.judge is None:
+                        frames = frames_of(setting, given.seconds, noise, run)
+                        solvers = [] if which == "distances" else None
+                        if given.emulated:
+                            solvers = [] if which == "distances" else [Emulated(setting.scene)]
+                            played = emulated(Noting(setting.scene, solvers), frames)
+                            np.save(path, np.array(played, dtype=object), allow_pickle=True)
+                        else:
+                            done[-1] |= real(setting, Noting(setting.scene, solvers), frames, path)
+                    if given.record is None and path.exists():
+                        played = list(np.load(path, allow_pickle=True))
+                        done[-1] |= judge(played, title, tried, given.every)
+                if given.runs > 1:
+                    names = dict.fromkeys(figure for figures in done for figure in figures)
+                    tell(
+                        f"{what}, median of {given.runs} runs",
+                        {
+                            figure: float(np.median([one[figure] for one in done if figure in one]))
+                            for figure in names
+                        },
+                    )
 
 
 if __name__ == "__main__":
