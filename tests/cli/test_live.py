@@ -182,6 +182,7 @@ def recorded_without_a_hand(folder):
             "does_not_match",
         ),
         ([*QUICK, "--address", "127.0.0.1:1"], "key_missing"),
+        ([*QUICK, "--port", "8941"], "options_clash"),
         ([*QUICK, "--cap", "2"], "out_of_range"),
         ([*QUICK, "--latency", "20"], "out_of_range"),
         ([*QUICK, "--seconds", "-1"], "out_of_range"),

@@ -2,8 +2,10 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
+import tarfile
 
 import numpy as np
 import pytest
@@ -12,8 +14,26 @@ import airtact as at
 from live.test_page_browser import HERE, in_the_headset, opened_page, until
 
 
+@pytest.fixture
+def headset(request, tmp_path) -> str:
+    """Return the script of a headset: our own stand-in, or the emulator iwer (MIT) from npm."""
+    if request.param == "stand_in":
+        return (HERE / "headset_stand_in.js").read_text(encoding="utf-8")
+    npm = shutil.which("npm")
+    if npm is None:
+        pytest.skip("npm is not installed, so the emulator iwer cannot be fetched")
+    command = [npm, "pack", "--silent", "iwer@2.5.0"]
+    packed = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    if packed.returncode:
+        pytest.skip(f"npm cannot fetch the emulator iwer: {packed.stderr[-300:]}")
+    with tarfile.open(tmp_path / packed.stdout.split()[-1]) as archive:
+        emulator = archive.extractfile("package/build/iwer.min.js").read().decode()
+    return emulator + (HERE / "headset_iwer.js").read_text(encoding="utf-8")
+
+
 @pytest.mark.slow
-def test_a_hand_in_a_headset_touches_a_ball_and_leaves_it(browser, tmp_path) -> None:
+@pytest.mark.parametrize("headset", ["stand_in", "iwer"], indirect=True)
+def test_a_hand_in_a_headset_touches_a_ball_and_leaves_it(browser, tmp_path, headset) -> None:
     rest = at.read_scene("touch_button", moving=True).hands[0]
     pad, normal = rest.position("index.pad")
     ball = pad + 0.01 * normal  # the pad is 2 mm deep
@@ -34,16 +54,16 @@ def test_a_hand_in_a_headset_touches_a_ball_and_leaves_it(browser, tmp_path) -> 
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     )
     try:
-        touch(browser, loop, rest, ball, normal)
+        touch(browser, loop, headset, rest, ball, normal)
     finally:
         loop.kill()
         loop.communicate()
 
 
-def touch(browser, loop, rest, ball, normal) -> None:
+def touch(browser, loop, headset, rest, ball, normal) -> None:
     """Touch the ball on the page of a loop, for a second in two."""
     address = next(filter(None, (re.search(r"http://\S+", line) for line in loop.stderr)))[0]
-    page = opened_page(browser, address, HERE / "headset_stand_in.js")
+    page = opened_page(browser, address, script=headset)
     # A second each: the pad in the ball, then 13 mm away from it.
     poses = [in_the_headset(rest.joints - away * normal) for away in (0.0, 0.015)]
     page.evaluate(

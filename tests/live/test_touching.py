@@ -352,3 +352,11 @@ def test_foci_that_stay_are_modulated_beside_an_outline(scene):
     assert moment.names[0] == "one"
     received = np.abs(OpenAir(scene).rows(moment.foci[:1]) @ moment.frames.T)[0]
     assert received.max() > 3.0 * received.min(), received
+
+
+def test_the_skin_of_a_known_hand_is_meshed_before_its_first_frame(scene, monkeypatch):
+    maker = TouchAware(scene, solvers=[], rest=hand(0))
+    monkeypatch.setattr("airtact.live.drives.moving_skin.skin_of", None)
+    moment = held(maker)
+    assert len(moment.foci) == 2
+    assert 0.5 < moment.kept < 0.8  # without a solution

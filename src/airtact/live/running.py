@@ -105,13 +105,17 @@ def run(
                 certificate,
             )
             closing.enter_context(shown)
+        if scene.both:
+            maker = TouchAware(scene, rest=setup.hands[0] if setup.hands else None)
+        else:
+            maker = HandAware(scene)
         address = "" if shown is None else f"; page: {shown.address}"
         report_step(f"following {hands.words}; sound to {output.words}{address}")
         session = SessionWriter(folder / FILE, scene, setup.text)
         return follow(
             scene,
             hands,
-            TouchAware(scene) if scene.both else HandAware(scene),
+            maker,
             output=output,
             seconds=seconds,
             session=session,
@@ -263,6 +267,13 @@ def output_to(
     scene = live_scene(setup)
     if not any([board, link, *settings.values()]):
         return Output()
+    port = settings.get("port")
+    if port is not None and (link is None or port.isdecimal()):
+        raise InvalidInput(
+            f"--port {port}: this is the serial port of boards, such as --link serial --port "
+            "/dev/ttyUSB0; for the page, use --page-port.",
+            code="options_clash",
+        )
     if link is None or board is None:
         raise InvalidInput(
             "boards need both --board and --link: set both, or none of the board options.",

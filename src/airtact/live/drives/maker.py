@@ -43,7 +43,20 @@ def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints]
     return joints, (joints_of(later, tolerance=1.0) - joints) / 0.02
 
 
-class HandAware(DriveMaker):
+class SolvingMaker(DriveMaker):
+    """Maker of drives whose hands are solved by processes."""
+
+    _solvers: list[SolverProcess]
+
+    def revive(self) -> int:
+        return sum(solver.revive() for solver in self._solvers)
+
+    def close(self) -> None:
+        for solver in self._solvers:
+            solver.close()
+
+
+class HandAware(SolvingMaker):
     """Computes drives that account for the hand.
 
     The transfer matrix is the open-air matrix of the present pose times the factors of the stored
@@ -136,15 +149,6 @@ class HandAware(DriveMaker):
         except InvalidInput as fault:
             self.fault = str(fault)
             return silent_moment(self._scene, time, self._newest.time)
-
-    def revive(self) -> int:
-        """Restart solvers that ended; return the number of restarts so far."""
-        return sum(solver.revive() for solver in self._solvers)
-
-    def close(self) -> None:
-        """End the solvers."""
-        for solver in self._solvers:
-            solver.close()
 
     def _collect(self) -> None:
         for solver in self._solvers:

@@ -15,6 +15,7 @@ const RULES = {
   phalanges: "The drive uses a solution of the last phalanges.",
   hand: "The drive uses a solution of the whole hand.",
   carried: "The drive uses a solution of the whole hand, moved with its bones.",
+  contacts: "The drive uses a solution of the skin at the contacts.",
 };
 const CURVES = [
   ["latency, frame to sound [ms]", "#1971c2", 150],

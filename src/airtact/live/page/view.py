@@ -185,7 +185,7 @@ def _status(shown: Shown) -> dict[str, Any]:
         "status": shown.status,
         "drives": shown.drives,
         "time": time.monotonic(),
-        "latency": None if moment.joints is None else moment.time - moment.frame_time,
+        "latency": None if moment.foci is None else moment.time - moment.frame_time,
         "age": moment.shape_age,
         "kept": moment.kept,
         "mean": float(np.abs(moment.amplitudes).mean()),

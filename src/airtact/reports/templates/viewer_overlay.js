@@ -83,8 +83,9 @@ class Overlay {
       const ring = { cx: x, cy: y, r: few ? 9 : 3, fill: "none" };
       this.add("circle", { ...ring, stroke: this.paper, "stroke-width": 3.5 });
       this.add("circle", { ...ring, stroke: "#e8590c", "stroke-width": 1.8 });
-      const side = x < middle ? -1 : 1;
-      if (few) this.write(x + 14 * side, y + 4, name, 13, side < 0 ? "end" : "start");
+      const long = 8 * name.length; // about, so that no name leaves a narrow screen
+      if (few && x < middle) this.write(Math.max(x - 14, long), y + 4, name, 13, "end");
+      else if (few) this.write(Math.max(Math.min(x + 14, this.width - long), 4), y + 4, name, 13);
     }
   }
 
