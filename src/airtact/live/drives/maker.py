@@ -49,9 +49,11 @@ class SolvingMaker(DriveMaker):
     _solvers: list[SolverProcess]
 
     def revive(self) -> int:
+        """Restart solvers that ended; return the number of restarts so far."""
         return sum(solver.revive() for solver in self._solvers)
 
     def close(self) -> None:
+        """End the solvers."""
         for solver in self._solvers:
             solver.close()
 
