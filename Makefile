@@ -7,19 +7,19 @@ BIN := $(VENV)/bin
 KERNELS := CMakeLists.txt pyproject.toml constraints.txt $(wildcard src/kernels/*.* src/kernels/*/*)
 
 help:
-	@echo "make run    install into .venv and render the examples pinch and open_hand into out/"
-	@echo "make live   let the sound follow a motion, and print the address of the page that shows it"
-	@echo "make test   all checks and tests (under 6 minutes on 2 cores)"
-	@echo "make slow   the tests that take longer"
-	@echo "make check  linters, types and the contract of the packages only"
-	@echo "make format rewrite the sources in the project's format"
-	@echo "make docs   the documentation site in build/docs; a warning or a broken link fails it"
-	@echo "make wheels wheels for every Python from 3.11 on that is here, in dist/, each proven without a compiler"
-	@echo "make reproduce  the experiment of Inoue and others 2014 into out/inoue2014, in 20 minutes; make reproduce-quick in 3"
-	@echo "make bench  the table of benchmarks/MEASUREMENTS.md"
+	@echo "make run    installs into .venv and renders the examples pinch and open_hand into out/"
+	@echo "make live   makes the sound follow a motion, and prints the address of its web page"
+	@echo "make test   runs all checks and tests (less than 6 minutes on 2 cores)"
+	@echo "make slow   runs the tests that take longer"
+	@echo "make check  runs only the linters, the type checks and the import contracts"
+	@echo "make format formats the sources"
+	@echo "make docs   builds the documentation in build/docs; warnings and broken links are errors"
+	@echo "make wheels builds and tests wheels in dist/ for every installed Python from 3.11"
+	@echo "make reproduce  reproduces the experiment of Inoue et al. (2014) in 20 minutes; make reproduce-quick takes 3"
+	@echo "make bench  measures the table in benchmarks/MEASUREMENTS.md"
 
 $(VENV)/installed: $(KERNELS)
-	@echo "Installing into $(VENV) takes some minutes: packages are downloaded and the loops are compiled."
+	@echo "Installing into $(VENV) takes several minutes, because packages are downloaded and C++ code is compiled."
 	python3 -m venv $(VENV)
 	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable '.[fem,mesh]'
 	@touch $@
@@ -31,7 +31,7 @@ $(VENV)/installed-for-tests: $(VENV)/installed
 run: $(VENV)/installed
 	$(BIN)/airtact render pinch --out out/pinch
 	$(BIN)/airtact render open_hand --out out/open_hand
-	@echo "Look at out/pinch/report.html and out/open_hand/report.html; the drives are drive.csv and drive.h5 beside them."
+	@echo "Open out/pinch/report.html and out/open_hand/report.html; the drives are in drive.csv and drive.h5 in the same folders."
 
 $(VENV)/installed-for-live: $(VENV)/installed
 	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable '.[live,mesh]'
@@ -68,7 +68,7 @@ $(VENV)/installed-for-docs: $(VENV)/installed
 
 docs: $(VENV)/installed-for-docs
 	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going docs build/docs
-	@echo "Look at build/docs/index.html."
+	@echo "Open build/docs/index.html."
 
 reproduce: $(VENV)/installed
 	$(BIN)/python examples/inoue2014/reproduce.py --out out/inoue2014
