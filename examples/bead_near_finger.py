@@ -2,9 +2,10 @@
 
     python examples/bead_near_finger.py [FOLDER]
 
-The bead floats between two boards that face each other. The finger scatters their sound. Prints the
-trap of a drive that considers the finger, and that of one that ignores it. Writes
-bead_near_finger.png, Gor'kov's potential around the bead, into FOLDER, or into the current folder.
+The bead floats between two boards that face each other, and the finger scatters the sound. Prints
+the traps of a drive that considers the finger and of a drive that ignores it. Writes
+bead_near_finger.png, a map of Gor'kov's potential around the bead, to FOLDER (by default the
+current folder).
 """
 
 import sys
@@ -18,8 +19,10 @@ import airtact as at
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
 folder.mkdir(parents=True, exist_ok=True)
 
-array = at.transducers.known_array("opposed_sonicsurfaces")  # they face each other along y
-# The tip is 28 mm, less the radius, from the bead at the origin.
+array = at.transducers.known_array(
+    "opposed_sonicsurfaces"
+)  # two boards that face each other along y
+# The bead is at the origin; the distance to the fingertip is 28 mm minus the radius.
 finger = at.sound_hard(at.capsule((0, 0.028, 0), (0.035, 0.063, 0), radius=8e-3, edge=2e-3))
 scenes = {
     "considered": at.Scene(at.air(celsius=20.0), [finger]),
@@ -37,7 +40,7 @@ for name, drive in drives.items():
 
 x, y = np.meshgrid(np.linspace(-0.015, 0.03, 55), np.linspace(-0.015, 0.045, 73))
 grid = np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
-# The potential needs room to the skin.
+# The potential can only be computed at some distance from the skin.
 free = scene.depth(grid) < -0.7e-3
 potential = np.full(len(grid), np.nan)
 potential[free] = 1e9 * at.traps.potential(scene, array, drives["considered"], grid[free])

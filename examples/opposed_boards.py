@@ -2,8 +2,8 @@
 
     python examples/opposed_boards.py [FOLDER]
 
-Prints where each bead floats and how stiffly it is held. Writes opposed_boards.png, Gor'kov's
-potential in the plane of the beads, into FOLDER, or into the current folder.
+Prints the position and the stiffness of each trap. Writes opposed_boards.png, a map of Gor'kov's
+potential in the plane of the beads, to FOLDER (by default the current folder).
 """
 
 import sys
@@ -17,7 +17,9 @@ import airtact as at
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
 folder.mkdir(parents=True, exist_ok=True)
 
-array = at.transducers.known_array("opposed_sonicsurfaces")  # they face each other along y
+array = at.transducers.known_array(
+    "opposed_sonicsurfaces"
+)  # two boards that face each other along y
 scene = at.Scene(at.air(celsius=20.0))
 places = 1e-3 * np.array([[-18, 8, 0], [-6, -4, 0], [6, 10, 0], [18, 0, 0]])
 
