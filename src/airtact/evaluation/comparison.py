@@ -87,7 +87,7 @@ class Comparison:
     def at(
         self, points: Real[np.ndarray, "points 3"]
     ) -> dict[str, Complex128[np.ndarray, "points"]]:
-        """Evaluate the pressure of each drive at points [m], its strongest element at full scale.
+        """Evaluate each drive at points [m], with its strongest element at full scale.
 
         Returns
         -------
