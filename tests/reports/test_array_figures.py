@@ -10,6 +10,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import airtact as at
 from airtact.reports.array_figures import draw_phases, draw_receivers, draw_scene, unfold
+from airtact.reports.page import pixels_of
 
 ARRAYS = {
     "box": at.surrounding_box(),
@@ -47,6 +48,15 @@ def test_the_faces_of_the_box_follow_one_another_to_the_right():
     for face in faces:
         # The long side of the board stands upright.
         assert np.ptp(face.seen[:, 1]) > np.ptp(face.seen[:, 0])
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_no_title_is_cut_off(name):
+    array = ARRAYS[name]
+    amplitudes = np.linspace(0.1, 1.0, len(array)) + 0j
+    pixels = pixels_of(draw_phases(array.positions, array.normals, amplitudes))
+    for edge in (pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]):
+        assert (edge[:, :3] == 255).all()
 
 
 def test_a_uniform_amplitude_is_not_drawn():

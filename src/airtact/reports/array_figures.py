@@ -103,7 +103,7 @@ def draw_phases(
     """
     shown = ("phase",) if is_uniform(amplitudes) else ("phase", "amplitude")
     rows, columns, width, height = _panels(positions, normals, len(shown))
-    size = columns * (width + 0.9), rows * (height + 1.4)
+    size = columns * (width + 0.9), rows * (height + 1.6)
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, show in zip(panels, shown, strict=True):
