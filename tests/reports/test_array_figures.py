@@ -14,6 +14,7 @@ from airtact.reports.page import pixels_of
 
 ARRAYS = {
     "box": at.surrounding_box(),
+    "board": at.autd3_board(at.Pose.shift((0.0, 0.0, -0.07))),
     "flat": at.flat_boards(2, 2),
     "tilted": at.autd3_board(at.Pose.turn((1.0, 2.0, 3.0), 0.7, (0.1, 0.0, 0.2))),
 }
