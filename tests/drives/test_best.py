@@ -163,3 +163,14 @@ def test_pressures_of_zero_are_silent_foci():
     transfer, target = in_open_air(FADING, np.array([2000.0, 0.0, 80.0]))
     pressures = np.abs(transfer.pressure(at.best(transfer, target)))
     np.testing.assert_allclose(pressures, [2000.0, 0.0, 80.0], atol=1e-6)
+
+
+def test_exact_shares_stay_within_full_scale() -> None:
+    rng = np.random.default_rng(30)  # rounding exceeded full scale here
+    matrix = rng.normal(size=(2, 4)) + 1j * rng.normal(size=(2, 4))
+    transfer = at.TransferMatrix(matrix, 0.0)
+    target = at.Target(0.1 * np.eye(3)[:2], shares=np.array([1.0, 0.5]))
+    drive = at.best(transfer, target)
+    strong, weak = np.abs(transfer.pressure(drive))
+    assert drive.peak <= 1.0
+    assert weak == pytest.approx(0.5 * strong)

@@ -92,7 +92,7 @@ def _as_asked(matrix: FociRows, target: Target, drive: Drive) -> Drive:
     if np.abs(np.abs(pressures) / np.abs(pressures).max() - shares).max() < 0.02:
         return drive
     amplitudes = exact_amplitudes(matrix, wanted)
-    amplitudes = amplitudes * (FULL_SCALE / np.abs(amplitudes).max())
+    amplitudes = amplitudes / np.abs(amplitudes).max()
     strongest = np.abs(matrix @ amplitudes).max()
     # Foci close together may reach exact shares only at a fraction of the pressure.
     return Drive(amplitudes) if strongest > 0.5 * np.abs(pressures).max() else drive
