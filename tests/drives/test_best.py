@@ -172,5 +172,5 @@ def test_exact_shares_stay_within_full_scale() -> None:
     target = at.Target(0.1 * np.eye(3)[:2], shares=np.array([1.0, 0.5]))
     drive = at.best(transfer, target)
     strong, weak = np.abs(transfer.pressure(drive))
-    assert drive.peak <= 1.0
+    assert drive.peak < 1.0 + 1e-12
     assert weak == pytest.approx(0.5 * strong)

@@ -137,6 +137,52 @@ def test_hands_that_move_count_by_the_weakest(beside_ball) -> None:
     assert abs(best.middles[0, 0]) < 0.1
 
 
+def test_mirrored_boards_come_in_pairs(beside_ball) -> None:
+    region = ((-0.4, -0.4, -0.4), (0.42, 0.4, 0.4))  # its middle is at x = 10 mm
+    result = at.place(
+        beside_ball, 4, "nano16", region=region, tries=4, refine=1, symmetric="x", tilted=False
+    )
+    focus = beside_ball.target.points[0]
+    for layout in result.layouts:
+        check_apart(layout.array)
+        for first, second in (layout.poses[:2], layout.poses[2:]):
+            board = layout.single.moved(first).positions
+            image = layout.single.moved(second).positions
+            np.testing.assert_allclose(np.sort(0.02 - board[:, 0]), np.sort(image[:, 0]), atol=1e-9)
+            np.testing.assert_allclose(np.sort(board[:, 2]), np.sort(image[:, 2]), atol=1e-9)
+            # Without tilts the placed board faces the focus, and its image faces the image.
+            middle = board.mean(axis=0)
+            way = (focus - middle) / np.linalg.norm(focus - middle)
+            assert way @ first.rotation[:, 2] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_fixed_boards_stay_and_count(beside_ball) -> None:
+    alone = at.place(beside_ball, tries=20, refine=0)
+    beside = at.place(beside_ball, tries=20, refine=1, fixed=[0])
+    present = beside_ball.array.positions
+    for layout in beside.layouts:
+        np.testing.assert_allclose(layout.array.positions[-249:], present, atol=1e-9)
+        assert overlapping_boards(layout.array) is None
+    assert beside.moves.shape == (2, 6)
+    # The fixed board adds its sound, at one focus all of it.
+    assert beside.layouts[0].weakest > 1.2 * alone.layouts[0].weakest
+    assert beside.verified == pytest.approx(beside.layouts[0].weakest, rel=0.03)
+
+
+def test_the_lowest_tenth_forgives_a_hand() -> None:
+    setup = in_open_air(FOCUS)
+    # In one of eleven hands the focus is far away.
+    hands = [at.Pose.identity()] * 10 + [at.Pose.shift((0.0, 0.0, 0.1))]
+    region = ((-0.4, -0.4, -0.4), (0.4, 0.4, 0.0))
+    settings = {"region": region, "distance": (0.1, 0.4), "tries": 6, "refine": 1}
+    tenth = at.place(setup, 1, "nano16", hands=hands, objective="lowest_tenth", **settings)
+    weakest = at.place(setup, 1, "nano16", hands=hands, **settings)
+    near = at.place(setup, 1, "nano16", hands=hands[:1], **settings)
+    assert tenth.layouts[0].weakest > 1.1 * weakest.layouts[0].weakest
+    assert tenth.layouts[0].weakest <= 1.01 * near.layouts[0].weakest
+    assert tenth.verified == pytest.approx(tenth.layouts[0].weakest, rel=1e-6)
+
+
 def test_shares_weigh_the_foci() -> None:
     foci = np.array([FOCUS, FOCUS + [0.05, 0, 0]])
     array = at.autd3_board().facing(FOCUS, (0, 0, -1), 0.2)
@@ -201,6 +247,10 @@ def test_impossible_requests_are_rejected(beside_ball, two_boards) -> None:
         ({"board": "autd4"}, "unknown_name"),
         ({"hands": []}, "empty"),
         ({"seed": -1}, "out_of_range"),
+        ({"boards": 3, "symmetric": "x"}, "options_clash"),
+        ({"fixed": [1]}, "unknown_name"),
+        ({"fixed": [0, 0]}, "unknown_name"),
+        ({"fixed": [0], "board": "nano16"}, "unknown_name"),
     ):
         with raises_code(code):
             at.place(setup, **wrong)

@@ -1,7 +1,7 @@
 """``airtact place``: search for board positions that maximise the pressure at the weakest focus."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -53,6 +53,31 @@ BOX = (float,) * 6
     metavar="X Y Z X Y Z",
     help="Opposite corners of a box that boards must avoid, such as a screen; can be repeated.",
 )
+@click.option(
+    "--fixed",
+    type=click.IntRange(min=0),
+    multiple=True,
+    help="Board of the scene that stays, counted from 0; can be repeated.",
+)
+@click.option(
+    "--symmetric",
+    type=click.Choice(["x", "y", "z"]),
+    help="Axis along which boards are mirrored in pairs.",
+)
+@click.option(
+    "--no-tilt",
+    "tilted",
+    is_flag=True,
+    flag_value=False,
+    default=True,
+    help="Boards face the foci.",
+)
+@click.option(
+    "--objective",
+    type=click.Choice(["weakest", "lowest_tenth"]),
+    default="weakest",
+    help="Weakest focus over all hands, or in nine of ten hands.",
+)
 @click.option("--recording", type=INPUT, help="Recording with poses of the hand in the scene.")
 @click.option(
     "--hands",
@@ -80,12 +105,19 @@ def place(
     distance: tuple[float, float],
     region: tuple[float, ...] | None,
     kept_out: tuple[tuple[float, ...], ...],
+    fixed: tuple[int, ...],
+    symmetric: Literal["x", "y", "z"] | None,
+    tilted: bool,
+    objective: Literal["weakest", "lowest_tenth"],
     recording: Path | None,
     count: int,
     tries: int,
     seed: int,
 ) -> None:
     """Search for the layouts that maximise the pressure at the weakest focus; write layout_*.toml.
+
+    --fixed keeps boards of SCENE, --symmetric mirrors the others in pairs about the middle of the
+    region, or of the foci without --region.
 
     The first table compares the best layouts with the present array of SCENE. The second table
     lists the loss of pressure if a board of the best layout moves by 1 cm or 5 degrees.
@@ -98,27 +130,21 @@ def place(
         from airtact.setup.placing import hands_of
 
         setup = at.read_scene(scene)
-
-        def inside(points: np.ndarray, box: tuple[float, ...]) -> np.ndarray:
-            low, high = np.sort(np.reshape(box, (2, 3)), axis=0)
-            return ((points >= low) & (points <= high)).all(axis=1)
-
-        def allowed(points: np.ndarray) -> np.ndarray:
-            kept = np.ones(len(points), dtype=bool) if region is None else inside(points, region)
-            for box in kept_out:
-                kept &= ~inside(points, box)
-            return kept
-
         result = at.place(
             setup,
             boards,
             board,
             distance,
-            allowed,
+            None if region is None else np.reshape(region, (2, 3)),
             None if recording is None else hands_of(setup, recording, count),
             tries,
             seed,
             progress=report_step,
+            keep_out=[np.reshape(box, (2, 3)) for box in kept_out],
+            fixed=fixed,
+            symmetric=symmetric,
+            tilted=tilted,
+            objective=objective,
         )
         files = result.save(folder)
     warnings = []

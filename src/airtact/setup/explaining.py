@@ -167,10 +167,16 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
         sources = drive_sources(setup.array, [emitted], setup.scene)
         emitting = replace(result.verification.field, sources=sources)
         in_real_air = steepening(emitting, target.points, last).kept
-    if np.nanmin(in_real_air, initial=1.0) < 0.99:
-        last = last * np.where(np.isfinite(in_real_air), in_real_air, 1.0)
-        remedy = "surround the hand with boards"
-        causes.append(Cause("steepening in real air", last, remedy))
+    known = np.isfinite(in_real_air)
+    if not known.all() or in_real_air.min() < 0.99:
+        last = last * np.where(known, in_real_air, 1.0)
+        name = "steepening in real air"
+        if not known.all():
+            unknown = [
+                focus for focus, at_focus in zip(setup.foci, known, strict=True) if not at_focus
+            ]
+            name += f", unknown at {', '.join(unknown)}"
+        causes.append(Cause(name, last, "surround the hand with boards"))
     if isinstance(setup.modulation, AmplitudeModulation):
         share = float(np.sqrt(np.mean(setup.modulation.envelope(64) ** 2)))
         last = share * last

@@ -7,19 +7,16 @@ are refined board by board (Nelder-Mead), which also tilts them.
 """
 
 import re
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os.path import relpath
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Real
-from scipy.optimize import brentq, minimize
+from jaxtyping import Bool, Float64, Real
 from scipy.spatial.distance import cdist
-from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 import airtact as at
 from airtact.acoustics.planes import before_planes
@@ -28,9 +25,6 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
-from airtact.drives.gerchberg_saxton import best_sources, phase, starting_sources
-from airtact.drives.reach import FociRows
-from airtact.drives.transfer import transfer_to
 from airtact.errors import (
     InvalidInput,
     Vector,
@@ -43,18 +37,19 @@ from airtact.errors import (
 )
 from airtact.files.atomic import whole_file, writable_folder
 from airtact.geometry.pose import Pose
+from airtact.setup.board_search import HandPose, Points, Search, drive_of, middle_of
 from airtact.setup.parsing import parse_scene
 from airtact.setup.setup import Setup
 from airtact.setup.solving import verification_solver
 from airtact.timing import Progress
+from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray, board_array, join
 from airtact.transducers.placement import check_placement
 
-Points = Float64[np.ndarray, "points 3"]
-# Two opposite corners of a box, or a function that returns True for points where a board may be
-Region = (
-    Real[np.ndarray, "2 3"] | tuple[Vector, Vector] | Callable[[Points], Bool[np.ndarray, "points"]]
-)
+# Two opposite corners of a box
+Box = Real[np.ndarray, "2 3"] | tuple[Vector, Vector]
+# A box, or a function that returns True for points where a board may be
+Region = Box | Callable[[Points], Bool[np.ndarray, "points"]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,8 +59,8 @@ class Layout:
     Attributes
     ----------
     poses : pose of each board, from the board's frame to the obstacles'.
-    weakest : peak pressure at the weakest focus over all poses of the hand, with every element at
-        full scale [Pa]. If the foci have shares, the pressure divided by the share.
+    weakest : peak pressure at the weakest focus over all poses of the hand, or its lowest tenth,
+        with every element at full scale [Pa]. If the foci have shares, divided by the share.
     single : a single board in its own frame.
     """
 
@@ -85,7 +80,7 @@ class Layout:
     @property
     def middles(self) -> Float64[np.ndarray, "boards 3"]:
         """(B, 3) middle of each board in the obstacles' frame [m]."""
-        middle = _middle(self.single)
+        middle = middle_of(self.single)
         return np.stack([pose.apply(middle) for pose in self.poses])
 
 
@@ -194,264 +189,6 @@ def _with_array(text: str, table: str) -> str:
     return "\n".join(kept).rstrip() + "\n\n" + table
 
 
-@dataclass(frozen=True, eq=False)
-class _HandPose:
-    """A pose of the hand: bodies and foci, their motion to the obstacles' frame, solved beacons."""
-
-    scene: Scene
-    target: Target
-    motion: Pose
-    beacons: RadiatedField
-
-    @cached_property
-    def shares(self) -> Float64[np.ndarray, "asked"]:
-        """Requests of the foci with a request, scaled so that the largest is 1."""
-        weights = self.target.weights
-        return weights[weights > 0.0] / weights.max()
-
-    def rows(self, board: PhasedArray) -> FociRows:
-        """Pressure at each focus per unit drive of each element, divided by the share."""
-        seen = board.seen_from(self.motion)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a layout in the shadow of the hand is merely weak
-            matrix = transfer_to(self.beacons, seen).matrix
-        return matrix[self.target.weights > 0.0] / self.shares[:, None]
-
-
-def _drive(rows: FociRows) -> Complex128[np.ndarray, "elements"]:
-    """Return the drive, with every element at full scale, whose weakest row is strongest."""
-    if len(rows) == 1:
-        return phase(rows[0].conj())
-    equal = np.ones(len(rows))
-    # 100 iterations come within 1 % of max_min in a tenth of its time.
-    return phase(rows.conj().T @ best_sources(rows, equal, starting_sources(rows, equal), 100))
-
-
-# The place of a board that faces the foci: a rotation about them, a distance from 0 (smallest) to 1
-# (largest), and tilts about the board's x and y axes [rad].
-Place = tuple[Float64[np.ndarray, "3 3"], float, float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """Allowed layouts, and the pressure at the weakest focus of each."""
-
-    hands: list[_HandPose]
-    single: PhasedArray
-    half: Float64[np.ndarray, "2"]
-    distance: tuple[float, float]
-    allowed: Callable[[Points], Bool[np.ndarray, "points"]]
-
-    @cached_property
-    def foci(self) -> Points:
-        """Foci in all poses of the hand [m]."""
-        return np.concatenate([hand.motion.apply(hand.target.points) for hand in self.hands])
-
-    @cached_property
-    def skin(self) -> Points:
-        """Foci, points of the bodies a few millimetres apart, and their images in planes [m]."""
-        import trimesh  # imported here because the import takes as long as that of airtact
-
-        points = [self.foci]
-        for hand in self.hands:
-            for obstacle in hand.scene.obstacles:
-                corners = hand.motion.apply(obstacle.surface.corners)
-                # A flat side may have corners only at its ends, so it is divided.
-                fine = trimesh.remesh.subdivide_to_size(
-                    corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), 8e-3
-                )[0]
-                _, first = np.unique(np.round(fine / 3e-3), axis=0, return_index=True)
-                points.append(fine[first])
-        skin = np.concatenate(points)
-        # Elements radiate forwards only, so images must be in front of them like the bodies.
-        images = [plane.image(skin) for plane in self.hands[0].scene.planes]
-        return np.concatenate([skin, *images])
-
-    @cached_property
-    def face(self) -> Points:
-        """Points at most 10 mm apart over the outline of a board, in its frame [m]."""
-        x, y = (np.linspace(-side, side, int(side / 5e-3) + 2) for side in self.half)
-        grid = np.stack(np.meshgrid(x, y, 0.0), axis=-1).reshape(-1, 3)
-        return grid + _middle(self.single)
-
-    def pose(self, place: Place) -> Pose | None:
-        """Pose of a board at a place; None if it is too near the hand or outside the region."""
-        turn, depth, *tilt = place
-        rotation = turn @ Rotation.from_rotvec([*tilt, 0.0]).as_matrix()
-        centre = self.foci.mean(axis=0)
-        # From the middle of a board ``away`` from the foci, the skin is at local + away · way.
-        local = (self.skin - centre) @ rotation
-        way = turn[:, 2] @ rotation
-        nearest, farthest = self.distance
-        # The points leave out up to half a millimetre of the skin; 1 µm for rounding.
-        left_out = 0.5e-3 if len(self.skin) > len(self.foci) else -1e-6
-
-        def spare(away: float) -> float:
-            seen = local + away * way
-            beside = np.maximum(np.abs(seen[:, :2]) - self.half, 0.0)
-            gaps = np.sum(beside**2, axis=1) + seen[:, 2] ** 2
-            # Elements radiate forwards only, so the whole hand must be in front of them.
-            gap = np.sqrt(gaps.min()) - nearest - left_out
-            return float(min(gap, seen[:, 2].min() - 2e-3))
-
-        if spare(farthest) < 0.0:
-            return None
-        away = 0.0
-        if spare(away) < 0.0:
-            crossing = float(brentq(spare, away, farthest, xtol=1e-5))  # pyright: ignore[reportArgumentType]
-            away = min(crossing + 1e-4, farthest)
-        away += depth * (farthest - away)
-        middle = centre - away * turn[:, 2]
-        pose = Pose(rotation, middle - rotation @ _middle(self.single))
-        return pose if spare(away) >= 0.0 and self.allowed(pose.apply(self.face)).all() else None
-
-    def clash(self, first: Pose, second: Pose) -> bool:
-        """Whether two boards are within 10 mm, or one is between the other and a focus."""
-        for pose, blocking in ((first, second), (second, first)):
-            inverse = blocking.inverse()
-            middle = _middle(self.single)
-            points = inverse.apply(pose.apply(self.face)) - middle
-            foci = inverse.apply(self.foci) - middle
-            beside = np.abs(points[:, :2]) - self.half
-            if ((beside < 5e-3).all(axis=1) & (np.abs(points[:, 2]) < 10e-3)).any():
-                return True
-            # The straight line from a point behind the other board to a focus crosses its plane.
-            back = points[points[:, 2] < 0.0]
-            share = back[:, 2, None] / (back[:, 2, None] - foci[:, 2])
-            crossing = back[:, None] + share[:, :, None] * (foci - back[:, None])
-            if (np.abs(crossing[..., :2]) < self.half).all(axis=-1).any():
-                return True
-        return False
-
-    def rows(self, pose: Pose) -> list[FociRows]:
-        """Rows of one board for each pose of the hand."""
-        board = self.single.moved(pose)
-        return [hand.rows(board) for hand in self.hands]
-
-    def weakest(self, boards: Sequence[list[FociRows]]) -> float:
-        """Pressure at the weakest focus over all poses of the hand [Pa], from the boards' rows."""
-        weakest = np.inf
-        for parts in zip(*boards, strict=True):
-            rows = np.concatenate(parts, axis=1)
-            weakest = min(weakest, float(np.abs(rows @ _drive(rows)).min()))
-        return weakest
-
-    def places(self, seed: int) -> Iterator[tuple[Place, Pose | None]]:
-        """Yield places of a board that faces the foci, evenly over rotations and distances."""
-        sequence = qmc.Halton(4, rng=np.random.default_rng(seed))
-        order = np.random.default_rng(seed)
-        while True:
-            # Shuffled, because neighbours in the sequence lie in opposite halves, and a layout's
-            # boards would too.
-            for first, second, third, depth in order.permutation(sequence.random(1000)):
-                # Uniform over all rotations (K. Shoemake, Graphics Gems III (1992) 124).
-                angles = 2.0 * np.pi * np.array([second, third])
-                turn = Rotation.from_quat(
-                    [
-                        *np.sqrt(1.0 - first) * np.array([np.sin(angles[0]), np.cos(angles[0])]),
-                        *np.sqrt(first) * np.array([np.sin(angles[1]), np.cos(angles[1])]),
-                    ]
-                ).as_matrix()
-                place = (turn, float(depth), 0.0, 0.0)
-                yield place, self.pose(place)
-
-    def candidates(self, boards: int, tries: int, seed: int) -> list[tuple[float, list[Place]]]:
-        """Return the weakest focus and the places of each of ``tries`` layouts."""
-        found: list[tuple[float, list[Place]]] = []
-        layout: list[tuple[Place, Pose]] = []
-        for index, (place, pose) in enumerate(self.places(seed)):
-            # If few places are allowed, there are fewer layouts than requested.
-            if index >= 5000 * boards + 100 * len(found):
-                break
-            if pose is None:
-                continue
-            layout = [other for other in layout if not self.clash(pose, other[1])]
-            layout.append((place, pose))
-            if len(layout) == boards:
-                weakest = self.weakest([self.rows(pose) for _, pose in layout])
-                found.append((weakest, [place for place, _ in layout]))
-                layout = []
-                if len(found) == tries:
-                    break
-        if not found:
-            raise InvalidInput(
-                f"there is no space for {counted(boards, 'board', 'boards')} "
-                f"{1e3 * self.distance[0]:g} to {1e3 * self.distance[1]:g} mm from the hand and "
-                "inside the region: use a larger distance or region.",
-                code="out_of_range",
-            )
-        return found
-
-    def refined(self, weakest: float, layout: list[Place]) -> tuple[float, list[Place]]:
-        """Improve a layout, one board after the other."""
-        layout = list(layout)
-        for _ in range(3):
-            before = weakest
-            for index in range(len(layout)):
-                others = self.poses(layout[:index] + layout[index + 1 :])
-                weakest, layout[index] = self.refined_place(weakest, layout[index], others)
-            if weakest < 1.003 * before:
-                break
-        return weakest, layout
-
-    def refined_place(
-        self, weakest: float, place: Place, others: list[Pose]
-    ) -> tuple[float, Place]:
-        """Improve the position of one board while the others stay."""
-        turn, depth, *tilt = place
-        rows = [self.rows(pose) for pose in others]
-
-        def place_of(step: Float64[np.ndarray, "6"]) -> Place:
-            around = Rotation.from_rotvec(step[:3]).as_matrix()
-            return around @ turn, float(step[3]), float(step[4]), float(step[5])
-
-        def loss(step: Float64[np.ndarray, "6"]) -> float:
-            pose = self.pose(place_of(step))
-            if pose is None or any(self.clash(pose, other) for other in others):
-                return 0.0
-            return -self.weakest([*rows, self.rows(pose)])
-
-        start = np.array([0.0, 0.0, 0.0, depth, *tilt])
-        # First steps of 9 degrees around the foci and of tilt, and a fifth of the distances
-        steps = np.array([0.15, 0.15, 0.15, -0.2 if depth > 0.5 else 0.2, 0.15, 0.15])
-        found = minimize(
-            loss,
-            start,
-            method="Nelder-Mead",
-            bounds=[(-np.pi, np.pi)] * 3 + [(0.0, 1.0)] + [(-0.8, 0.8)] * 2,
-            options={
-                "initial_simplex": np.vstack([start, start + np.diag(steps)]),
-                "maxfev": 100,
-                "xatol": 5e-3,
-                "fatol": 1e-3 * weakest,
-            },
-        )
-        # Nelder-Mead keeps its start, so the result is never worse.
-        return -float(found.fun), place_of(found.x)
-
-    def poses(self, layout: Sequence[Place]) -> list[Pose]:
-        """Pose of each board of an allowed layout."""
-        return [pose for place in layout if (pose := self.pose(place)) is not None]
-
-    def moves(self, poses: Sequence[Pose], weakest: float) -> Float64[np.ndarray, "boards 6"]:
-        """Relative change of the weakest focus for each move of one board, see ``Placement``."""
-        rows = [self.rows(pose) for pose in poses]
-        middle = _middle(self.single)
-        changes = np.empty((len(poses), 6))
-        for board, pose in enumerate(poses):
-            for axis, unit in enumerate(np.eye(3)):
-                shifts = [Pose.shift(way * 10e-3 * unit) for way in (-1.0, 1.0)]
-                turns = [Pose.turn(unit, way * np.radians(5.0)) for way in (-1.0, 1.0)]
-                for kind, motions in enumerate((shifts, turns)):
-                    moved = []
-                    for motion in motions:
-                        about = Pose.shift(middle) @ motion @ Pose.shift(-middle)
-                        others = rows[:board] + rows[board + 1 :]
-                        moved.append(self.weakest([*others, self.rows(pose @ about)]))
-                    changes[board, axis + 3 * kind] = min(moved) / weakest - 1.0
-        return changes
-
-
 def place(
     setup: Setup,
     boards: int = 1,
@@ -464,16 +201,21 @@ def place(
     *,
     refine: int = 4,
     progress: Progress | None = None,
+    keep_out: Sequence[Box] = (),
+    fixed: Sequence[int] = (),
+    symmetric: Literal["x", "y", "z"] | None = None,
+    tilted: bool = True,
+    objective: Literal["weakest", "lowest_tenth"] = "weakest",
 ) -> Placement:
     """Search for the board layouts with the strongest weakest focus.
 
-    Boards may be tilted. The boards neither overlap nor stand between another board and a focus,
-    and the whole hand is in front of each board. The sound that boards reflect is not included.
+    The boards neither overlap nor stand between another board and a focus, and the whole hand is in
+    front of each board. The sound that boards reflect is not included.
 
     Parameters
     ----------
     setup : scene and target; its array is compared with the layouts.
-    boards : number of boards.
+    boards : number of boards that are placed.
     board : kind of the boards, see ``airtact boards``.
     distance : smallest distance of any part of a board from the bodies and foci, and largest
         distance of a board's middle from the middle of the foci [m].
@@ -485,6 +227,13 @@ def place(
     seed : seed of the search. The same arguments give the same result.
     refine : number of layouts that are refined, the best that differ by over 40 mm; may be 0.
     progress : called with a description of each step as it begins.
+    keep_out : boxes without boards, as two opposite corners each [m].
+    fixed : indices of boards of the setup's array that stay in every layout, after the placed ones.
+    symmetric : axis along which boards are mirrored in pairs. The mirror plane goes through the
+        middle of a region given as a box, or of the foci.
+    tilted : whether boards may be tilted; otherwise each faces the middle of the foci.
+    objective : "weakest", the weakest focus over all hands, or "lowest_tenth", the pressure that
+        the weakest focus exceeds in nine of ten hands.
 
     Returns
     -------
@@ -521,6 +270,16 @@ def place(
                 f"the number of {name} is {count!r}: use a whole number, at least 1.",
                 code="out_of_range",
             )
+    if symmetric is not None and (symmetric not in ("x", "y", "z") or boards % 2):
+        raise InvalidInput(
+            f"{counted(boards, 'board', 'boards')} cannot be mirrored in pairs along "
+            f"{symmetric!r}: use an even number of boards, and x, y or z.",
+            code="options_clash",
+        )
+    if objective not in ("weakest", "lowest_tenth"):
+        raise InvalidInput(
+            f"the objective is {objective!r}: use weakest or lowest_tenth.", code="unknown_name"
+        )
     nearest = positive(distance[0], "the smallest distance", "m")
     farthest = positive(distance[1], "the largest distance", "m")
     if farthest < nearest:
@@ -541,31 +300,42 @@ def place(
         # Hands that only move share a solve.
         same = [hand for hand in solved if hand.scene is scene]
         beacons = same[0].beacons if same else _beacons(setup.solver, scene, target)
-        solved.append(_HandPose(scene, target, motion, beacons))
+        solved.append(HandPose(scene, target, motion, beacons))
     half = 0.5 * (spread if sides is None else np.array(sides))
-    search = _Search(solved, single, half, (nearest, farthest), _allowed(region, setup.scene))
+    foci = np.concatenate([hand.motion.apply(hand.target.points) for hand in solved])
+    middle = foci.mean(axis=0)
+    if region is not None and not callable(region):
+        middle = np.mean([point_of(corner, "a corner of the region") for corner in region], axis=0)
+    mirror = None
+    if symmetric is not None:
+        axis = "xyz".index(symmetric)
+        mirror = (axis, float(middle[axis]))
+    search = Search(
+        solved,
+        single,
+        half,
+        (nearest, farthest),
+        _allowed(region, keep_out, setup.scene),
+        fixed=_fixed(setup, board, fixed),
+        mirror=mirror,
+        tilted=tilted,
+        share=0.1 if objective == "lowest_tenth" else 0.0,
+    )
     report(f"trying {tries:,} layouts")
     found = sorted(search.candidates(boards, tries, seed), key=lambda layout: -layout[0])
     report("refining the best layouts")
     layouts = [Layout(tuple(search.poses(places)), weakest, single) for weakest, places in found]
     # Starts that differ by more than 40 mm in some board lead to different layouts.
-    starts: list[int] = []
-    for index, layout in enumerate(layouts):
-        if len(starts) < refine and all(_apart(layout, layouts[other]) > 40e-3 for other in starts):
-            starts.append(index)
-    best: list[Layout] = []
+    starts = _distinct(layouts, 40e-3, refine)
+    best = []
     for index in starts:
         weakest, places = search.refined(*found[index])
         best.append(Layout(tuple(search.poses(places)), weakest, single))
+    best.sort(key=lambda layout: -layout.weakest)
     rest = [layout for index, layout in enumerate(layouts) if index not in starts]
     # Two starts may lead to the same layout.
-    best.sort(key=lambda layout: -layout.weakest)
-    best = [
-        layout
-        for index, layout in enumerate(best)
-        if all(_apart(layout, other) > 10e-3 for other in best[:index])
-    ]
-    layouts = sorted([*best, *rest], key=lambda layout: -layout.weakest)
+    layouts = [*(best[index] for index in _distinct(best, 10e-3, refine)), *rest]
+    layouts.sort(key=lambda layout: -layout.weakest)
     report("verifying the best layout by a finer solve")
     winner = layouts[0]
     return Placement(
@@ -618,33 +388,64 @@ def _beacons(solver: Solver, scene: Scene, target: Target) -> RadiatedField:
     return at.multipole_expansion(field) if scene.obstacles else field
 
 
-def _allowed(region: Region | None, scene: Scene) -> Callable[[Points], Bool[np.ndarray, "points"]]:
+def _fixed(setup: Setup, board: str, indices: Sequence[int]) -> list[Pose]:
+    """Return the poses of the boards of the setup that stay."""
+    if not len(indices):
+        return []
+    array = setup.array
+    kind = kind_of_array(array.positions, array.normals)
+    poses = kind[1] if kind is not None and kind[0].name == board else []
+    if not set(indices) <= set(range(len(poses))) or len(set(indices)) < len(indices):
+        raise InvalidInput(
+            f"the present array has {counted(len(poses), f'{board} board', f'{board} boards')}, so "
+            f"the fixed boards cannot be {', '.join(map(str, indices))}: name each board once, "
+            "counted from 0; fixed and placed boards must be of the same kind.",
+            code="unknown_name",
+        )
+    if np.any(array.gains != 1.0):
+        raise InvalidInput(
+            "the present array has gains, which fixed boards would lose: remove the calibration.",
+            code="not_supported",
+        )
+    return [poses[index] for index in indices]
+
+
+def _allowed(
+    region: Region | None, keep_out: Sequence[Box], scene: Scene
+) -> Callable[[Points], Bool[np.ndarray, "points"]]:
     """Return a function that is True at positions allowed for boards."""
-    low = np.full(3, -np.inf)
-    high = -low
-    if region is not None and not callable(region):
-        corners = np.stack([point_of(corner, "a corner of the region") for corner in region])
-        low = corners.min(axis=0)
-        high = corners.max(axis=0)
+
+    def box(corners: Box) -> Callable[[Points], Bool[np.ndarray, "points"]]:
+        ends = np.stack([point_of(corner, "a corner of a box") for corner in corners])
+        low = ends.min(axis=0)
+        high = ends.max(axis=0)
+        return lambda points: ((points >= low) & (points <= high)).all(axis=1)
+
+    inside = region if region is None or callable(region) else box(region)
+    closed = [box(corners) for corners in keep_out]
 
     def allowed(points: Points) -> Bool[np.ndarray, "points"]:
-        inside = ((points >= low) & (points <= high)).all(axis=1)
-        inside &= before_planes(scene.planes, points)
-        return inside & region(points) if callable(region) else inside
+        free = before_planes(scene.planes, points)
+        for outside in closed:
+            free &= ~outside(points)
+        return free if inside is None else free & inside(points)
 
     return allowed
 
 
-def _apart(first: Layout, second: Layout) -> float:
-    """Largest distance of a board's middle from the nearest one in another layout [m]."""
-    return float(cdist(first.middles, second.middles).min(axis=1).max())
+def _distinct(layouts: list[Layout], apart: float, most: int) -> list[int]:
+    """Return the indices of layouts with a board over ``apart`` [m] from all better layouts."""
+    kept: list[int] = []
+    for index, layout in enumerate(layouts):
+        if len(kept) == most:
+            break
+        distances = (cdist(layout.middles, layouts[other].middles) for other in kept)
+        if all(distance.min(axis=1).max() > apart for distance in distances):
+            kept.append(index)
+    return kept
 
 
-def _middle(single: PhasedArray) -> Float64[np.ndarray, "3"]:
-    return 0.5 * (single.positions.min(axis=0) + single.positions.max(axis=0))
-
-
-def _present(search: _Search, array: PhasedArray) -> float:
+def _present(search: Search, array: PhasedArray) -> float:
     """Pressure at the weakest focus for the setup's array [Pa]; NaN if it does not fit."""
     try:
         for hand in search.hands:
@@ -654,21 +455,21 @@ def _present(search: _Search, array: PhasedArray) -> float:
     return search.weakest([[hand.rows(array) for hand in search.hands]])
 
 
-def _verified(setup: Setup, search: _Search, array: PhasedArray) -> float:
+def _verified(setup: Setup, search: Search, array: PhasedArray) -> float:
     """Pressure at the weakest focus for the drives of the search, by a finer solver [Pa]."""
     solver = setup.solver
     if isinstance(solver, BoundaryElement):
         solver = replace(solver, accuracy=min(solver.accuracy, 0.02))
     else:
         solver = verification_solver(setup)
-    weakest = np.inf
+    weakest = []
     for hand in search.hands:
-        drive = Drive(_drive(hand.rows(array)))
+        drive = Drive(drive_of(hand.rows(array)))
         seen = array.seen_from(hand.motion)
         result = at.evaluate(hand.scene, seen, drive, hand.target, solver=solver)
         asked = hand.target.weights > 0.0
-        weakest = min(weakest, float((np.abs(result.pressures[asked]) / hand.shares).min()))
-    return weakest
+        weakest.append((np.abs(result.pressures[asked]) / hand.shares).min())
+    return float(np.quantile(weakest, search.share))
 
 
 def hands_of(setup: Setup, recording: Path, count: int) -> "list[at.Hand]":

@@ -1,0 +1,330 @@
+"""Allowed places of boards around hands, and the pressure at the weakest focus of each layout."""
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64
+from scipy.optimize import brentq, minimize
+from scipy.spatial.transform import Rotation
+from scipy.stats import qmc
+
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.acoustics.target import Target
+from airtact.drives.gerchberg_saxton import best_sources, phase, starting_sources
+from airtact.drives.reach import FociRows
+from airtact.drives.transfer import transfer_to
+from airtact.errors import InvalidInput, counted
+from airtact.evaluation.slices import fine_meshes
+from airtact.geometry.pose import Pose
+from airtact.transducers.layout import PhasedArray
+
+Points = Float64[np.ndarray, "points 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class HandPose:
+    """A pose of the hand: bodies and foci, their motion to the obstacles' frame, solved beacons."""
+
+    scene: Scene
+    target: Target
+    motion: Pose
+    beacons: RadiatedField
+
+    @cached_property
+    def shares(self) -> Float64[np.ndarray, "asked"]:
+        """Requests of the foci with a request, scaled so that the largest is 1."""
+        weights = self.target.weights
+        return weights[weights > 0.0] / weights.max()
+
+    def rows(self, board: PhasedArray) -> FociRows:
+        """Pressure at each focus per unit drive of each element, divided by the share."""
+        seen = board.seen_from(self.motion)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a layout in the shadow of the hand is merely weak
+            matrix = transfer_to(self.beacons, seen).matrix
+        return matrix[self.target.weights > 0.0] / self.shares[:, None]
+
+
+def drive_of(rows: FociRows) -> Complex128[np.ndarray, "elements"]:
+    """Return the drive, with every element at full scale, whose weakest row is strongest."""
+    if len(rows) == 1:
+        return phase(rows[0].conj())
+    equal = np.ones(len(rows))
+    # 100 iterations come within 1 % of max_min in a tenth of its time.
+    return phase(rows.conj().T @ best_sources(rows, equal, starting_sources(rows, equal), 100))
+
+
+# The place of a board that faces the foci: a rotation about them, a distance from 0 (smallest) to 1
+# (largest), and tilts about the board's x and y axes [rad].
+Place = tuple[Float64[np.ndarray, "3 3"], float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Allowed layouts, and the pressure at the weakest focus of each.
+
+    Attributes
+    ----------
+    half : half the sides of a board [m].
+    fixed : poses of boards that stay.
+    mirror : index of the axis along which boards are mirrored in pairs, and the coordinate of the
+        mirror plane [m]; None if they are not.
+    share : share of the hands whose weakest focus may be weaker than the pressure of the layout.
+    """
+
+    hands: list[HandPose]
+    single: PhasedArray
+    half: Float64[np.ndarray, "2"]
+    distance: tuple[float, float]
+    allowed: Callable[[Points], Bool[np.ndarray, "points"]]
+    fixed: list[Pose]
+    mirror: tuple[int, float] | None
+    tilted: bool
+    share: float
+
+    @cached_property
+    def foci(self) -> Points:
+        """Foci in all poses of the hand [m]."""
+        return np.concatenate([hand.motion.apply(hand.target.points) for hand in self.hands])
+
+    @cached_property
+    def skin(self) -> Points:
+        """Foci, points of the bodies a few millimetres apart, and their images in planes [m]."""
+        points = [self.foci]
+        for hand in self.hands:
+            surfaces = [obstacle.surface for obstacle in hand.scene.obstacles]
+            if surfaces:
+                fine = hand.motion.apply(fine_meshes(surfaces, 8e-3)[0])
+                _, first = np.unique(np.round(fine / 3e-3), axis=0, return_index=True)
+                points.append(fine[first])
+        skin = np.concatenate(points)
+        # Elements radiate forwards only, so images must be in front of them like the bodies.
+        images = [plane.image(skin) for plane in self.hands[0].scene.planes]
+        return np.concatenate([skin, *images])
+
+    @cached_property
+    def face(self) -> Points:
+        """Points at most 10 mm apart over the outline of a board, in its frame [m]."""
+        x, y = (np.linspace(-side, side, int(side / 5e-3) + 2) for side in self.half)
+        grid = np.stack(np.meshgrid(x, y, 0.0), axis=-1).reshape(-1, 3)
+        return grid + middle_of(self.single)
+
+    def spare(
+        self, rotation: Float64[np.ndarray, "3 3"], middle: Float64[np.ndarray, "3"]
+    ) -> float:
+        """Distance of a board from the hand above the smallest [m]; negative if too near."""
+        seen = (self.skin - middle) @ rotation
+        beside = np.maximum(np.abs(seen[:, :2]) - self.half, 0.0)
+        gaps = np.sum(beside**2, axis=1) + seen[:, 2] ** 2
+        # The points leave out up to half a millimetre of the skin; 1 µm for rounding.
+        left_out = 0.5e-3 if len(self.skin) > len(self.foci) else -1e-6
+        gap = np.sqrt(gaps.min()) - self.distance[0] - left_out
+        # Elements radiate forwards only, so the whole hand must be in front of them.
+        return float(min(gap, seen[:, 2].min() - 2e-3))
+
+    def around(
+        self, rotation: Float64[np.ndarray, "3 3"], middle: Float64[np.ndarray, "3"]
+    ) -> Pose:
+        """Pose of a board with a given middle."""
+        return Pose(rotation, middle - rotation @ middle_of(self.single))
+
+    def fits(self, pose: Pose) -> bool:
+        """Whether a board is neither too near the hand, too far, nor outside the region."""
+        middle = pose.apply(middle_of(self.single))
+        away = np.linalg.norm(middle - self.foci.mean(axis=0))
+        if away > self.distance[1] + 1e-6 or self.spare(pose.rotation, middle) < 0.0:
+            return False
+        return bool(self.allowed(pose.apply(self.face)).all())
+
+    def group(self, place: Place) -> list[Pose] | None:
+        """Poses of a board at a place and of its mirror image; None if they do not fit."""
+        turn, depth, *tilt = place
+        rotation = turn @ Rotation.from_rotvec([*tilt, 0.0]).as_matrix()
+        centre = self.foci.mean(axis=0)
+        farthest = self.distance[1]
+
+        def spare(away: float) -> float:
+            return self.spare(rotation, centre - away * turn[:, 2])
+
+        if spare(farthest) < 0.0:
+            return None
+        away = 0.0
+        if spare(away) < 0.0:
+            crossing = float(brentq(spare, away, farthest, xtol=1e-5))  # pyright: ignore[reportArgumentType]
+            away = min(crossing + 1e-4, farthest)
+        away += depth * (farthest - away)
+        poses = [self.around(rotation, centre - away * turn[:, 2])]
+        if self.mirror is not None:
+            axis, coordinate = self.mirror
+            mirrored = np.eye(3)
+            mirrored[axis, axis] = -1.0
+            middle = mirrored @ poses[0].apply(middle_of(self.single))
+            middle[axis] += 2.0 * coordinate
+            # Boards are symmetric about their y axis, so the image of a board is a board too.
+            poses.append(self.around(mirrored @ rotation @ np.diag([-1.0, 1.0, 1.0]), middle))
+        if not all(self.fits(pose) for pose in poses) or self.clashing(poses[:1], poses[1:]):
+            return None
+        return None if self.clashing(poses, self.fixed) else poses
+
+    def clashing(self, poses: Sequence[Pose], others: Sequence[Pose]) -> bool:
+        """Whether any two boards of two groups clash."""
+        return any(self.clash(first, second) for first in poses for second in others)
+
+    def clash(self, first: Pose, second: Pose) -> bool:
+        """Whether two boards are within 10 mm, or one is between the other and a focus."""
+        for pose, blocking in ((first, second), (second, first)):
+            inverse = blocking.inverse()
+            middle = middle_of(self.single)
+            points = inverse.apply(pose.apply(self.face)) - middle
+            foci = inverse.apply(self.foci) - middle
+            beside = np.abs(points[:, :2]) - self.half
+            if ((beside < 5e-3).all(axis=1) & (np.abs(points[:, 2]) < 10e-3)).any():
+                return True
+            # The straight line from a point behind the other board to a focus crosses its plane.
+            back = points[points[:, 2] < 0.0]
+            share = back[:, 2, None] / (back[:, 2, None] - foci[:, 2])
+            crossing = back[:, None] + share[:, :, None] * (foci - back[:, None])
+            if (np.abs(crossing[..., :2]) < self.half).all(axis=-1).any():
+                return True
+        return False
+
+    def rows(self, pose: Pose) -> list[FociRows]:
+        """Rows of one board for each pose of the hand."""
+        board = self.single.moved(pose)
+        return [hand.rows(board) for hand in self.hands]
+
+    def weakest(self, boards: Sequence[list[FociRows]]) -> float:
+        """Pressure of the weakest focus [Pa], from the boards' rows, in all but ``share`` hands."""
+        weakest = []
+        for parts in zip(*boards, strict=True):
+            rows = np.concatenate(parts, axis=1)
+            weakest.append(np.abs(rows @ drive_of(rows)).min())
+        return float(np.quantile(weakest, self.share))
+
+    def places(self, seed: int) -> Iterator[tuple[Place, list[Pose] | None]]:
+        """Yield places of a board that faces the foci, evenly over rotations and distances."""
+        sequence = qmc.Halton(4, rng=np.random.default_rng(seed))
+        order = np.random.default_rng(seed)
+        while True:
+            # Shuffled, because neighbours in the sequence lie in opposite halves, and a layout's
+            # boards would too.
+            for first, second, third, depth in order.permutation(sequence.random(1000)):
+                # Uniform over all rotations (K. Shoemake, Graphics Gems III (1992) 124).
+                angles = 2.0 * np.pi * np.array([second, third])
+                turn = Rotation.from_quat(
+                    [
+                        *np.sqrt(1.0 - first) * np.array([np.sin(angles[0]), np.cos(angles[0])]),
+                        *np.sqrt(first) * np.array([np.sin(angles[1]), np.cos(angles[1])]),
+                    ]
+                ).as_matrix()
+                place = (turn, float(depth), 0.0, 0.0)
+                yield place, self.group(place)
+
+    def candidates(self, boards: int, tries: int, seed: int) -> list[tuple[float, list[Place]]]:
+        """Return the weakest focus and the places of each of ``tries`` layouts."""
+        found: list[tuple[float, list[Place]]] = []
+        layout: list[tuple[Place, list[Pose]]] = []
+        fixed = [self.rows(pose) for pose in self.fixed]
+        for index, (place, poses) in enumerate(self.places(seed)):
+            # If few places are allowed, there are fewer layouts than requested.
+            if index >= 5000 * boards + 100 * len(found):
+                break
+            if poses is None:
+                continue
+            layout = [other for other in layout if not self.clashing(poses, other[1])]
+            layout.append((place, poses))
+            if len(layout) * len(poses) == boards:
+                rows = [self.rows(pose) for _, poses in layout for pose in poses]
+                found.append((self.weakest([*rows, *fixed]), [place for place, _ in layout]))
+                layout = []
+                if len(found) == tries:
+                    break
+        if not found:
+            raise InvalidInput(
+                f"there is no space for {counted(boards, 'board', 'boards')} "
+                f"{1e3 * self.distance[0]:g} to {1e3 * self.distance[1]:g} mm from the hand and "
+                "inside the region: use a larger distance or region.",
+                code="out_of_range",
+            )
+        return found
+
+    def refined(self, weakest: float, layout: list[Place]) -> tuple[float, list[Place]]:
+        """Improve a layout, one board after the other."""
+        layout = list(layout)
+        for _ in range(3):
+            before = weakest
+            for index in range(len(layout)):
+                others = self.poses(layout[:index] + layout[index + 1 :])
+                weakest, layout[index] = self.refined_place(weakest, layout[index], others)
+            if weakest < 1.003 * before:
+                break
+        return weakest, layout
+
+    def refined_place(
+        self, weakest: float, place: Place, others: list[Pose]
+    ) -> tuple[float, Place]:
+        """Improve the position of one board while the others stay."""
+        turn, depth, *tilt = place
+        rows = [self.rows(pose) for pose in others]
+
+        def place_of(step: Float64[np.ndarray, "steps"]) -> Place:
+            around = Rotation.from_rotvec(step[:3]).as_matrix()
+            tilts = step[4:] if self.tilted else np.zeros(2)
+            return around @ turn, float(step[3]), float(tilts[0]), float(tilts[1])
+
+        def loss(step: Float64[np.ndarray, "steps"]) -> float:
+            poses = self.group(place_of(step))
+            if poses is None or self.clashing(poses, others):
+                return 0.0
+            return -self.weakest([*rows, *(self.rows(pose) for pose in poses)])
+
+        # First steps of 9 degrees around the foci and of tilt, and a fifth of the distances
+        count = 6 if self.tilted else 4
+        start = np.array([0.0, 0.0, 0.0, depth, *tilt])[:count]
+        steps = np.array([0.15, 0.15, 0.15, -0.2 if depth > 0.5 else 0.2, 0.15, 0.15])[:count]
+        found = minimize(
+            loss,
+            start,
+            method="Nelder-Mead",
+            bounds=([(-np.pi, np.pi)] * 3 + [(0.0, 1.0)] + [(-0.8, 0.8)] * 2)[:count],
+            options={
+                "initial_simplex": np.vstack([start, start + np.diag(steps)]),
+                "maxfev": 100,
+                "xatol": 5e-3,
+                "fatol": 1e-3 * weakest,
+            },
+        )
+        # Nelder-Mead keeps its start, so the result is never worse.
+        return -float(found.fun), place_of(found.x)
+
+    def poses(self, layout: Sequence[Place]) -> list[Pose]:
+        """Pose of each board of an allowed layout, followed by the fixed boards."""
+        placed = [pose for place in layout for pose in self.group(place) or ()]
+        return [*placed, *self.fixed]
+
+    def moves(self, poses: Sequence[Pose], weakest: float) -> Float64[np.ndarray, "boards 6"]:
+        """Relative change of the weakest focus for each move of one board, see ``Placement``."""
+        rows = [self.rows(pose) for pose in poses]
+        centred = Pose.shift(middle_of(self.single))
+        motions = [Pose.shift(10e-3 * unit) for unit in np.eye(3)]
+        motions += [Pose.turn(unit, np.radians(5.0)) for unit in np.eye(3)]
+        changes = np.empty((len(poses), 6))
+        for board, pose in enumerate(poses):
+            others = rows[:board] + rows[board + 1 :]
+            for column, motion in enumerate(motions):
+                moved = [
+                    self.rows(pose @ centred @ way @ centred.inverse())
+                    for way in (motion, motion.inverse())
+                ]
+                worse = min(self.weakest([*others, board_rows]) for board_rows in moved)
+                changes[board, column] = worse / weakest - 1.0
+        return changes
+
+
+def middle_of(single: PhasedArray) -> Float64[np.ndarray, "3"]:
+    """Return the middle of a board in its own frame [m]."""
+    return 0.5 * (single.positions.min(axis=0) + single.positions.max(axis=0))
