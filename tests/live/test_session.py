@@ -42,6 +42,13 @@ def test_a_session_is_read(path) -> None:
     assert len(at.live.recording_of(path).frames) == 2
 
 
+def test_a_session_without_sound_cannot_be_verified(path) -> None:
+    session = at.live.read_session(path)
+    silent = replace(session, amplitudes=0.0 * session.amplitudes)
+    with raises_code("empty"):
+        at.live.verify_session(silent)
+
+
 def test_an_earlier_session_stays_until_the_loop_begins(path) -> None:
     before = path.read_bytes()
     at.live.SessionWriter(path, one_board()).close()
@@ -84,7 +91,7 @@ def test_a_writer_that_hangs_or_is_killed_does_not_stop_the_loop(path) -> None:
     writer._process.kill()
     writer.drive(playing(one_board(), 0.0), 0.0)
     writer.close()
-    assert "lost" in (writer.fault or "")
+    assert "ended" in (writer.fault or "")
 
 
 def test_a_session_of_an_hour_is_small(tmp_path) -> None:

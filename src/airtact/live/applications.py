@@ -23,29 +23,29 @@ from airtact.live.world import World
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
 
-# Shortest time between two states that an application gets [s].
+# Shortest time between two states that are sent to an application [s].
 STATE_INTERVAL = 1.0 / 60.0
 
 
 class ApplicationServer(WebSocketReceiver):
     """Websocket server for trackers and applications.
 
-    Messages of the types of ``messages`` come from applications and change the world. After the
-    first message, the connection gets the newest state, at most 60 times per second; states are
-    skipped while the application has not read the earlier ones. Other messages are frames of a
-    tracker.
+    Messages whose type is defined in ``messages`` come from applications and change the world.
+    After an application's first message, its connection receives the newest state, at most 60
+    times per second. States are skipped while the application has not read the earlier ones. All
+    other messages are frames of a tracker.
 
     Parameters
     ----------
     stream, port, host : see ``WebSocketReceiver``.
-    world : objects and foci that applications change.
+    world : objects and foci that applications can change.
     """
 
     def __init__(
         self, stream: HandStream, world: World, port: int = 0, host: str = "127.0.0.1"
     ) -> None:
         self._world = world
-        # Of each application: the time of the last state that was sent, and the state.
+        # For each application: when the last state was sent, and that state.
         self._sent: dict[str, tuple[float, StateMessage | None]] = {}
         super().__init__(stream, port, host)
 
@@ -53,7 +53,7 @@ class ApplicationServer(WebSocketReceiver):
         from websockets.frames import CloseCode
 
         source = str(connection.id)
-        # A large buffer would hold seconds of old states for an application that reads slowly.
+        # In a large buffer, seconds of old states would accumulate if an application reads slowly.
         connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 2**16)
         try:
             super()._receive(connection)
@@ -61,7 +61,7 @@ class ApplicationServer(WebSocketReceiver):
             closing = connection.protocol.close_sent
             if closing is not None and closing.code == CloseCode.MESSAGE_TOO_BIG:
                 size = f"{MAX_MESSAGE:,} bytes"
-                self._world.reject(f"a message is longer than {size}: its connection was closed.")
+                self._world.reject(f"a message is longer than {size}; its connection was closed.")
             self._sent.pop(source, None)
             self._world.close(source)
 
@@ -74,7 +74,7 @@ class ApplicationServer(WebSocketReceiver):
         try:
             self._process(message, source)
         except InvalidInput as fault:
-            # The health of the stream counts the faulty frames of trackers.
+            # Faulty frames of trackers are counted in the health of the stream.
             if source in self._sent or fault.code == "unreadable":
                 self._world.reject(str(fault))
             _send(connection, RejectedMessage(VERSION, fault.code, str(fault)))
@@ -107,7 +107,7 @@ class ApplicationServer(WebSocketReceiver):
 
 
 def take_text(text: bytes | str, source: str, stream: HandStream, world: World) -> None:
-    """Process a message that has a type; hands go to a stream, and the rest to the world.
+    """Process a message that has a type: hands go to ``stream``, everything else to ``world``.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def take_text(text: bytes | str, source: str, stream: HandStream, world: World) 
 
 
 def _send(connection: "ServerConnection", answer: Answer) -> None:
-    # A send would wait for an application that does not read, so leave the message out instead.
+    # Sending would wait for an application that does not read, so skip the message instead.
     try:
         ready = select.select([], [connection.socket], [], 0.0)[1]
     except (OSError, ValueError):  # the socket was just closed

@@ -37,23 +37,23 @@ if TYPE_CHECKING:
 class Client:
     """Connection of an application to ``airtact live SCENE --from websocket``.
 
-    Use it in a ``with`` block. Foci end when nothing was sent for 0.5 s, so repeat them or send any
-    other message several times per second. The methods raise ``InvalidInput`` with the code
-    "link_failed" when the loop has ended.
+    Use it in a ``with`` block. Foci end if the client sends nothing for 0.5 s, so repeat them or
+    send any other message several times per second. The methods raise ``InvalidInput`` with the
+    code "link_failed" once the loop has ended.
 
     Parameters
     ----------
     address : address of the loop.
-    timeout : longest time to wait until the loop listens [s].
+    timeout : longest time to wait for the loop to accept the connection [s].
 
     Attributes
     ----------
-    rejected : the newest 16 reasons why the loop rejected a message; remove those that you read.
+    rejected : the 16 newest reasons why the loop rejected a message. Remove those you have read.
 
     Raises
     ------
     InvalidInput
-        If nothing listens at the address, or the extra is not installed.
+        If nothing listens at the address, or the optional package websockets is not installed.
 
     Examples
     --------
@@ -78,7 +78,7 @@ class Client:
                 if not isinstance(fault, ConnectionRefusedError) or time.monotonic() > end:
                     raise InvalidInput(
                         f"cannot connect to {address}: {fault}. Start airtact live SCENE --from "
-                        "websocket.",
+                        "websocket first.",
                         code="link_failed",
                     ) from None
                 time.sleep(0.05)
@@ -96,24 +96,29 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Close the connection; foci and objects of this client end."""
+        """Close the connection; the foci and objects of this client end."""
         self._connection.close()
         self._thread.join()
 
     @property
     def state(self) -> StateMessage | None:
-        """The newest state of the loop; None before the first state."""
+        """The newest state of the loop; None until the first state arrives."""
         return self._state
 
     def next_state(self, timeout: float = 1.0) -> StateMessage | None:
-        """Wait for a state that this method has not returned yet, or until the timeout [s]."""
+        """Wait until the timeout [s] for a state that this method has not returned yet.
+
+        Returns
+        -------
+        The state; None if no new state arrived in time.
+        """
         if not self._new.wait(timeout):
             return None
         self._new.clear()
         return self._state
 
     def objects(self, *objects: VirtualObject) -> None:
-        """Add objects, or replace objects with the same names; unnamed objects get names."""
+        """Add objects, or replace those with the same names; unnamed objects are given names."""
         added = [ObjectMessage.of(thing) for thing in objects_of(objects)]
         self._send(ObjectsMessage(VERSION, add=added))
 
@@ -122,7 +127,7 @@ class Client:
         self._send(ObjectsMessage(VERSION, move=[MoveMessage(name, PoseMessage.of(pose))]))
 
     def remove(self, *names: str) -> None:
-        """Remove objects."""
+        """Remove the objects with these names."""
         self._send(ObjectsMessage(VERSION, remove=list(names)))
 
     def foci(self, *foci: WantedFocus) -> None:
@@ -130,7 +135,7 @@ class Client:
         self._send(FociMessage(VERSION, [focus.message() for focus in foci]))
 
     def hands(self, *frames: HandFrame) -> None:
-        """Send the frames of a left, a right or both hands, in the tracker's coordinates."""
+        """Send frames of the left hand, the right hand or both, in the tracker's coordinates."""
         self._send(HandsMessage(VERSION, [Raw(to_json(frame)) for frame in frames]))
 
     def clear(self) -> None:
@@ -144,7 +149,7 @@ class Client:
             self._connection.send(written(message).decode())
         except ConnectionClosed:
             raise InvalidInput(
-                "the loop has closed the connection: start it again.", code="link_failed"
+                "the loop has closed the connection; start it again.", code="link_failed"
             ) from None
 
     def _receive(self) -> None:

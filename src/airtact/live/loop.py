@@ -1,4 +1,4 @@
-"""The live loop, which computes a drive from the newest frame and fades to silence if necessary."""
+"""The live loop, which computes drives from the newest frame and fades to silence on faults."""
 
 import signal
 import time
@@ -34,23 +34,23 @@ from airtact.live.world import World
 # Shortest time between the starts of two drives [s].
 MIN_INTERVAL = 1.0 / 120.0
 
-# Time between two reports of the status [s].
+# Time between two status reports [s].
 REPORT_INTERVAL = 0.5
 
 
 @dataclass(frozen=True)
 class Status:
-    """State of the live loop over the last second.
+    """State of the live loop, averaged over the last second.
 
     Attributes
     ----------
     state : state of the loop, with the reasons for silence and for rejected frames.
-    processes : processes that ended; empty if all are alive.
+    processes : processes that have ended; empty if all are running.
     rate : drives per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without drives.
-    kept : median expected share of the attainable pressure; NaN if unknown.
-    unrecorded : data missing in the session, with the reason; None if it is complete.
-    rejected : reason for the newest rejected message of the last seconds; empty if there is none.
+    kept : median of the expected share of the attainable pressure; NaN if unknown.
+    unrecorded : data missing from the session, with the reason; None if it is complete.
+    rejected : reason why the newest message was rejected; empty after a few seconds.
     """
 
     state: str
@@ -81,22 +81,22 @@ class Followed:
 
     Attributes
     ----------
-    seconds : duration.
-    frames : number of good frames of the hand.
+    seconds : duration of the run [s].
+    frames : number of valid frames of the hand.
     drives : number of drives that reached the link, including silence.
     rate : drives per second while there was sound; 0 without sound.
-    age, oldest : time from the newest frame to the sound in the air, median and 95th percentile
-        [s]; NaN without drives.
-    delay : time from a frame's arrival to the first drive made with it at the link, 95th percentile
-        [s]; NaN without drives.
-    kept : median expected share of the attainable pressure; NaN if unknown.
-    faded : number of fades to silence, by reason.
+    age, oldest : median and 95th percentile of the time from the newest frame to the sound in the
+        air [s]; NaN without drives.
+    delay : 95th percentile of the time from a frame's arrival to the first drive computed from it
+        that reached the link [s]; NaN without drives.
+    kept : median of the expected share of the attainable pressure; NaN if unknown.
+    faded : number of fades to silence for each reason.
     dropped : number of rows missing from the session because the disk was too slow.
     health : health of the stream of frames.
     stopped : whether the emergency stop was pressed.
-    state : state at the end, with the reason for silence.
+    state : final state, with the reason for silence.
     processes : processes that ended during the run; empty if none.
-    unrecorded : data missing in the session, with the reason; None if it is complete.
+    unrecorded : data missing from the session, with the reason; None if it is complete.
     """
 
     seconds: float
@@ -116,7 +116,7 @@ class Followed:
     unrecorded: str | None = None
 
     def facts(self) -> list[tuple[str, str]]:
-        """Return names and values for a table."""
+        """Return pairs of name and value for a table."""
         facts = [
             ("time", f"{self.seconds:.1f} s, {self.frames} frames of the hand"),
             ("messages", str(self.health)),
@@ -142,8 +142,8 @@ class Followed:
         return facts
 
     def record(self) -> dict[str, float | str | dict[str, int] | None]:
-        """Return all values by name for JSON; unknown numbers are None."""
-        # Only NaN differs from itself.
+        """Return all values by name for JSON; unknown numbers become None."""
+        # NaN is the only value that differs from itself.
         return {name: value if value == value else None for name, value in asdict(self).items()}
 
 
@@ -162,36 +162,37 @@ def follow(
     report: Callable[[Status], None] = lambda status: None,
     world: World | None = None,
 ) -> Followed:
-    """Make the sound follow a hand until the time is over, the frames end or Ctrl-C is pressed.
+    """Make the sound follow a hand until the time is up, the frames end or Ctrl-C is pressed.
 
     Parameters
     ----------
     scene : the fixed part of the scene.
-    hands : source of the frames; started and closed here.
-    maker : computes the drives; closed here.
-    output : receives the drives; by default they are not emitted.
-    seconds : duration [s]; by default until the frames end.
-    session : records the run; closed here.
+    hands : source of the frames. This function starts and closes it.
+    maker : computes the drives. This function closes it.
+    output : receives the drives; by default, nothing is emitted.
+    seconds : duration [s]; by default, the run lasts until the frames end.
+    session : records the run. This function closes it.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s].
-    cap : largest amplitude of an element, as a share of full scale. By default it limits the level
-        at a head 0.5 m from the array to 110 dB SPL, wherever the foci are; 1 without boards.
-    controls : initial settings; those of the page replace them.
-    page : shows every moment, and changes the controls.
+    cap : largest amplitude of an element, as a share of full scale. By default, the cap limits the
+        level at a head 0.5 m from the array to 110 dB SPL wherever the foci are; without boards it
+        is 1.
+    controls : initial settings. If there is a page, its settings replace them.
+    page : shows every drive and can change the controls.
     report : called twice a second with the status.
-    world : objects and foci that applications change; it is told what the loop does. By default
-        the objects of the scene stay.
+    world : objects and foci that applications can change. The loop reports its state to it. By
+        default, the objects of the scene are used and do not change.
 
     Returns
     -------
-    A summary of the run. Ctrl-C silences the output and ends the run early.
+    A summary of the run. Ctrl-C also ends the run: it silences the output at once.
 
     Raises
     ------
     InvalidInput
         If the duration, latency or cap is invalid, or the link cannot be opened.
     LinkFailed
-        If the boards fail; the boards that answer are silent.
+        If the boards fail. All boards that still respond are silenced first.
     """
     duration = checked_seconds(seconds)
     output = output or Output()
@@ -212,7 +213,7 @@ def follow(
         controls = controls or Controls()
         loop = _Loop(scene, maker, output, clocks, session, cap, controls, page, world)
         done = loop.run(hands, duration, report)
-    # Closing the session may fail, too.
+    # Closing the session may reveal another fault.
     return done if session is None else replace(done, unrecorded=session.fault)
 
 
@@ -231,22 +232,22 @@ class _Loop:
     world: World
     gain: Gain = field(default_factory=Gain)
     modulated: bool = False
-    # Times by the frames' clock and by the computer's, from which the next due time follows.
+    # Pairs of times on the frames' clock and the computer's, used to predict the next frame.
     arrivals: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=16))
-    answered: float = -np.inf  # time in the newest frame that a drive was made with
+    answered: float = -np.inf  # time in the newest frame from which a drive was computed
     fault: str | None = "waiting for a hand"  # reason for silence
-    last_good: float = -np.inf  # when the last good frame was taken
-    begun: float = 0.0  # when the last drive was started
-    duration: float = MIN_INTERVAL / 2.0  # running mean of the time to make and send a drive
-    # Times from the beginnings of the newest drives to the link, and when the newest one acts.
+    last_good: float = -np.inf  # when the last valid frame was taken
+    begun: float = 0.0  # when the computation of the last drive began
+    duration: float = MIN_INTERVAL / 2.0  # running mean of the time to compute and send a drive
+    # Times from the start of each recent drive to the link, and when the newest drive takes effect.
     durations: deque[float] = field(default_factory=lambda: deque(maxlen=100))
     acts: float = 0.0
-    moment: Moment | None = None  # the last safe one
+    moment: Moment | None = None  # the last safe drive
     hands: dict[Side, Hand] = field(default_factory=dict)
-    good: dict[Side, float] = field(default_factory=dict)  # when each hand was last good
-    # Foci for which the cap keeps the level at a head under the limit.
+    good: dict[Side, float] = field(default_factory=dict)  # when each hand was last valid
+    # Foci for which the cap has already been checked against the level at a head.
     capped: list[Float64[np.ndarray, "3"]] = field(default_factory=list)
-    # When the newest drives with sound were sent, their ages and expected shares.
+    # When each recent drive with sound was sent, its age and its expected share.
     played: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=4096))
     delays: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
     frames: int = 0
@@ -256,7 +257,7 @@ class _Loop:
 
     def __post_init__(self) -> None:
         self.workspace = Workspace(self.scene)
-        # Without a given cap, that of boards follows from the foci.
+        # If no cap is given, the cap for boards is computed from the foci.
         self.limited = self.given_cap is None and self.output.levels is not None
         self.cap = 1.0 if self.given_cap is None else self.given_cap
         self.clock = self.clocks[self.scene.side]
@@ -270,7 +271,7 @@ class _Loop:
         begun = time.monotonic()
         reported = begun
         stream = hands.begin(self.arrived)
-        # One thread only: further ones would compete with the solvers for processor cores.
+        # Use a single thread, because more would compete with the solvers for processor cores.
         with threadpool_limits(1), suppress(KeyboardInterrupt), _noticing_ctrl_c() as pressed:
             while (now := time.monotonic()) < begun + duration:
                 if pressed.is_set() or (hands.ended and self.silent):
@@ -290,7 +291,7 @@ class _Loop:
         return self.summary(seconds, health, status)
 
     def arrived(self, frame: HandFrame, now: float) -> None:
-        """Record the arrival of a frame; the thread that received the frame calls this method."""
+        """Record the arrival of a frame; called from the thread that received it."""
         if frame.side != self.scene.side and not self.scene.both:
             return
         self.arrivals.append((frame.time, now))
@@ -303,20 +304,20 @@ class _Loop:
         playing = self.fault is None and self.controls.playing
         if playing or not self.silent:
             until = self._next_drive()
-        # During a fade this time has already passed and could not pace the drives.
+        # During a fade this time has already passed, so it cannot pace the drives.
         if playing:
             until = min(until, self.last_good + MAX_FRAME_AGE)
         return max(until - time.monotonic(), 0.0)
 
     def _next_drive(self) -> float:
-        """Return when to start a drive without a new frame and without delaying the next one."""
+        """Return when to start a drive without a new frame so that it does not delay the next."""
         begin = self.begun + float(np.clip(2.0 * self.duration, MIN_INTERVAL, 1.0 / 66.0))
         if len(self.arrivals) > 1:
             first = self.arrivals[0][1]
             last = self.arrivals[-1][1]
             due = last + (last - first) / (len(self.arrivals) - 1)
-            # If a frame is due while the drive would be made, wait for it, and 4 ms longer because
-            # of jitter, unless the drive would come more than 22 ms after the previous one.
+            # If a frame is due while the drive would be computed, wait for it, plus 4 ms for
+            # jitter, unless the drive would then follow the previous one by more than 22 ms.
             wait_until = due + 4e-3
             overlaps = begin < wait_until and begin + self.duration > due
             if overlaps and wait_until < self.begun + 1.0 / 45.0:
@@ -324,7 +325,7 @@ class _Loop:
         return begin
 
     def advance(self, frame: HandFrame | None) -> None:
-        """Process a frame, if any, and emit the drive that is due."""
+        """Process a frame, if there is one, and emit a drive if it is due."""
         if frame is not None:
             self._take(frame)
         if self.output.stopped:
@@ -335,7 +336,7 @@ class _Loop:
             self.controls = self.page.controls
         now = time.monotonic()
         if self.fault is None and now - self.last_good >= MAX_FRAME_AGE:
-            self.fault = f"stale: no good frame for {1e3 * MAX_FRAME_AGE:.0f} ms"
+            self.fault = f"stale: no valid frame for {1e3 * MAX_FRAME_AGE:.0f} ms"
         on = self.fault is None and self.controls.playing
         if not on and self.silent:
             self.output.beat()
@@ -344,7 +345,7 @@ class _Loop:
         try:
             self._emit(now, on)
         except LinkFailed:
-            if not self.output.stopped:  # else the emergency stop came in between
+            if not self.output.stopped:  # otherwise the emergency stop came in between
                 raise
 
     def _end_for_good(self, state: State, why: str) -> None:
@@ -372,7 +373,7 @@ class _Loop:
         side = self.scene.side
         if frame.side != side and not self.scene.both:
             if self.fault is not None and self.last_good == -np.inf:
-                self.fault = f"waiting for the {side} hand: the frames are of the {frame.side} one"
+                self.fault = f"waiting for the {side} hand, but the frames are of the {frame.side}"
             return
         hand = hand_of(frame, self.scene)
         self.hands.pop(frame.side, None)
@@ -383,8 +384,8 @@ class _Loop:
                 raise InvalidInput(hand, code="data_missing")
             self.maker.take(frame)
         except InvalidInput as fault:
-            # A faulty frame silences at once, unless there is a second hand; MAX_FRAME_AGE applies
-            # to missing frames only.
+            # A faulty frame silences the sound at once, unless there is a second hand.
+            # MAX_FRAME_AGE only applies to missing frames.
             self.good.pop(frame.side, None)
             if all(now - last >= MAX_FRAME_AGE for last in self.good.values()):
                 self.fault = str(fault)
@@ -392,7 +393,7 @@ class _Loop:
         assert isinstance(hand, Hand)
         self.hands[frame.side] = hand
         self.good[frame.side] = now
-        # The clock of the scene's hand, or that of the other while only this one is seen.
+        # Use the clock of the scene's hand, or the other hand's while only that one is seen.
         if now - self.good.get(side, -np.inf) >= MAX_FRAME_AGE:
             self.clock = self.clocks[frame.side]
         elif frame.side == side:
@@ -412,7 +413,7 @@ class _Loop:
             else:
                 on = False
                 self.fault = fault
-        # The gain scales everything that is sent, so the sound rises and fades without a step.
+        # The gain scales everything that is sent, so that the sound rises and fades smoothly.
         before = self.gain.share
         share = self.gain.advance(now, on)
         if self.moment is None or (before == 0.0 and not on):
@@ -422,12 +423,12 @@ class _Loop:
         if self.limited:
             self._limit(self.moment)
         cap = min(self.cap, self.controls.cap)
-        # Drives of weak foci are weaker than full scale, so all are scaled by the cap.
+        # A drive for weak foci must stay below full scale, so the cap scales every drive.
         amplitudes = share * cap * self.moment.amplitudes
         self._send(amplitudes, share, cap)
         reached = time.monotonic()
         sent = max(reached, self.acts) if self.output.lead else reached
-        # The session records what the boards emitted, including their own ramp.
+        # The session records what the boards actually emitted, including their own ramp.
         emitted = self.output.share * amplitudes
         moment = replace(self.moment, amplitudes=emitted, state=state, frames=None)
         self._note(moment, sent, before)
@@ -444,13 +445,13 @@ class _Loop:
             self.duration += 0.1 * (min(reached - now, 0.1) - self.duration)
 
     def _limit(self, moment: Moment) -> None:
-        """Lower the cap if the level at a head would be too high for the present foci."""
+        """Lower the cap if the level at a head would be too high for the current foci."""
         assert self.output.levels is not None
         for focus in [] if moment.foci is None else moment.foci:
             # The level changes little within 30 mm.
             if self.capped and np.linalg.norm(self.capped - focus, axis=1).min() < 0.03:
                 continue
-            # A single focus at full scale is louder there than one of several.
+            # A single focus at full scale is louder at a head than one of several.
             scene = self.scene
             drive = focus_by_distance(
                 scene.array, Target(focus), scene.medium, scene.frequency
@@ -472,7 +473,7 @@ class _Loop:
         if frames is not None and self.controls.modulated and share > 0.0:
             rate = self.moment.rate
             if self.output.cycles(len(frames), rate):
-                self.modulated = False  # frames end a modulation
+                self.modulated = False  # playing frames ends the modulation
                 self.output.cycle(share * cap * frames, rate)
                 return
         if self.modulated != self.controls.modulated:
@@ -484,7 +485,7 @@ class _Loop:
         self.maker.feel(self.world.objects, self.world.foci(now))
         self.acts = now + self.duration
         if self.output.lead and self.durations:
-            # Sent ahead, so that 9 of 10 drives act at the time for which they are made.
+            # Send drives ahead, so that 9 of 10 take effect at the time they were computed for.
             self.acts = now + min(float(np.percentile(self.durations, 90)), self.output.lead)
         try:
             return self.maker.make(self.clock.time(self.acts), self.controls)
@@ -500,13 +501,13 @@ class _Loop:
                 if joints is not None
             ]
             return next((fault for fault in faults if fault is not None), None)
-        # Without a prediction, the newest frame shows whether the hand left the workspace.
+        # Without a prediction, only the newest frame can show whether the hand left the workspace.
         fault = None
         hand = self.hands.get(self.scene.side)
         if hand is not None:
             foci = np.zeros((0, 3)) if self.scene.both else foci_on(hand, self.scene)
             fault = self.workspace.fault(hand.joints, foci)
-            # Frames come, but were taken long ago.
+            # Frames are arriving, but they were captured too long ago.
             if moment is not None and time.monotonic() - self.last_good < MAX_FRAME_AGE / 2.0:
                 age = moment.time - moment.frame_time
                 fault = fault or f"late: the frames are {1e3 * age:.0f} ms old"
@@ -523,7 +524,7 @@ class _Loop:
             self.faded[(self.fault or "paused").partition(":")[0]] += 1
         if moment.state == "playing" and moment.frame_time > self.answered:
             self.answered = moment.frame_time
-            # A copy, as the thread that receives frames appends to it.
+            # Copy the deque, because the thread that receives frames appends to it.
             for taken, arrived in reversed(self.arrivals.copy()):
                 if taken == moment.frame_time:
                     self.delays.append(sent - arrived)
@@ -540,7 +541,7 @@ class _Loop:
             self.healthy = health
         span = 2.0 * REPORT_INTERVAL
         recent = [played for played in self.played if now - played["sent"] <= span]
-        if self.played:  # the first drive may have been less than a second ago
+        if self.played:  # the first drive may be less than a second old
             span = min(span, max(now - self.played[0]["sent"], REPORT_INTERVAL))
         return Status(
             state,
@@ -558,7 +559,7 @@ class _Loop:
         if restarts := self.maker.revive():
             ended.append(f"solvers ended and restarted: {restarts}")
         if self.page is not None and self.page.ended:
-            ended.append("the page ended")
+            ended.append("the page's process ended")
         return ", ".join(ended)
 
     def summary(self, seconds: float, health: StreamHealth, status: Status) -> Followed:
@@ -586,9 +587,9 @@ class _Loop:
 
 @contextmanager
 def _noticing_ctrl_c() -> Iterator[Event]:
-    """Yield an event that Ctrl-C sets, besides what it does anyway.
+    """Yield an event that is set on Ctrl-C, in addition to its usual effect.
 
-    Python drops a ``KeyboardInterrupt`` that is raised while it deletes an object.
+    Python discards a ``KeyboardInterrupt`` that is raised while an object is being deleted.
     """
     pressed = Event()
     if current_thread() is not main_thread():

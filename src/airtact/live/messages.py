@@ -1,7 +1,7 @@
 """Messages between applications and the live loop, in JSON; docs/applications.md shows each kind.
 
-Unknown keys of a message are ignored, so that a newer application can talk to an older loop.
-Lengths are in metres, positions in scene coordinates.
+Unknown keys in a message are ignored, so that a newer application can talk to an older loop.
+Lengths are in metres and positions in scene coordinates.
 """
 
 import inspect
@@ -38,25 +38,25 @@ from airtact.touch.solids import Box, Button, Cylinder, HalfSpace
 from airtact.touch.textures import Grating
 
 VERSION = 1
-"""Version of the messages."""
+"""Version of the message format."""
 
 MAX_FOCI = 16
-"""Largest number of foci of an application."""
+"""Largest number of foci per application."""
 
 Name = Annotated[str, Meta(min_length=1, max_length=64)]
 Version = Annotated[int, Meta(ge=VERSION, le=VERSION)]
 
-# Solids with formulas, by their keys
+# Solids with an analytic distance, by key
 SOLIDS = {"box": Box, "cylinder": Cylinder, "half_space": HalfSpace, "button": Button}
 
 
 class PoseMessage(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A turn, followed by a shift.
+    """A rotation followed by a translation.
 
     Attributes
     ----------
-    translation : the shift [m].
-    quaternion : the turn as x, y, z, w, of any length above zero.
+    translation : translation vector [m].
+    quaternion : rotation as (x, y, z, w); it need not have unit length.
     """
 
     translation: Triple = (0.0, 0.0, 0.0)
@@ -64,7 +64,7 @@ class PoseMessage(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @classmethod
     def of(cls, pose: Pose | None) -> "PoseMessage":
-        """Write a pose; None is the identity."""
+        """Convert a pose to a message; None becomes the identity."""
         if pose is None:
             return cls()
         quaternion = Rotation.from_matrix(pose.rotation).as_quat()
@@ -75,19 +75,19 @@ class PoseMessage(msgspec.Struct, frozen=True, omit_defaults=True):
         length = float(np.linalg.norm(self.quaternion))
         if not 1e-6 < length < 1e6:  # also NaN
             raise InvalidInput(
-                f"the quaternion has length {length:g}; use 0, 0, 0, 1 for no turn.",
+                f"the quaternion has length {length:g}; use 0, 0, 0, 1 for no rotation.",
                 code="out_of_range",
             )
         return Pose(Rotation.from_quat(self.quaternion).as_matrix(), np.array(self.translation))
 
 
 class MeshMessage(msgspec.Struct, frozen=True):
-    """A closed mesh.
+    """A closed triangle mesh.
 
     Attributes
     ----------
-    vertices : points [m].
-    triangles : indices of three vertices each, counterclockwise as seen from outside.
+    vertices : positions of the vertices [m].
+    triangles : three vertex indices per triangle, counterclockwise as seen from outside.
     """
 
     vertices: Annotated[list[Triple], Meta(min_length=4, max_length=20_000)]
@@ -99,8 +99,8 @@ class ObjectMessage(Table, frozen=True, forbid_unknown_fields=False, omit_defaul
 
     Attributes
     ----------
-    name : name, unique among all objects.
-    sphere, capsule, box, cylinder, half_space, button, mesh : the shape.
+    name : name of the object, unique among all objects.
+    sphere, capsule, box, cylinder, half_space, button, mesh : shape of the object; exactly one.
     pose : pose of the shape in the scene.
     style, grating, stiffness : as in scene files.
     """
@@ -121,7 +121,7 @@ class ObjectMessage(Table, frozen=True, forbid_unknown_fields=False, omit_defaul
 
     @classmethod
     def of(cls, thing: VirtualObject) -> "ObjectMessage":
-        """Write a virtual object; a texture must be a ``Grating``."""
+        """Convert a virtual object to a message; its texture, if any, must be a ``Grating``."""
         shape = thing.shape.shape if isinstance(thing.shape, Surface) else thing.shape
         message: dict[str, Any] = {
             "name": thing.name,
@@ -148,12 +148,12 @@ class ObjectMessage(Table, frozen=True, forbid_unknown_fields=False, omit_defaul
             raise _explained(error) from None
 
     def made(self) -> VirtualObject:
-        """Build the object. The grid of a mesh takes about a second and is not made here."""
+        """Build the object. The distance grid of a mesh is left for later: it takes about 1 s."""
         with about(f"object {self.name}"):
             if self.mesh is not None:
                 shape = Surface(np.array(self.mesh.vertices), np.array(self.mesh.triangles))
             elif self.sphere is not None:
-                # Contacts use the exact sphere; the mesh is for pictures, and must not take long.
+                # Contacts use the exact sphere. The mesh is only displayed and must be fast.
                 radius = self.sphere.radius
                 shape = sphere(radius, radius / 5.0, self.sphere.centre)
             elif self.capsule is not None:
@@ -174,7 +174,7 @@ class ObjectMessage(Table, frozen=True, forbid_unknown_fields=False, omit_defaul
 
 
 class MoveMessage(msgspec.Struct, frozen=True):
-    """A new pose of an object.
+    """A new pose for an object.
 
     Attributes
     ----------
@@ -187,18 +187,18 @@ class MoveMessage(msgspec.Struct, frozen=True):
 
 
 class FocusMessage(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A focus; exactly one of ``point`` and ``place`` is given.
+    """A focus, given by exactly one of ``point`` and ``place``.
 
     Attributes
     ----------
     id : name of the focus, unique in its application.
-    point : position in scene coordinates, or in those of the shape of the object ``on`` [m].
-    place : place of a hand, such as "index.pad" or "right.palm".
-    on : name of an object that the point moves with.
-    offset : distance from the skin, for a place [m].
+    point : position in scene coordinates, or in those of the object named in ``on`` [m].
+    place : place on a hand, such as "index.pad" or "right.palm".
+    on : name of the object that the point moves with.
+    offset : distance from the skin [m]; only used with ``place``.
     strength : strength of the touch, from 0 to 1.
-    modulation : frequency at which the strength falls to 0 and rises again [Hz], at most 20; 0 for
-        a constant strength.
+    modulation : frequency at which the strength varies between 0 and its full value [Hz], at most
+        20; 0 keeps it constant.
     """
 
     id: Name
@@ -215,8 +215,8 @@ class HandsMessage(msgspec.Struct, frozen=True, tag="hands"):
 
     Attributes
     ----------
-    version : version of the messages, 1.
-    hands : frames as trackers send them.
+    version : version of the message format, 1.
+    hands : frames in the format that trackers send.
     """
 
     version: Version
@@ -224,12 +224,12 @@ class HandsMessage(msgspec.Struct, frozen=True, tag="hands"):
 
 
 class ObjectsMessage(msgspec.Struct, frozen=True, tag="objects", omit_defaults=True):
-    """Changes of the virtual objects, in the order removals, additions, motions.
+    """Changes to the virtual objects: removals first, then additions, then motions.
 
     Attributes
     ----------
-    version : version of the messages, 1.
-    add : objects to add, or to replace if the name exists.
+    version : version of the message format, 1.
+    add : objects to add; an object with an existing name replaces it.
     move : new poses of objects.
     remove : names of objects to remove.
     """
@@ -241,12 +241,12 @@ class ObjectsMessage(msgspec.Struct, frozen=True, tag="objects", omit_defaults=T
 
 
 class FociMessage(msgspec.Struct, frozen=True, tag="foci"):
-    """All foci of the application; they replace its earlier ones.
+    """All foci of the application, which replace its earlier ones.
 
     Attributes
     ----------
-    version : version of the messages, 1.
-    foci : the foci; none for silence.
+    version : version of the message format, 1.
+    foci : the foci; an empty list silences the application's foci.
     """
 
     version: Version
@@ -258,7 +258,7 @@ class ClearMessage(msgspec.Struct, frozen=True, tag="clear"):
 
     Attributes
     ----------
-    version : version of the messages, 1.
+    version : version of the message format, 1.
     """
 
     version: Version
@@ -271,8 +271,8 @@ class ContactState(msgspec.Struct, frozen=True):
     ----------
     object : name of the object.
     part : part of the hand, such as "left.index".
-    point : deepest point of the skin in the object [m].
-    depth : its depth [m].
+    point : point on the skin that is deepest inside the object [m].
+    depth : depth of that point [m].
     """
 
     object: str
@@ -286,11 +286,11 @@ class FocusState(msgspec.Struct, frozen=True):
 
     Attributes
     ----------
-    id : name that the application gave it, or the part of the hand and the object in contact.
+    id : name given by the application, or the part of the hand and the object in contact.
     point : predicted position [m], or null if unknown.
-    strength : its strength now, from 0 to 1.
+    strength : current strength, from 0 to 1.
     pressure : predicted pressure [Pa], or null if unknown.
-    reason : reason why the focus gets no sound, such as a position inside the hand, or null.
+    reason : why the focus receives no sound, for example because it is inside the hand; or null.
     """
 
     id: str
@@ -305,7 +305,7 @@ class StateMessage(msgspec.Struct, frozen=True, tag="state"):
 
     Attributes
     ----------
-    version : version of the messages, 1.
+    version : version of the message format, 1.
     state : "playing", "fading" or "silent".
     reason : reason for silence, or null.
     contacts : contacts of the hand with objects.
@@ -324,9 +324,9 @@ class RejectedMessage(msgspec.Struct, frozen=True, tag="rejected"):
 
     Attributes
     ----------
-    version : version of the messages, 1.
-    code : kind of error, see errors.md.
-    reason : the error and its remedy.
+    version : version of the message format, 1.
+    code : kind of error; see errors.md.
+    reason : description of the error and its remedy.
     """
 
     version: int
@@ -355,30 +355,31 @@ _answers: msgspec.json.Decoder[Answer] = msgspec.json.Decoder(Answer)
 
 
 def is_message(raw: bytes) -> bool:
-    """Return whether a text is such a message and not a frame of a tracker."""
-    if b'"type"' not in raw:  # as in most frames
+    """Return whether a text is a message of an application rather than a tracker's frame."""
+    if b'"type"' not in raw:  # true of most frames
         return False
     try:
         head = _any_head.decode(raw)
     except msgspec.ValidationError:
         return False
-    except (ValueError, RecursionError):  # damaged JSON, which ``read_message`` explains
+    except (ValueError, RecursionError):  # damaged JSON; ``read_message`` reports the fault
         return True
-    # Frames of some trackers have types of their own.
+    # Frames of some trackers also have a key "type".
     return head.version is not None or head.type in ("hands", "objects", "foci", "clear")
 
 
 def read_message(text: bytes | str) -> Message:
-    """Read a message of an application.
+    """Read a message from an application.
 
     Raises
     ------
     InvalidInput
-        If it is not JSON, has another version or an unknown type, or a value is invalid.
+        If the text is not JSON, has another version or an unknown type, or contains an invalid
+        value.
     """
     try:
         raw = text.encode() if isinstance(text, str) else text
-        if b"NaN" in raw or b"Infinity" in raw:  # invalid JSON that Python writes
+        if b"NaN" in raw or b"Infinity" in raw:  # not valid JSON, but Python writes it
             json.loads(raw, parse_constant=_not_finite)
         head = _head.decode(raw)
         if head.version != VERSION:
@@ -401,7 +402,7 @@ def read_message(text: bytes | str) -> Message:
 
 
 def converted(data: dict[str, Any]) -> Message:
-    """Return the message with these keys and values; see ``read_message`` for the errors."""
+    """Return the message with these keys and values; it raises the errors of ``read_message``."""
     try:
         return msgspec.convert(data, Message)
     except msgspec.ValidationError as error:
@@ -414,7 +415,7 @@ def _not_finite(word: str) -> None:
 
 def _explained(error: msgspec.ValidationError) -> InvalidInput:
     fault, _, path = str(error).rpartition(" - at `$")
-    fault = fault or path  # without a path, the message itself is at fault
+    fault = fault or path  # without a path, the fault concerns the whole message
     place = "the message" if fault is path else path.strip("`.")
     if isinstance(error.__cause__, InvalidInput):
         return InvalidInput(f"{place}: {error.__cause__}", code=error.__cause__.code)
@@ -428,7 +429,7 @@ def _explained(error: msgspec.ValidationError) -> InvalidInput:
 
 
 def read_answer(text: bytes | str) -> Answer | None:
-    """Read a message of the loop; return None if its kind is unknown."""
+    """Read a message from the loop; return None if its type is unknown."""
     try:
         return _answers.decode(text)
     except msgspec.MsgspecError:
@@ -440,17 +441,17 @@ def _fields_of(value: Any) -> dict[str, Any]:
 
 
 def written(message: Message | Answer) -> bytes:
-    """Write a message in JSON."""
+    """Encode a message as JSON."""
     return msgspec.json.encode(message)
 
 
 def message_schema() -> str:
-    """Return the JSON schema of all messages, in JSON."""
+    """Return the JSON schema of all messages as a JSON text."""
     (made,), definitions = msgspec.json.schema_components(
         [Message | Answer], ref_template="#/$defs/{name}"
     )
     for definition in definitions.values():
-        # Without the indentation of the docstrings
+        # Remove the indentation of the docstrings.
         definition["description"] = inspect.cleandoc(definition["description"])
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -15,17 +15,17 @@ from airtact.hands.tracking.frame import HandFrame
 from airtact.live.scene import Amplitudes, Foci, Frames, Joints, LiveScene
 from airtact.touch.objects import VirtualObject
 
-# Basis of a drive: distances, without the hand; a solution of the last phalanges or of the whole
-# hand; a solution of the whole hand, carried from an earlier pose with the bones; or a solution of
-# the skin near contacts.
+# How a drive was computed: from distances, ignoring the hand; from a solution for the last
+# phalanges or the whole hand; from a solution for the whole hand that was moved with the bones from
+# an earlier pose; or from a solution for the skin near contacts.
 Rule = Literal["distances", "phalanges", "hand", "carried", "contacts"]
 
-# Largest numbers of foci and contacts in a drive, for which the session has columns.
+# Largest numbers of foci and of contacts in a drive. The session has one column for each.
 MOST_FOCI = 24
 MOST_CONTACTS = 24
 
 # State of the loop: waiting for a hand, playing, fading after the hand was lost, silent, or stopped
-# permanently.
+# for good.
 State = Literal["waiting", "playing", "fading", "silent", "stopped"]
 
 
@@ -35,26 +35,26 @@ class Moment:
 
     Attributes
     ----------
-    time : when the sound is expected in the air, on the tracker's clock [s].
+    time : when the sound should reach the air, on the tracker's clock [s].
     frame_time : timestamp of the newest frame used [s].
-    joints : (25, 3) joints predicted for ``time`` [m], or None if the hand is lost.
-    foci : (F, 3) foci predicted for ``time`` [m], or None if no hand is seen.
-    amplitudes : (E,) complex share of full scale; zeros for silence.
+    joints : (25, 3) predicted joint positions at ``time`` [m]; None if the hand is lost.
+    foci : (F, 3) predicted foci at ``time`` [m]; None if no hand is seen.
+    amplitudes : (E,) complex amplitudes, as shares of full scale; zeros for silence.
     pressures : (F,) predicted pressures at the foci [Pa], or None.
-    rule : basis of the drive.
-    shape_age : time from the solved pose to ``time`` [s]; None for distances.
+    rule : how the drive was computed.
+    shape_age : time from the solved pose to ``time`` [s]; None if no solution was used.
     kept : expected share of the attainable pressure at the weakest focus, or None.
     state : state of the loop.
-    frames : (N, E) drives played in turn instead of ``amplitudes`` if the foci move, or None.
+    frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci move.
     rate : frames per second; 0 without frames.
-    other : (25, 3) joints predicted for the hand of the other side [m], or None.
-    names : a name for each focus; empty for those of the scene's places.
+    other : (25, 3) predicted joints of the other hand [m], or None.
+    names : a name for each focus; empty if the foci are at the places of the scene.
     strengths : (F,) strengths of the foci, from 0 to 1; None if all are equal.
-    contacts : (C, 3) points of the skin that touch an object [m], or None without objects.
-    depths : (C,) their depths in the objects [m], or None.
-    touching : part of the hand and object of each contact.
+    contacts : (C, 3) points of the skin that touch an object [m]; None without objects.
+    depths : (C,) depths of these points in the objects [m], or None.
+    touching : part of the hand and name of the object for each contact.
     objects : the virtual objects.
-    rejected : reasons why requested foci get no sound, by their names.
+    rejected : reasons why requested foci receive no sound, by name of the focus.
     """
 
     time: float
@@ -82,7 +82,7 @@ class Moment:
 
 
 def silent_moment(scene: LiveScene, time: float, frame_time: float) -> Moment:
-    """Return a moment without hand and sound."""
+    """Return a moment without a hand and without sound."""
     silence = np.zeros(len(scene.array), np.complex128)
     return Moment(time, frame_time, None, None, silence, state="waiting")
 
@@ -94,12 +94,12 @@ class Controls:
     Attributes
     ----------
     ignore_hand : whether phases are set from path lengths alone, as if there were no hand.
-    method : name of the method that computes the drives; None for the scene's.
+    method : name of the method that computes the drives; None for the scene's method.
     cap : largest amplitude of an element, as a share of full scale.
-    offset : distance of all foci from the skin [m]; None for the scene's.
-    modulated : whether the amplitude is modulated or the foci move.
-    playing : whether there is sound.
-    levels : strengths of single foci by their names, from 0 (off) to 1; all others have 1.
+    offset : distance of all foci from the skin [m]; None for the scene's distances.
+    modulated : whether the amplitude is modulated or the foci move, so that the drive can be felt.
+    playing : whether sound is emitted.
+    levels : strengths of individual foci by name, from 0 (off) to 1; all others have strength 1.
 
     Raises
     ------
@@ -116,7 +116,7 @@ class Controls:
     levels: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # Programs other than a browser can send any value to the page.
+        # Programs other than a browser can send arbitrary values to the page.
         for flag in (self.ignore_hand, self.modulated, self.playing):
             of_kind(flag, bool, "a setting", "true or false")
         between(self.cap, 0.0, 1.0, "the cap", "of full scale", "30 per cent is 0.3.")
@@ -124,14 +124,14 @@ class Controls:
             between(self.offset, 0.0, 0.1, "the offset", "m", "is it in millimetres?")
         for name, level in self.levels.items():
             between(level, 0.0, 1.0, f"the level of {name}", "", "it is a share of 1.")
-        # Robust methods need samples of an uncertain scene.
+        # Robust methods require samples of an uncertain scene.
         if self.method is not None:
             methods = [name for name in METHODS if name not in FOR_SAMPLES]
             check_choice(self.method, "the method", methods)
 
 
 class DriveMaker(ABC):
-    """Maker of drives for a moving hand; ``take`` and ``make`` must not block."""
+    """Interface of objects that compute drives for a moving hand; no method may block."""
 
     @abstractmethod
     def take(self, frame: HandFrame) -> None:
@@ -139,16 +139,16 @@ class DriveMaker(ABC):
 
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive for sound in the air at a time of the tracker's clock [s]."""
+        """Compute the drive for the sound in the air at a time on the tracker's clock [s]."""
 
     def feel(  # noqa: B027 (some makers have fixed foci)
         self, objects: Sequence[VirtualObject], foci: "Sequence[at.live.WantedFocus]"
     ) -> None:
-        """Set the objects and requested foci; the loop calls this before each drive."""
+        """Set the objects and requested foci; the loop calls this method before each drive."""
 
     def revive(self) -> int:
-        """Restart processes of the maker that ended; return the number of restarts so far."""
+        """Restart processes that have ended; return the number of restarts so far."""
         return 0
 
-    def close(self) -> None:  # noqa: B027 (some makers have none)
-        """End the processes of the maker."""
+    def close(self) -> None:  # noqa: B027 (some makers have no processes)
+        """End the processes of this object."""

@@ -1,7 +1,7 @@
-"""OSC over UDP for hands, objects and foci: Unity, Unreal, TouchDesigner and Max.
+"""OSC over UDP for hands, objects and foci, for Unity, Unreal, TouchDesigner and Max.
 
-Every address begins with /airtact. docs/applications.md lists them; they become the messages of
-``messages``.
+Every address begins with /airtact; docs/applications.md lists all addresses. Each OSC message is
+converted to a message of ``messages``.
 """
 
 import socket
@@ -22,7 +22,7 @@ from airtact.live.messages import VERSION, Message, converted
 from airtact.live.world import World
 from airtact.setup.parsing import nearest
 
-# Arguments of each address after /airtact/; those in brackets may be left out.
+# Arguments of each address, which follows /airtact/. Those in brackets are optional.
 ARGUMENTS = {
     "hand": "side time sequence [x y z ...]",
     "focus": "id x y z [strength] [modulation]",
@@ -36,26 +36,26 @@ ARGUMENTS = {
     "reply": "port",
 }
 
-# Time without a message after which a sender gets no more states [s].
+# A sender receives no more states if it sends nothing for this long [s].
 REPLY_TIME = 5.0
 
 
 class OscServer:
-    """OSC server for trackers and applications; each sender gets the newest state in return.
+    """OSC server for trackers and applications; each sender receives the newest state in return.
 
-    Use it in a ``with`` block; it listens from its construction to the end of the block.
+    Use it in a ``with`` block. It listens from its construction to the end of the block.
 
     Parameters
     ----------
-    stream : stream that gets the frames of hands.
-    world : objects and foci that applications change.
-    port : port to listen on; 0 selects a free one, stored in the attribute ``port``.
+    stream : receives the frames of hands.
+    world : objects and foci that applications can change.
+    port : port to listen on; 0 selects a free port. The attribute ``port`` is the actual port.
     host : address to listen on.
 
     Raises
     ------
     InvalidInput
-        If the port is in use or does not exist, or the extra is not installed.
+        If the port is in use or invalid, or the optional package python-osc is not installed.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class OscServer:
         self._socket = bound_socket(socket.SOCK_DGRAM, host, port)
         self._socket.settimeout(STATE_INTERVAL)
         self.port: int = self._socket.getsockname()[1]
-        # When each sender was last heard, and the port for answers that a computer asked for.
+        # When each sender last sent a packet, and the reply port requested by each computer.
         self._heard: dict[tuple[str, int], float] = {}
         self._ports: dict[str, int] = {}
         self._closed = False
@@ -94,7 +94,7 @@ class OscServer:
             try:
                 packet, sender = self._socket.recvfrom(2**16)
                 self._take(packet, sender)
-            except OSError:  # a timeout; on Windows also if an answer could not be delivered
+            except OSError:  # a timeout; on Windows, also if an answer could not be delivered
                 pass
             now = time.monotonic()
             if now - sent < STATE_INTERVAL or self._world.state is state:
@@ -119,7 +119,7 @@ class OscServer:
     def _take(self, packet: bytes, sender: tuple[str, int]) -> None:
         from pythonosc.osc_packet import OscPacket
 
-        # Newest senders only, so that a program with a new port for each message needs no memory.
+        # Keep only the newest senders: a program may use a new port for each message.
         self._heard.pop(sender, None)
         self._heard[sender] = time.monotonic()
         if len(self._heard) > 64:
@@ -127,7 +127,7 @@ class OscServer:
         try:
             try:
                 messages = [timed.message for timed in OscPacket(packet).messages]
-            except Exception as error:  # the parser raises errors of struct, str and its own
+            except Exception as error:  # errors of struct and str, and the parser's own errors
                 raise InvalidInput(
                     f"these {len(packet)} bytes are not OSC: {error}.", code="unknown_format"
                 ) from None
@@ -152,7 +152,8 @@ class OscServer:
             (port,) = _checked(kind, values)
             if not (isinstance(port, int) and 0 < port < 65536):
                 raise InvalidInput(
-                    f"{port!r} is no port for answers; use 1 to 65535.", code="out_of_range"
+                    f"{port!r} is not a valid port for answers; use 1 to 65535.",
+                    code="out_of_range",
                 )
             if len(self._ports) < 64:
                 self._ports[sender[0]] = port
@@ -170,12 +171,12 @@ class OscServer:
 
 
 def message_of(kind: str, values: Sequence[Any]) -> Message:
-    """Return the message for an address after /airtact/ and its arguments.
+    """Return the message for an address, given without /airtact/, and its arguments.
 
     Raises
     ------
     InvalidInput
-        If the address or the number of arguments is unknown, or a value is invalid.
+        If the address is unknown, the number of arguments is wrong, or a value is invalid.
     """
     values = _checked(kind, values)
     name, *numbers = values or [""]
@@ -202,26 +203,25 @@ def message_of(kind: str, values: Sequence[Any]) -> Message:
 
 
 def _checked(kind: str, values: Sequence[Any]) -> list[Any]:
-    """Check an address and the number of its arguments."""
+    """Check the address and the number of arguments, and return the arguments."""
     arguments = ARGUMENTS.get(kind)
     if arguments is None:
         raise InvalidInput(
-            f"/airtact/{kind} is not an address; {nearest(kind, ARGUMENTS, '/airtact/')}",
+            f"/airtact/{kind} is not a known address; {nearest(kind, ARGUMENTS, '/airtact/')}",
             code="unknown_name",
         )
     needed = len(arguments.partition("[")[0].split())
     most = np.inf if "..." in arguments else needed + arguments.count("[")
     if not needed <= len(values) <= most:
         raise InvalidInput(
-            f"/airtact/{kind} came with {len(values)} arguments, but it needs: "
-            f"{arguments or 'none'}.",
+            f"/airtact/{kind} has {len(values)} arguments, but it requires: {arguments or 'none'}.",
             code="sizes_differ",
         )
     return list(values)
 
 
 def _bundle(lines: Sequence[tuple[str, Sequence[Any]]]) -> bytes:
-    """Encode addresses after /airtact/ and their arguments as one packet."""
+    """Encode a list of addresses, without /airtact/, and their arguments as one packet."""
     from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
     from pythonosc.osc_message_builder import OscMessageBuilder
 

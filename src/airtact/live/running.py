@@ -1,4 +1,4 @@
-"""Start the live loop from a scene file: the hand, the boards, the page and the session."""
+"""Start the live loop from a scene file, with the hand, the boards, the page and the session."""
 
 import time
 from collections.abc import Callable
@@ -36,7 +36,7 @@ from airtact.setup.examples import example, file_or_example
 from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
 
-# Default ports that trackers and applications send to.
+# Default ports to which trackers and applications send.
 PORTS = {"websocket": 8765, "osc": 9000}
 
 
@@ -59,24 +59,25 @@ def run(
 
     Parameters
     ----------
-    setup : scene with objects or with foci on hands, see ``live_scene``.
+    setup : scene with virtual objects, or with foci on hands; see ``live_scene``.
     hands : source of the frames, as returned by ``hands_from``.
-    output : receiver of the drives, as returned by ``output_to``; none by default.
-    folder : folder for ``session.h5``.
-    seconds : duration [s]; by default to the end of a recording or until Ctrl-C.
+    output : receiver of the drives, as returned by ``output_to``; by default, nothing is emitted.
+    folder : folder in which ``session.h5`` is written.
+    seconds : duration [s]; by default, until the recording ends or Ctrl-C is pressed.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s].
-    cap : largest amplitude of an element, as a share of full scale; a safe one by default, see
-        ``follow``.
+    cap : largest amplitude of an element, as a share of full scale; by default, a safe one that
+        ``follow`` computes.
     ignore_hand : whether phases are set from path lengths alone, as if there were no hand.
     page : port and host of the page; no page by default.
-    certificate : PEM file with a certificate and its key, to serve the page by HTTPS.
-    report_step, report : called with each step of the start, and twice a second with the status.
+    certificate : PEM file with a certificate and its key, to serve the page over HTTPS.
+    report_step : called with each step of the start.
+    report : called twice a second with the status.
 
     Raises
     ------
     InvalidInput
-        If an argument is invalid; nothing was emitted.
+        If an argument is invalid. Nothing has been emitted in this case.
     LinkFailed
         If the boards fail.
     """
@@ -90,7 +91,7 @@ def run(
         if page is not None:
             report_step("starting the page")
             port, host = page
-            # The page only gives hands if no other source does.
+            # The page only supplies a hand if there is no other source.
             followed = type(hands) is HandSource
             joints = setup.hands[0].joints if followed and setup.hands else None
             shown = PageProcess(
@@ -131,31 +132,31 @@ def run(
 def record(
     file: Path, source: str, seconds: float | None = None, report_step: Progress = no_progress
 ) -> StreamHealth:
-    """Record the frames that trackers send, without computing drives.
+    """Record the frames sent by trackers, without computing drives.
 
     Parameters
     ----------
-    file : recording to write, ``.jsonl``, in the tracker's frame.
-    source : "websocket" or "osc", with ":PORT" for another port and 0 for a free one.
-    seconds : duration [s]; until Ctrl-C by default.
-    report_step : called with the address once it is open, and when frames begin to be rejected or
-        to fail to arrive.
+    file : recording to write, in the tracker's coordinates. Its name must end in ``.jsonl``.
+    source : "websocket" or "osc". Append ":PORT" for another port; port 0 selects a free one.
+    seconds : duration [s]; by default, until Ctrl-C is pressed.
+    report_step : called with the address once it is open, and whenever frames start to be rejected
+        or to stay away.
 
     Raises
     ------
     InvalidInput
-        If an argument is invalid, the port is taken, or no frame was received.
+        If an argument is invalid, the port is in use, or no frame was received.
     """
     duration = checked_seconds(seconds)
     if file.suffix != ENDING:
         raise InvalidInput(
-            f"a recording ends in {ENDING}, not in {file.suffix!r}: change the file name.",
+            f"a recording must end in {ENDING}, not in {file.suffix!r}: change the file name.",
             code="unknown_format",
         )
     hands = received(source)
     if hands is None:
         raise InvalidInput(
-            f"only frames from trackers are recorded, not {source}: use websocket or osc.",
+            f"only frames from trackers can be recorded, not {source}: use websocket or osc.",
             code="unknown_name",
         )
     frames: list[HandFrame] = []
@@ -172,7 +173,7 @@ def record(
             reported = time.monotonic()
             words = stream.health.rejected_since(before) or hands.remark()
             before = stream.health
-            # Without the number of frames, which always changes
+            # Ignore the number of frames, because it changes all the time.
             if words and words.partition(" ")[2] != trouble:
                 report_step(words)
             trouble = words.partition(" ")[2]
@@ -182,8 +183,8 @@ def record(
         hands.close()
     if not frames:
         raise InvalidInput(
-            f"no frame was received ({hands.words}; {stream.health}): check where the tracker "
-            "sends its frames.",
+            f"no frame was received ({hands.words}; {stream.health}): check the address to which "
+            "the tracker sends its frames.",
             code="empty",
         )
     save_recording(file, frames)
@@ -191,20 +192,20 @@ def record(
 
 
 def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
-    """Open the source of the frames for a run.
+    """Open the source of frames for a run.
 
     Parameters
     ----------
-    setup : its tracker pose transforms the frames of recordings and trackers to the scene.
-    source : a recording, a session or its folder, "websocket" or "osc", with ":PORT" for another
-        port and 0 for a free one; "page" for the hand on the page; by default an example motion,
-        repeated.
-    folder : folder for the session of the run, which cannot be the source.
+    setup : the pose of its tracker transforms frames of recordings and trackers to the scene.
+    source : a recording; a session or its folder; "websocket" or "osc", optionally with ":PORT",
+        where port 0 selects a free one; or "page" for the hand on the page. By default, an example
+        motion is repeated.
+    folder : folder for the session of this run. The source must not be in it.
 
     Raises
     ------
     InvalidInput
-        If the source does not exist or cannot be read, or its port is taken.
+        If the source does not exist or cannot be read, or its port is in use.
     """
     world = World(setup.objects)
     if source is None and setup.contacts is not None:
@@ -222,10 +223,10 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     if path.suffix == Path(FILE).suffix:
         if path.resolve() == (folder / FILE).resolve():
             raise InvalidInput(
-                f"this run would overwrite the session --from {source}: change --out.",
+                f"this run would overwrite the session given by --from {source}: change --out.",
                 code="options_clash",
             )
-        return RecordedHands(recording_of(path), world=world)  # its frames are in the scene's frame
+        return RecordedHands(recording_of(path), world=world)  # already in scene coordinates
     recording = load_recording(file_or_example(source, (".jsonl",)), leave_out=True)
     frames = tuple(frame.moved(setup.tracker) for frame in recording.frames)
     hands = RecordedHands(replace(recording, frames=frames), world=world)
@@ -242,7 +243,7 @@ def received(
         return None
     if colon and not port.isdecimal():
         raise InvalidInput(
-            f"--from {source} has no port number: use one such as {kind}:{PORTS[kind]}.",
+            f"--from {source} has no port number; use, for example, {kind}:{PORTS[kind]}.",
             code="not_a_number",
         )
     return ReceivedHands(int(port) if colon else PORTS[kind], tracker, world, kind)
@@ -251,18 +252,18 @@ def received(
 def output_to(
     setup: Setup, folder: Path, board: str | None, link: str | None, **settings: str | None
 ) -> Output:
-    """Return the output of a run: boards behind a link, or nothing if both are missing.
+    """Return the output of a run: boards behind a link, or nothing if neither is given.
 
     Parameters
     ----------
-    setup : its array must be made of these boards.
-    folder : folder for the files of the link.
-    board, link, settings : see ``link_to``.
+    setup : scene whose array consists of these boards.
+    folder : folder for files that the link writes.
+    board, link, settings : as for ``link_to``.
 
     Raises
     ------
     InvalidInput
-        If the scene cannot be followed, or the link does not fit.
+        If live cannot follow the scene, or the link does not fit its array.
     """
     scene = live_scene(setup)
     if not any([board, link, *settings.values()]):
@@ -276,12 +277,12 @@ def output_to(
         )
     if link is None or board is None:
         raise InvalidInput(
-            "boards need both --board and --link: set both, or none of the board options.",
+            "boards require both --board and --link: set both, or no board option at all.",
             code="key_missing",
         )
     if setup.board != board:
         raise InvalidInput(
-            f"the array of the scene is made of {setup.board or 'no boards'}, not of "
+            f"the array of the scene consists of {setup.board or 'no boards'}, not of "
             f"{board}: use --board {setup.board}.",
             code="does_not_match",
         )
@@ -293,7 +294,7 @@ def output_to(
 
 
 def drive_at_rest(setup: Setup) -> DriveFile:
-    """Return the drive from distances for the hand of the scene file, to find a safe level."""
+    """Return a drive for the hand of the scene file, ignoring scattering, to find a safe level."""
     scene = live_scene(setup)
     drive = focus_by_distance(scene.array, setup.target, scene.medium, scene.frequency)
     return DriveFile(

@@ -10,16 +10,16 @@ from airtact.hands.tracking.frame import HandFrame
 from airtact.live.scene import Foci, Joints, LiveScene, hand_in
 from airtact.transducers.placement import check_reach
 
-# Largest time without a good frame before the hand counts as lost [s].
+# Longest time without a valid frame before the hand counts as lost [s].
 MAX_FRAME_AGE = 0.15
 
-# Duration of a fade from full amplitude to silence, or back [s].
+# Duration of a fade between full amplitude and silence, in either direction [s].
 FADE = 0.085
-# Together, the sound is silent 0.24 s after the last good frame.
+# With both, the output is silent 0.24 s after the last valid frame.
 
 
 class Workspace:
-    """The region in front of an array in which a hand may receive sound."""
+    """The region in front of an array in which a hand may be exposed to sound."""
 
     def __init__(self, scene: LiveScene) -> None:
         self._scene = scene
@@ -27,11 +27,11 @@ class Workspace:
         self._radius = float(scene.array.element.reach)
 
     def out_of_reach(self, foci: Foci) -> str | None:
-        """Return a short reason for silence at some points, or None."""
+        """Return a short reason why some points require silence, or None."""
         if not len(foci):
             return None
         distances, _ = self._elements.query(foci)
-        if float(distances.max()) > 0.6:  # farther from every element: the hand has left [m]
+        if float(distances.max()) > 0.6:  # [m] from every element: the hand has left
             return f"left the workspace: a focus is {distances.max():.2g} m from the array"
         try:
             check_reach(self._scene.array, foci)
@@ -44,22 +44,22 @@ class Workspace:
         return None
 
     def fault(self, joints: Joints, foci: Foci) -> str | None:
-        """Return a short reason for silence at a hand with these foci, or None."""
+        """Return a short reason why a hand with these foci requires silence, or None."""
         fault = self.out_of_reach(foci)
         if fault is not None:
             return fault
-        # Compare the skin of each bone with the elements at 6 points along the bone.
+        # Compare the skin with the elements at 6 points along each bone.
         share = np.linspace(0.0, 1.0, 6)[:, None]
         starts, ends = np.array(BONES).T
         skin = radii_of(self._scene.radii, None, joints)
         radii = (1.0 - share) * skin[starts] + share * skin[ends]
         centres = (1.0 - share[..., None]) * joints[starts] + share[..., None] * joints[ends]
-        # The upper bound makes the search 30 times faster; larger distances are safe.
+        # The upper bound makes the search 30 times faster. All larger distances are safe.
         bound = float(radii.max()) + self._radius
         distances, _ = self._elements.query(centres, distance_upper_bound=bound)
         room = float((distances - radii).min()) - self._radius
         if room < 0.0:
-            return f"through the array's face: {-1e3 * room:.2g} mm too near"
+            return f"through the array's face: {-1e3 * room:.2g} mm too close"
         for plane in self._scene.planes:
             lowest = float(plane.height(joints).min())
             if lowest < 0.0:
@@ -68,7 +68,7 @@ class Workspace:
 
 
 def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
-    """Return the hand of a frame, or a short reason for its absence."""
+    """Return the hand of a frame, or a short reason why there is none."""
     if frame.landmarks is None:
         return "lost" if frame.lost else "no landmarks"
     try:
@@ -78,18 +78,18 @@ def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
 
 
 class Gain:
-    """Factor on the amplitude that the loop sends; it rises and falls within ``FADE``."""
+    """Factor applied to all amplitudes that the loop sends; it rises and falls within ``FADE``."""
 
     def __init__(self) -> None:
         self.share: float = 0.0
         self._then: float | None = None
 
     def advance(self, now: float, on: bool) -> float:
-        """Raise or lower the factor up to a time [s], and return it."""
+        """Raise or lower the factor for the time that has passed until ``now`` [s]; return it."""
         step = 0.0 if self._then is None else max(now - self._then, 0.0)
         self._then = now
         if on:
-            # After a stall the sound still rises gradually: at most 30 ms of the fade at once.
+            # After a stall the sound must still rise gradually, so at most 30 ms count at once.
             self.share = min(self.share + min(step, 0.03) / FADE, 1.0)
         else:
             self.share = max(self.share - step / FADE, 0.0)

@@ -1,8 +1,8 @@
 """The fixed part of a live scene, and a posed hand with the foci on it.
 
 The effect of a hand on the sound at a focus depends mainly on the relative positions of the bones
-that carry foci, and much less on the pose of the whole hand. ``gap_change`` compares the relative
-positions in two poses, ``turn`` the orientations of the hand.
+that carry foci, and much less on the pose of the whole hand. ``gap_change`` compares these
+relative positions in two poses, and ``turn`` compares the orientations of the hand.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ Joints = Float64[np.ndarray, "25 3"]
 Foci = Float64[np.ndarray, "foci 3"]
 Amplitudes = Complex128[np.ndarray, "elements"]
 Frames = Complex128[np.ndarray, "frames elements"]
-# Pressure at each focus per unit drive of each element and each image [Pa].
+# Pressure at each focus per unit drive of each element and of each image [Pa].
 Rows = Complex128[np.ndarray, "foci sources"]
 
 
@@ -44,10 +44,10 @@ class MovingFoci:
 
     Attributes
     ----------
-    places : (N, K) index of the place from which each of K foci starts, in each of N frames.
-    shifts : (N, K, 3) offset from that place, in the axes of its bone (``PosedHand.frames``) [m].
+    places : (N, K) for each of N frames, the index of the place from which each of K foci starts.
+    shifts : (N, K, 3) offset from that place [m], in the axes of its bone (``PosedHand.frames``).
     rate : frames per second.
-    words : short description.
+    words : short description of the motion.
     """
 
     places: Int64[np.ndarray, "frames together"]
@@ -60,17 +60,17 @@ class MovingFoci:
 
 @dataclass(frozen=True, eq=False)
 class WithImages:
-    """An array of E elements, and the images in a rigid plane of elements that are not part of it.
+    """An array of E elements, and the images of these elements in a rigid plane.
 
-    The hand scatters the sound of both. Multiple reflections between hand and plane are ignored:
-    their phase changes with every millimetre of height, so solutions for other poses would be
-    useless.
+    Elements that are part of the plane have no image. The hand scatters the sound of elements and
+    images. Multiple reflections between the hand and the plane are ignored: their phase changes
+    with every millimetre of height, so a solution would not fit any other pose.
 
     Attributes
     ----------
-    array : R sources: the elements, then their images.
-    imaged : (R - E,) element of each image.
-    strengths : (E,) 2 for elements in the plane, which are their own images, else 1.
+    array : R sources: first the elements, then their images.
+    imaged : (R - E,) index of the element that belongs to each image.
+    strengths : (E,) factor on each element: 2 in the plane, where its image coincides, else 1.
     """
 
     array: PhasedArray
@@ -87,9 +87,10 @@ class WithImages:
         for plane in planes:
             off = ~flush(plane, array)
             imaged = np.flatnonzero(off)
-            # The plane doubles a point source in it. A face's sensitivity already includes a board.
+            # The plane doubles a point source that lies in it. For faces with a directivity, the
+            # sensitivity already includes the effect of a board.
             strengths = np.where(off | array.element.directional, 1.0, 2.0)
-            # Reflection of directions: n - 2 (n·p) p, with the plane's normal p.
+            # Reflect directions d as d - 2 (d·p) p, where p is the plane's normal.
             mirror = np.eye(3) - 2.0 * np.outer(plane.normal, plane.normal)
             array = PhasedArray(
                 np.concatenate([array.positions, plane.image(array.positions[imaged])]),
@@ -103,7 +104,7 @@ class WithImages:
     def folded(
         self, rows: Complex[np.ndarray, "*any sources"]
     ) -> Complex[np.ndarray, "*any elements"]:
-        """Return pressures per unit drive of each element with its image."""
+        """Return the pressure per unit drive of each element together with its image."""
         count = len(self.strengths)
         if rows.shape[-1] == count and (self.strengths == 1.0).all():
             return rows
@@ -112,30 +113,30 @@ class WithImages:
         return folded.astype(rows.dtype, copy=False)
 
     def unfolded(self, amplitudes: Amplitudes) -> Complex128[np.ndarray, "sources"]:
-        """Return the amplitudes of all sources from those of the elements."""
+        """Expand amplitudes of the elements to those of all sources."""
         return np.concatenate([amplitudes * self.strengths, amplitudes[self.imaged]])
 
 
 @dataclass(frozen=True, eq=False)
 class LiveScene:
-    """The part of a scene that is fixed while the hand moves.
+    """The part of a scene that does not change while the hand moves.
 
     Attributes
     ----------
-    medium : medium of the sound.
+    medium : medium in which the sound propagates.
     frequency : frequency of the sound [Hz].
-    array : transducers in scene coordinates, which the tracked hand shares.
+    array : transducers in scene coordinates, as are the tracked hands.
     side : side of the hand that carries the foci.
-    radii : (25,) radius of the skin around each joint [m]; None for those of a generic hand.
-    places : places of the hand, such as ``"thumb.pad"``, that carry the F foci.
+    radii : (25,) radius of the skin around each joint [m]; None for a generic hand.
+    places : places on the hand, such as ``"thumb.pad"``, that carry the F foci.
     offsets : (F,) distances of the foci from the skin [m].
     method : name of the method that computes the drives.
-    modulation : amplitude modulation that makes the drive perceptible, or None.
-    moving : paths of the foci, or None.
+    modulation : amplitude modulation that makes the drive perceptible; or None.
+    moving : paths of the foci; None if they do not move relative to the hand.
     planes : a rigid plane, such as a table; none for open air.
-    objects : virtual objects at the start.
-    both : whether both hands are followed, each with the radii of the one; ``side`` is then the
-        hand of places without a side.
+    objects : virtual objects at the start of the run.
+    both : whether both hands are followed. If so, ``radii`` apply to both, and ``side`` is the
+        hand meant by places without a side.
     """
 
     medium: Medium
@@ -156,7 +157,7 @@ class LiveScene:
 
     @cached_property
     def with_images(self) -> WithImages:
-        """The elements and their images in the plane."""
+        """The elements together with their images in the plane."""
         return WithImages.of(self.array, self.planes)
 
     @property
@@ -166,20 +167,20 @@ class LiveScene:
 
 
 def live_scene(setup: Setup) -> LiveScene:
-    """Return the fixed part of a scene file with a hand to follow.
+    """Return the fixed part of a scene file in which a hand is to be followed.
 
     Raises
     ------
     InvalidInput
-        If the scene has other bodies than one or two sound-hard hands; if it has foci that are not
-        on their places; if it requests pressures, phases or suppression; if it has paths of foci
-        and objects or two hands; or if the path of a moving focus leaves the skin, has more
-        than 64 frames, or is too fast for frames of whole periods of the sound.
+        If the scene contains bodies other than one or two sound-hard hands; if a focus is not at a
+        place of a hand; if the scene requests pressures, phases or suppression; if it combines
+        paths of foci with virtual objects or two hands; or if the path of a moving focus leaves
+        the skin, has more than 64 frames, or is so fast that a frame is shorter than one period.
     """
     name = _file_name(setup)
     check_no_boards(setup.scene, "live")
     on_hand = [place for place in setup.riding if place and unsided(place[0]) in PLACES]
-    # Without foci, the objects that the hands will touch define them.
+    # A scene without foci must contain objects, whose contacts then define the foci.
     touched = setup.contacts is not None
     if not touched and (len(on_hand) < len(setup.foci) or not setup.hands):
         raise InvalidInput(
@@ -188,7 +189,7 @@ def live_scene(setup: Setup) -> LiveScene:
             f"[[objects]]; the places are {', '.join(PLACES)}.",
             code="misplaced",
         )
-    # The two fingers of a pinch stand for the tracked hand.
+    # The two fingers of the example pinch stand for the tracked hand.
     stands_in = touched and setup.bodies == ("thumb", "finger")
     hard = all(body.boundary == "sound_hard" for body in setup.scene.obstacles)
     if not hard or not (stands_in or len(setup.bodies) == len(setup.hands)):
@@ -205,26 +206,26 @@ def live_scene(setup: Setup) -> LiveScene:
         or target.suppression_points.size
     ):
         raise InvalidInput(
-            f"{name}: live maximises the pressure at the weakest focus: remove pressure, share, "
-            "phase_degrees and suppression.",
+            f"{name}: live always maximises the pressure at the weakest focus: remove pressure, "
+            "share, phase_degrees and suppression.",
             code="options_clash",
         )
     if setup.method in FOR_SAMPLES:
         raise InvalidInput(
-            f'{name}: live makes no drives for uncertain hands: set method = "best".',
+            f'{name}: live cannot compute drives for uncertain hands: set method = "best".',
             code="options_clash",
         )
     both = touched or bool(setup.objects) or len(setup.hands) > 1
     outlined = any(thing.style == "outline" for thing in setup.objects)
-    # A setup with outlines has this motion by default.
+    # A setup with outlines contains this motion by default.
     if both and setup.motion not in (None, *([Motion("stm", "points")] if outlined else [])):
         raise InvalidInput(
-            f"{name}: with objects or two hands, live cannot move foci along paths: "
+            f"{name}: live cannot move foci along paths if there are objects or two hands: "
             'remove kind = "stm" or "lm"; style = "outline" moves a focus along contacts.',
             code="not_supported",
         )
     modulation = setup.modulation if isinstance(setup.modulation, AmplitudeModulation) else None
-    # Boards that cannot play a round along outlines, and foci that stay, need a modulation.
+    # Static foci need a modulation, and so do boards that cannot play a round along an outline.
     if modulation is None and outlined:
         modulation = AmplitudeModulation()
     scene = LiveScene(
@@ -251,7 +252,7 @@ def _file_name(setup: Setup) -> str:
 
 
 def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
-    """Attach the paths of a scene file to the bones of its hand."""
+    """Attach the paths of a scene file to the bones of the hand."""
     foci = len(scene.places)
     target = setup.target
     if motion.through_points(foci):
@@ -265,13 +266,13 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
         shifts = np.einsum("fnj,fij->nfi", paths - target.points[:, None], frames)
         places = np.tile(np.arange(foci), (len(shifts), 1))
         words = "each focus runs along a path"
-    # Boards need sequences of a few frames at least, so short paths are repeated.
+    # Boards require sequences of at least a few frames, so short paths are repeated.
     repeat = -(-MIN_FRAMES // len(places))
     places = np.repeat(places, repeat, axis=0)
     shifts = np.repeat(shifts, repeat, axis=0)
-    if len(places) > 64:  # every pose needs a drive for each frame
+    if len(places) > 64:  # each pose requires a drive for every frame
         raise InvalidInput(
-            f"{_file_name(setup)}: live makes at most 64 frames of a path for each pose, not "
+            f"{_file_name(setup)}: live computes at most 64 frames of a path per pose, not "
             f"{len(places)}: use frames = {DEFAULT_FRAMES}.",
             code="sizes_differ",
         )
@@ -279,11 +280,11 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
     if rounds * len(places) > setup.frequency:
         raise InvalidInput(
             f"{_file_name(setup)}: {rounds:g} rounds of {len(places)} frames per second exceed the "
-            f"{setup.frequency:g} periods of the sound: use "
+            f"{setup.frequency:g} periods of the sound per second: use "
             f"{setup.frequency / len(places):.4g} Hz or less.",
             code="out_of_range",
         )
-    # Frames last whole periods of the sound, so that boards can play them by their own clock.
+    # Each frame lasts a whole number of periods, so that boards can play it by their own clock.
     rate = setup.frequency / round(setup.frequency / (rounds * len(places)))
     words = f"{words} {rate / len(places):.3g} times a second"
     return MovingFoci(places, fixed(shifts), rate, words)
@@ -292,9 +293,9 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
 def hand_in(
     scene: LiveScene, landmarks: Float64[np.ndarray, "landmarks 3"], side: Side | None = None
 ) -> Hand:
-    """Return the hand with these landmarks, or joints (25, 3) [m].
+    """Return the hand with these landmarks [m], or with joints (25, 3) [m].
 
-    The side, by default that of the scene, was checked with the frame.
+    The side defaults to that of the scene; it has already been checked with the frame.
     """
     joints = joints_of(landmarks)
     check_finger_order(joints)
@@ -302,7 +303,7 @@ def hand_in(
 
 
 def foci_on(hand: Hand, scene: LiveScene, offset: float | None = None) -> Foci:
-    """Return the foci on a hand (F, 3) [m]; ``offset`` replaces the scene's offsets [m]."""
+    """Return the foci on a hand (F, 3) [m]; ``offset`` [m] overrides the scene's offsets."""
     offsets = scene.offsets if offset is None else np.full(len(scene.places), offset)
     foci = []
     for place, distance in zip(scene.places, offsets, strict=True):
@@ -318,11 +319,11 @@ class PosedHand:
     Attributes
     ----------
     hand : the hand, in scene coordinates.
-    foci : (F, 3) [m].
-    frames : (F, 3, 3) axes of the bone of each focus, one per row.
-    distances : (K,) distances between all pairs of the foci and the ends of their bones [m].
-    directions : (F, S, 3) unit vectors from each focus to elements spread over the array, in the
-        axes of its bone.
+    foci : (F, 3) foci on the hand [m].
+    frames : (F, 3, 3) axes of the bone that carries each focus, one per row.
+    distances : (K,) distances between all pairs of foci and ends of their bones [m].
+    directions : (F, S, 3) unit vectors from each focus to S elements spread over the array, in the
+        axes of the focus's bone.
     """
 
     hand: Hand
@@ -335,7 +336,7 @@ class PosedHand:
 
 
 def bone_of(place: str) -> tuple[int, int]:
-    """Return the indices of the joints at both ends of the bone that carries a place.
+    """Return the indices of the two joints at the ends of the bone that carries a place.
 
     >>> bone_of("index.pad")
     (8, 9)
@@ -350,18 +351,18 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
 
     Parameters
     ----------
-    scene : its places, offsets, radii and array are used.
+    scene : scene; its places, offsets, radii and array are used.
     joints : (25, 3) joints in scene coordinates [m].
-    offset : replaces the scene's offsets of the foci from the skin [m].
+    offset : distance of all foci from the skin [m]; by default, the scene's offsets.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``hand_from_joints``, or if a place is unknown; the side is not
+        For the reasons listed in ``hand_from_joints``, or if a place is unknown. The side is not
         checked.
     """
     hand = hand_in(scene, joints)
-    # The directions of 12 elements, spread over the array, show the orientation of a hand.
+    # The directions to 12 elements, spread over the array, describe the orientation of the hand.
     elements = scene.array.positions[:: max(1, len(scene.array) // 12)]
     foci = foci_on(hand, scene, offset)
     frames = []
@@ -384,7 +385,7 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
 def gap_change(
     distances: Float64[np.ndarray, "*poses pairs"], reference: Float64[np.ndarray, "pairs"]
 ) -> Float64[np.ndarray, "*poses"]:
-    """Return the root mean square change of ``PosedHand.distances`` [m]."""
+    """Return the root-mean-square change of ``PosedHand.distances`` [m]."""
     return np.asarray(np.sqrt(np.mean((distances - reference) ** 2, axis=-1)))
 
 
@@ -392,12 +393,12 @@ def turn(
     directions: Float64[np.ndarray, "*poses foci samples 3"],
     reference: Float64[np.ndarray, "foci samples 3"],
 ) -> Float64[np.ndarray, "*poses"]:
-    """Return the root mean square change of ``PosedHand.directions`` [rad]."""
+    """Return the root-mean-square change of ``PosedHand.directions`` [rad]."""
     squares = np.sum((directions - reference) ** 2, axis=-1)
     return np.asarray(np.sqrt(np.mean(squares, axis=(-2, -1))))
 
 
 def moving_points(moving: MovingFoci, posed: PosedHand) -> Float64[np.ndarray, "frames together 3"]:
-    """Return the K foci of each of N frames on a hand (N, K, 3) [m]."""
+    """Return the K foci in each of N frames for a posed hand (N, K, 3) [m]."""
     shifts = np.einsum("nki,nkij->nkj", moving.shifts, posed.frames[moving.places])
     return posed.foci[moving.places] + shifts

@@ -1,4 +1,4 @@
-"""The session file of a run, ``session.h5``: written while the loop runs and read afterwards."""
+"""The file ``session.h5``, which is written while the loop runs and can be read afterwards."""
 
 import os
 import subprocess
@@ -42,10 +42,10 @@ from airtact.transducers.element import Element
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
 
-# File name in the folder of a session.
+# Name of the session file in its folder.
 FILE = "session.h5"
 
-# The file stores rules and states by their index.
+# The file stores each rule and state as an index into these tuples.
 RULES: tuple[Rule, ...] = get_args(Rule)
 STATES: tuple[State, ...] = get_args(State)
 
@@ -56,23 +56,23 @@ class Session:
 
     Attributes
     ----------
-    scene : the fixed part of the scene.
-    text : the scene file.
-    amplitudes : (N, E) amplitudes of N drives, as shares of full scale.
+    scene : the part of the scene that does not change.
+    text : text of the scene file.
+    amplitudes : (N, E) complex amplitudes of N drives, as shares of full scale.
     time_in_air : (N,) time at which each drive reached the link, on the clock of the frames [s].
     drive_frame_time : (N,) timestamp of the newest frame that each drive used [s].
-    rules, states : (N,) basis of each drive, and state of the loop.
+    rules, states : (N,) how each drive was computed, and the state of the loop at that time.
     kept : (N,) expected share of the attainable pressure; NaN if unknown.
-    shape_age : (N,) age of the solution used by each drive [s]; NaN without a solution.
-    foci : (N, F, 3) predicted foci [m]; NaN if the hand was lost, or if there were fewer.
+    shape_age : (N,) age of the solution that each drive used [s]; NaN without a solution.
+    foci : (N, F, 3) predicted foci [m]; NaN if the hand was lost or a drive has fewer foci.
     joints : (N, 25, 3) predicted joints of the hand [m]; NaN if it was lost.
     frame_time : (M,) timestamps of the tracker's frames [s].
     landmarks : (M, 25, 3) landmarks in scene coordinates [m]; NaN if the hand was lost.
     sides : (M,) side of the hand in each frame.
     strengths : (N, F) strengths of the foci; 1 if all are equal.
-    contacts, depths : (N, C, 3) skin in contact with objects [m], and (N, C) its depth [m]; NaN if
-        there were fewer contacts.
-    other : (N, 25, 3) predicted joints of the hand of the other side [m]; NaN if it was not seen.
+    contacts : (N, C, 3) points of the skin in contact with objects [m]; NaN if there were fewer.
+    depths : (N, C) depths of these points in the objects [m]; NaN if there were fewer.
+    other : (N, 25, 3) predicted joints of the other hand [m]; NaN if it was not seen.
     """
 
     scene: LiveScene
@@ -98,33 +98,33 @@ class Session:
 
     @property
     def playing(self) -> Bool[np.ndarray, "drives"]:
-        """Mask (N,) of the drives that are neither silent nor fading."""
+        """Mask (N,) of the drives with sound, excluding those that were fading."""
         return (np.array(self.states) == "playing") & self.amplitudes.any(axis=1)
 
 
 class SessionWriter:
-    """Writes a session while it runs; ``frame`` and ``drive`` return at once.
+    """Writer of a session during a run; ``frame`` and ``drive`` return at once.
 
-    A separate process appends the rows, so that a slow disk does not delay the loop, and a killed
-    loop or a full disk does not damage the file. An earlier file is replaced once the loop begins.
-    Real and imaginary parts of amplitudes are rounded to about 1/16 of the drive's largest
-    amplitude, which changes pressures at foci by about 0.1 %, and lengths to 1 µm.
+    A separate process appends the rows. A slow disk therefore does not delay the loop, and a killed
+    loop or a full disk does not damage the file. An existing file is replaced when the loop begins.
+    Real and imaginary parts of amplitudes are rounded to about 1/16 of the largest amplitude in the
+    drive, which changes the pressure at a focus by about 0.1 %. Lengths are rounded to 1 µm.
 
     Parameters
     ----------
     path : file to write.
     scene : the fixed part of the scene.
-    text : the scene file's text.
+    text : text of the scene file.
 
     Attributes
     ----------
     dropped : number of rows dropped because the disk was too slow.
-    fault : why nothing more is recorded, and since when; None without a fault.
+    fault : why and since when nothing more is recorded; None if there is no fault.
 
     Raises
     ------
     InvalidInput
-        If the folder cannot be created, or another run records into it.
+        If the folder cannot be created, or another run is recording into it.
     """
 
     def __init__(self, path: Path, scene: LiveScene, text: str = "") -> None:
@@ -140,7 +140,7 @@ class SessionWriter:
         self._lock = lock_folder(writable_folder(path.parent))
 
     def begin(self) -> None:
-        """Replace an earlier file; the loop calls it when its boards are open."""
+        """Replace an existing file; the loop calls this method once its boards are open."""
         self._begun = time.monotonic()
         self._process = start_python(
             "-m",
@@ -148,7 +148,7 @@ class SessionWriter:
             str(self.path.resolve()),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,  # HDF5 fills it on a full disk
+            stderr=subprocess.DEVNULL,  # HDF5 floods it if the disk is full
         )
         self._thread = Thread(
             target=self._send, args=(self._process,), name="airtact session", daemon=True
@@ -156,7 +156,7 @@ class SessionWriter:
         self._thread.start()
 
     def frame(self, frame: HandFrame) -> None:
-        """Record a frame of the hand, in scene coordinates."""
+        """Record a frame of a hand, in scene coordinates."""
         landmarks = None if frame.landmarks is None else joints_of(frame.landmarks)
         row = {"time": frame.time, "landmarks": landmarks}
         if self._scene.both:
@@ -164,7 +164,7 @@ class SessionWriter:
         self._take("frames", row)
 
     def drive(self, moment: Moment, time_in_air: float) -> None:
-        """Record a drive that reached the link at a time of the frames' clock [s]."""
+        """Record a drive that reached the link at ``time_in_air`` on the frames' clock [s]."""
         row = {
             "amplitudes": moment.amplitudes.astype(np.complex64),
             "time_in_air": time_in_air,
@@ -185,12 +185,12 @@ class SessionWriter:
         self._take("drives", row)
 
     def close(self) -> None:
-        """Write the remaining rows and close the file; ``fault`` states what is missing."""
+        """Write the remaining rows and close the file; ``fault`` then describes missing data."""
         if self._process is None and self._rows:
             self.begin()
         self._done.set()
         if self._process is not None:
-            # A disk that hangs must not keep the program from ending.
+            # A disk that hangs must not prevent the program from ending.
             self._thread.join(30.0)
             self._process.kill()
             self._thread.join(5.0)
@@ -205,10 +205,10 @@ class SessionWriter:
             self._rows.append((group, row))
 
     def _send(self, process: "subprocess.Popen[bytes]") -> None:
-        """Send the rows to the writer in a thread, so that a full pipe does not delay the loop."""
+        """Send rows to the writing process from a thread, so that a full pipe delays nothing."""
         assert process.stdin is not None
         assert process.stdout is not None
-        with suppress(OSError), process.stdin as pipe:  # the writer has ended
+        with suppress(OSError), process.stdin as pipe:  # the writing process may have ended
             dump(_header(self._scene, self._text), pipe)
             last = False
             while process.poll() is None and not (last and not self._rows):
@@ -220,7 +220,7 @@ class SessionWriter:
         with process.stdout as answer:
             reason = answer.read().decode(errors="replace").strip().rstrip(".")
         if process.wait():
-            reason = reason or "the process that writes it was lost"
+            reason = reason or "the process that writes it has ended"
             self.fault = f"nothing after {seconds:.0f} s: {reason}"
             self._rows.clear()
 
@@ -253,7 +253,7 @@ class SessionWriter:
 def _padded(
     values: Float64[np.ndarray, "*some"] | None, shape: tuple[int, ...]
 ) -> Float64[np.ndarray, "*most"]:
-    """Pad values with NaN to a shape with a longer first axis."""
+    """Pad the first axis of ``values`` with NaN to the given shape."""
     padded = np.full(shape, np.nan)
     if values is not None:
         padded[: len(values)] = values
@@ -261,7 +261,7 @@ def _padded(
 
 
 def _rounded(amplitudes: Complex64[np.ndarray, "drives elements"]) -> np.ndarray:
-    """Round parts of amplitudes to about 1/16 of the drive's largest, so that they compress."""
+    """Round amplitudes to about 1/16 of the largest in their drive, so that they compress well."""
     largest = np.abs(amplitudes).max(axis=1, keepdims=True, initial=1e-12)
     # Numbers with few binary digits compress best, so the steps are powers of two.
     step = 2.0 ** np.round(np.log2(largest)) / 16.0
@@ -270,12 +270,16 @@ def _rounded(amplitudes: Complex64[np.ndarray, "drives elements"]) -> np.ndarray
 
 
 def lock_folder(folder: Path) -> int | None:
-    """Lock a folder until the returned file is closed; return None on systems without locks.
+    """Lock a folder until the returned file descriptor is closed.
+
+    Returns
+    -------
+    The file descriptor; None on systems without file locks.
 
     Raises
     ------
     InvalidInput
-        If another run records into the folder.
+        If another run is recording into the folder.
     """
     try:
         import fcntl
@@ -287,7 +291,8 @@ def lock_folder(folder: Path) -> int | None:
     except BlockingIOError:
         os.close(file)
         raise InvalidInput(
-            f"another run records into {folder}: choose another folder.", code="not_writable"
+            f"another run is recording into {folder}: choose another folder.",
+            code="not_writable",
         ) from None
     return file
 
@@ -329,7 +334,7 @@ def _header(scene: LiveScene, text: str) -> dict[str, Any]:
         "array/gains": np.asarray(array.gains),
         "array/face_points": np.asarray(element.points),
         "array/face_weights": np.asarray(element.weights),
-        # A session without frames or drives has these columns, too.
+        # Sessions without any frame or drive need these columns as well.
         "+frames/time": np.zeros(0),
         "+frames/landmarks": np.zeros((0, 25, 3), dtype=np.float32),
         "+drives/amplitudes": np.zeros((0, len(array)), dtype=np.complex64),
@@ -409,17 +414,17 @@ DRIVE_LAYOUT = {
 
 
 def read_session(path: str | Path) -> Session:
-    """Read a session, even if its loop was killed.
+    """Read a session file, even if the loop that wrote it was killed.
 
     Parameters
     ----------
-    path : ``session.h5``, or the folder that holds it.
+    path : file ``session.h5``, or the folder that contains it.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, is not a session, or has a newer version; the message begins
-        with its name.
+        If the file cannot be read, is not a session, or was written by a newer version. The
+        message begins with the name of the file.
     """
     raw = _read(path, FRAME_LAYOUT | SCENE_LAYOUT | DRIVE_LAYOUT)
     with about(Path(path).name):
@@ -456,21 +461,21 @@ def read_session(path: str | Path) -> Session:
 
 
 def recording_of(path: str | Path) -> Recording:
-    """Read the frames of a session in scene coordinates, as a recording.
+    """Read the frames of a session as a recording, in scene coordinates.
 
     Parameters
     ----------
-    path : ``session.h5``, or the folder that holds it.
+    path : file ``session.h5``, or the folder that contains it.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``read_session``, or if the session has no frame.
+        For the reasons listed in ``read_session``, or if the session contains no frames.
     """
     raw = _read(path, FRAME_LAYOUT)
     if not len(raw["frames/time"]):
         raise InvalidInput(
-            f"{Path(path).name} has no frames: record one with a hand.", code="empty"
+            f"{Path(path).name} contains no frames: record a session with a hand.", code="empty"
         )
     with about(Path(path).name):
         frames = [
@@ -486,13 +491,13 @@ def _read(path: str | Path, layout: Mapping[str, str]) -> dict[str, Any]:
     """Read a session file, or the one in a folder."""
     path = Path(path)
     path = path / FILE if path.is_dir() else path
-    # A session may be hours long, but a file whose numbers unpack to far more bytes is none.
+    # A session may last for hours, but a file that unpacks to far more bytes than this is damaged.
     largest = max(LARGEST_DATA, 16 * path.stat().st_size) if path.is_file() else LARGEST_DATA
     raw = datasets_of(path, layout, newest=3, largest=largest)
     with about(path.name):
         check_choice(raw["format"], "its format", ["airtact session"])
         check_choice(raw["side"], "the side of the hand", ["left", "right"])
-    # A killed loop can leave columns of different lengths.
+    # If the loop was killed, the columns can have different lengths.
     for group in ("frames/", "drives/"):
         columns = [name for name in raw if name.startswith(group)]
         count = min((len(raw[name]) for name in columns), default=0)
@@ -509,13 +514,13 @@ def _sides(raw: Mapping[str, Any]) -> tuple[Side, ...]:
 
 
 def _words(raw: Mapping[str, Any], column: str) -> tuple[Any, ...]:
-    """Return the rule or state of each drive from its index into the file's list of them."""
+    """Look up the rule or state of each drive by its index in the file's list."""
     listed = raw[f"{column}s"]
     indices = raw[f"drives/{column}"]
     wrong = indices[(indices < 0) | (indices >= len(listed))]
     if len(wrong):
         raise InvalidInput(
-            f"drives/{column} has {wrong[0]}, but there are {len(listed)} {column}s.",
+            f"drives/{column} contains {wrong[0]}, but there are only {len(listed)} {column}s.",
             code="out_of_range",
         )
     return tuple(listed[index] for index in indices.tolist())
@@ -528,7 +533,7 @@ def _scene_of(raw: Mapping[str, Any]) -> LiveScene:
     offsets = raw.get("offsets", np.zeros(0))
     if len(offsets) != len(places):
         raise InvalidInput(
-            f"it has {len(places)} places, but {len(offsets)} offsets.", code="sizes_differ"
+            f"it has {len(places)} places but {len(offsets)} offsets.", code="sizes_differ"
         )
     for name in ("offsets", "hand/radii"):
         check_finite(raw.get(name, np.zeros(0)), name)
@@ -542,7 +547,7 @@ def _scene_of(raw: Mapping[str, Any]) -> LiveScene:
     modulation = raw["modulation"].tolist()
     if len(modulation) not in (0, 2):
         raise InvalidInput(
-            f"modulation has {len(modulation)} numbers; use frequency and depth, or none.",
+            f"modulation has {len(modulation)} numbers; use a frequency and a depth, or none.",
             code="wrong_shape",
         )
     return LiveScene(

@@ -1,4 +1,4 @@
-"""Sources of frames: a recording, trackers by socket, the page."""
+"""Sources of frames: a recording, trackers that send to a socket, or the page."""
 
 import time
 from collections import deque
@@ -20,25 +20,25 @@ from airtact.live.world import World
 from airtact.setup.examples import example
 from airtact.touch.contacts import Contacts
 
-# Takes a frame and the time of its arrival, by ``time.monotonic`` [s].
+# Callback that receives a frame and the time of its arrival by ``time.monotonic`` [s].
 OnFrame = Callable[[HandFrame, float], None]
 
 
 class HandSource:
-    """Source of frames of a hand, in scene coordinates, from ``begin`` to ``close``.
+    """Source of frames of hands in scene coordinates, from ``begin`` to ``close``.
 
-    Other code may feed ``stream``; the page does so for a hand that is dragged there.
+    Other code may also feed ``stream``; the page does so for a hand that is dragged there.
 
     Parameters
     ----------
     words : short description of the source.
     tracker : pose of the tracker in the scene.
-    world : the objects and foci that applications may change; without any by default.
+    world : objects and foci that applications can change; empty by default.
 
     Attributes
     ----------
-    stream : stream of the frames.
-    ended : whether no more frames will come.
+    stream : stream to which the frames are added.
+    ended : whether the source has delivered its last frame.
     """
 
     def __init__(self, words: str, tracker: Pose | None = None, world: World | None = None) -> None:
@@ -46,13 +46,13 @@ class HandSource:
         self.world: World = World() if world is None else world
         self.stream: HandStream = HandStream(on_frame=self._arrived, tracker=tracker)
         self.ended: bool = False
-        # Frames that come before ``begin`` are kept, up to the newest 1024.
+        # Keep the newest 1024 frames that arrive before ``begin``.
         self._early: deque[tuple[HandFrame, float]] = deque(maxlen=1024)
         self._on_frame: OnFrame | None = None
         self._lock = Lock()
 
     def begin(self, on_frame: OnFrame) -> HandStream:
-        """Call ``on_frame`` with the frames received so far and with every later one."""
+        """Call ``on_frame`` with the frames received so far and with each later one."""
         with self._lock:
             self._on_frame = on_frame
             while self._early:
@@ -60,7 +60,7 @@ class HandSource:
         return self.stream
 
     def remark(self) -> str:
-        """Describe oddities of the frames, or state that there are none; "" if all is well."""
+        """Describe problems with the frames, or their absence; "" if there is none."""
         return self.stream.remark()
 
     def __enter__(self) -> "HandSource":
@@ -82,18 +82,18 @@ class HandSource:
 
 
 class RecordedHands(HandSource):
-    """Source that plays a recording, each frame at its own time.
+    """Source that plays a recording, with the original times between frames.
 
     Parameters
     ----------
     recording : recording, as returned by ``load_recording``.
-    loop : whether it restarts at its end, with continuing times.
+    loop : whether the recording restarts at its end, with times that continue.
     world : see ``HandSource``.
 
     Raises
     ------
     InvalidInput
-        If a recording of a single frame should be played in a loop.
+        If a recording of a single frame is to be played in a loop.
     """
 
     def __init__(
@@ -118,10 +118,10 @@ class RecordedHands(HandSource):
         return stream
 
     def close(self) -> None:
-        """Stop between two frames."""
+        """Stop playing between two frames."""
         self._closed.set()
         if self._thread.ident is not None:
-            # Ctrl-C may have interrupted a wait between its lock and its release.
+            # Ctrl-C may have interrupted a wait while it held the lock, so do not wait forever.
             self._thread.join(timeout=2.0)
 
     def _play(self) -> None:
@@ -134,10 +134,10 @@ class RecordedHands(HandSource):
         self.ended = True
 
     def _repeated(self) -> Iterator[HandFrame]:
-        """Yield the frames repeatedly, with times and sequence numbers that continue."""
+        """Yield the frames again and again, with continuing times and sequence numbers."""
         frames = self.frames
         times = np.array([frame.time for frame in frames])
-        # The first frame of a round follows the last one of the previous round at the usual
+        # The first frame of a round follows the last one of the previous round after the median
         # interval.
         duration = times[-1] - times[0] + float(np.median(np.diff(times)))
         count = frames[-1].sequence - min(frame.sequence for frame in frames) + 1
@@ -153,23 +153,25 @@ class RecordedHands(HandSource):
 
 
 class ReceivedHands(HandSource):
-    """Source that receives messages of trackers and applications at a port, which opens at once.
+    """Source that receives messages from trackers and applications at a port.
+
+    The port opens on construction.
 
     Parameters
     ----------
-    port : port to listen at; 0 selects a free port.
+    port : port to listen on; 0 selects a free port.
     tracker : pose of the tracker in the scene.
-    world : objects and foci that applications change.
-    kind : "websocket", or "osc" over UDP.
+    world : objects and foci that applications can change.
+    kind : "websocket", or "osc" for OSC over UDP.
 
     Attributes
     ----------
-    port : port it listens at.
+    port : port on which the source listens.
 
     Raises
     ------
     InvalidInput
-        If the port is taken or the extra is not installed.
+        If the port is in use, or the optional package for this kind is not installed.
     """
 
     def __init__(
@@ -188,7 +190,7 @@ class ReceivedHands(HandSource):
         self.words = f"{'OSC at ' if osc else 'ws://'}127.0.0.1:{self.port}"
 
     def remark(self) -> str:
-        """Describe oddities of the frames, or state that there have been none for 5 s."""
+        """Describe problems with the frames, or report that none arrived for 5 s."""
         if self.stream.idle > 5.0:
             return f"no frames at port {self.port}; is the tracker's program running?"
         return super().remark()
@@ -199,8 +201,8 @@ class ReceivedHands(HandSource):
 
 
 def moved_to(recording: Recording, hand: Hand) -> Recording:
-    """Move a recorded hand so that its palm lies on another hand's, mirrored if needed."""
-    # The wrist and both ends of the metacarpals hardly move relative to each other.
+    """Move a recorded hand so that its palm lies on that of another hand; mirror it if needed."""
+    # The wrist and the ends of the metacarpals hardly move relative to each other.
     palm = [0, 5, 6, 10, 11, 15, 16, 20, 21]
     seen = [frame for frame in recording.frames if frame.landmarks is not None]
     mirror = np.array([1.0, 1.0, 1.0 if seen[0].side == hand.side else -1.0])
@@ -215,9 +217,10 @@ def moved_to(recording: Recording, hand: Hand) -> Recording:
 
 
 def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
-    """Make a hand touch an object and move away by 12 mm, once in 2 s, at 60 frames per second.
+    """Return a motion in which a hand touches an object and moves away by 12 mm every 2 s.
 
-    Without a hand, it is the packaged recording of a small hand around the ball of ``touch_ball``.
+    The motion has 60 frames per second. Without a hand, the packaged recording of a small hand
+    around the ball of the scene ``touch_ball`` is returned.
     """
     if not hands:
         return load_recording(example("grasping.jsonl"))
@@ -227,7 +230,7 @@ def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
         depths = [thing.depth(skin.points) for thing in contacts.virtual_objects]
     deepest = np.max(depths, axis=0)
     nearest = int(deepest.argmax())
-    # Skin that does not touch at rest moves on until it is 2 mm deep.
+    # If the skin does not touch the object at rest, it moves on until it is 2 mm deep.
     reach = max(2e-3 - float(deepest[nearest]), 0.0)
     frames = []
     for index in range(120):
@@ -238,5 +241,5 @@ def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
 
 
 def checked_seconds(seconds: float | None) -> float:
-    """Return the duration [s], or infinity for None; see ``positive`` for the errors."""
+    """Return the duration [s], or infinity for None; it raises the errors of ``positive``."""
     return np.inf if seconds is None else positive(seconds, "the duration", "s")

@@ -1,4 +1,4 @@
-"""Verification of a session: compare its drives with the best ones for the recorded hand."""
+"""Verification of a session: its drives are compared with the best ones for the recorded hand."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,14 +22,14 @@ from airtact.timing import Progress, no_progress
 
 @dataclass(frozen=True, eq=False)
 class VerifiedSession:
-    """Pressures at the hand from selected drives of a session.
+    """Pressures that selected drives of a session produce at the recorded hand.
 
     Attributes
     ----------
     indices : (V,) indices of the drives.
     pressures : (V, F) pressures at the foci [Pa]; NaN if a drive has fewer foci.
-    kept : (V,) pressure at the weakest focus in proportion to its strength, divided by that of the
-        drive made for the hands at that time, at equal energy.
+    kept : (V,) share of the attainable pressure: the pressure of the weakest focus over its
+        strength, divided by the same for the best drive of equal energy for the hands at that time.
     """
 
     indices: tuple[int, ...]
@@ -42,22 +42,28 @@ class VerifiedSession:
 def verify_session(
     session: Session, drives: int = 10, report_step: Progress = no_progress
 ) -> VerifiedSession:
-    """Compare drives of a session with the best ones for the whole hand at their time in the air.
+    """Compare drives of a session with the best ones for the whole hand at the same times.
 
     Parameters
     ----------
     session : session, as returned by ``read_session``.
-    drives : number of drives with sound to verify, evenly spread; each takes a solve to 2 %.
-    report_step : called with each drive.
+    drives : number of drives with sound to verify, spread evenly over the session. For each one,
+        the field around the hand is solved with an error of 2 %.
+    report_step : called at the start of each drive.
 
     Raises
     ------
     InvalidInput
-        If there is no hand at the times of the selected drives.
+        If the session contains no drive with sound, or no hand at the times of the selected drives.
     """
     scene = session.scene
     playing = np.flatnonzero(session.playing)
-    chosen = np.unique(playing[np.linspace(0, max(len(playing) - 1, 0), drives).astype(int)])
+    if not len(playing):
+        raise InvalidInput(
+            "the session contains no drive with sound: record one with a hand before the array.",
+            code="empty",
+        )
+    chosen = np.unique(playing[np.linspace(0, len(playing) - 1, drives).astype(int)])
     indices = []
     pressures = []
     kept = []
@@ -95,8 +101,8 @@ def verify_session(
         kept.append(share / attainable)
     if not indices:
         raise InvalidInput(
-            f"there was no hand at the times of the {len(playing)} drives with sound: record a "
-            "longer session.",
+            f"the session shows no hand at the times of the {len(chosen)} selected drives: "
+            "record a longer session.",
             code="empty",
         )
     padded = np.full((len(pressures), max(map(len, pressures))), np.nan)
@@ -110,7 +116,7 @@ def _touched(
 ) -> tuple[Foci, Float64[np.ndarray, "foci"]]:
     """Return the foci (F, 3) of a drive [m], in front of the true skin, and their strengths (F,).
 
-    Weak foci are ignored, because the sound of the others masks them.
+    Foci with a strength of 0.05 or less are left out, because the others mask them.
     """
     foci = []
     strengths = []
@@ -118,7 +124,7 @@ def _touched(
         if not strength > 0.05:  # NaN without a focus
             continue
         for hand in hands:
-            # The hand was predicted, so a focus at its skin is off the true one.
+            # The loop only predicted the hand, so its foci are not exactly at the true skin.
             if -3e-3 < hand.shape.depth(focus[None])[0] < 5e-3:
                 skin = hand.shape.project(focus[None])
                 focus = (skin + 0.5e-3 * outward(hand.shape.depth, skin))[0]
@@ -128,7 +134,12 @@ def _touched(
 
 
 def _joints_at(session: Session, time: float, side: Side) -> Joints | None:
-    """Joints at a time of the frames' clock [m], between two frames with a hand; or None."""
+    """Interpolate the joints (25, 3) [m] at a time on the frames' clock [s].
+
+    Returns
+    -------
+    The joints; None unless the hand was seen both before and after that time.
+    """
     seen = np.isfinite(session.landmarks[:, 0, 0]) & (np.array(session.sides) == side)
     times = session.frame_time[seen]
     landmarks = session.landmarks[seen]

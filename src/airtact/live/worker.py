@@ -1,4 +1,4 @@
-"""Worker processes of the loop, which process the newest message and send messages back."""
+"""Worker processes of the loop, which process the newest message and send results back."""
 
 import os
 import pickle
@@ -14,12 +14,12 @@ from airtact.timing import start_python
 
 
 class Mailbox:
-    """Holder of the newest message, which replaces the previous one.
+    """Container for the newest message, which replaces the previous one.
 
     Attributes
     ----------
     newest : newest message, or None.
-    ended : whether no more messages come.
+    ended : whether no more messages will arrive.
     """
 
     def __init__(self) -> None:
@@ -36,13 +36,13 @@ class Mailbox:
             self._changed.notify_all()
 
     def end(self) -> None:
-        """Signal that no more messages come."""
+        """Signal that no more messages will arrive."""
         with self._changed:
             self.ended = True
             self._changed.notify_all()
 
     def take(self) -> Any:
-        """Wait for a message and remove it; return None at the end."""
+        """Wait for a message and remove it; return None once the mailbox has ended."""
         with self._changed:
             self._changed.wait_for(lambda: self.ended or self.newest is not None)
             message = self.newest
@@ -50,7 +50,12 @@ class Mailbox:
             return None if self.ended else message
 
     def look(self, max_age: float) -> Any:
-        """Wait for a message newer than ``max_age`` [s] and keep it; return None at the end."""
+        """Wait for a message at most ``max_age`` [s] old, and leave it in the mailbox.
+
+        Returns
+        -------
+        The message; None once the mailbox has ended.
+        """
         with self._changed:
             while not self.ended:
                 if self.newest is not None and time.monotonic() - self._arrived < max_age:
@@ -61,17 +66,16 @@ class Mailbox:
 
 
 class Worker:
-    """A process with one thread for linear algebra; its methods do not block.
+    """A process with a single thread for linear algebra; its methods do not block.
 
-    It ends when it is closed or when this process ends.
+    The process ends when this object is closed or the parent process ends.
 
     Parameters
     ----------
-    work : module-level function that runs in the process. Its arguments are a mailbox with the
-        newest message, a function that sends a message back from any thread, and ``arguments``.
-    arguments : further arguments, which can be pickled.
-    receive : called, in a thread of this class, with each message that comes back, and with None
-        when the process has ended.
+    work : module-level function that runs in the process. It is called with a mailbox that receives
+        the messages, a function that sends a result back from any thread, and ``arguments``.
+    arguments : further arguments; they must be picklable.
+    receive : called in a thread with each result, and with None once the process has ended.
     pause : shortest time between two messages to the process [s].
     """
 
@@ -104,7 +108,7 @@ class Worker:
         return self.process.poll() is not None
 
     def put(self, message: object) -> None:
-        """Send the newest message to the process."""
+        """Send a message to the process; it replaces one that is still waiting."""
         self._mailbox.put(message)
 
     def close(self) -> None:
@@ -138,9 +142,9 @@ def dump(message: object, pipe: IO[bytes]) -> None:
 
 
 def main() -> None:
-    """Perform the task in the first message from the input until the input ends."""
+    """Perform the task in the first message from standard input until the input ends."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    # Output of libraries must not mix with the messages.
+    # Output of libraries must not be mixed with the messages.
     with open(os.devnull, "wb") as nothing:
         os.dup2(nothing.fileno(), sys.stdout.fileno())
     work, arguments = pickle.load(sys.stdin.buffer)
@@ -160,5 +164,5 @@ def main() -> None:
     Thread(target=listen, daemon=True).start()
     with suppress(BrokenPipeError):
         work(mailbox, send, *arguments)
-    # Exit at once: a normal exit aborts if another thread is reading or runs compiled code.
+    # Exit at once: a normal exit aborts if another thread is reading or is in compiled code.
     os._exit(0)

@@ -1,7 +1,7 @@
-"""The virtual objects and foci to be felt, which applications change while the loop runs.
+"""The virtual objects and requested foci, which applications can change while the loop runs.
 
-Every application is a source with a name. Its foci end after it has been silent for ``SILENCE``.
-Its objects stay until its connection has been closed for ``SILENCE``, so that an application that
+Each application is a source with a name. Its foci end if it sends nothing for ``SILENCE``. Its
+objects stay until its connection has been closed for ``SILENCE``, so that an application that
 reconnects at once does not lose them.
 """
 
@@ -43,29 +43,29 @@ MAX_SOURCES = 64
 """Largest number of applications with foci."""
 
 MAX_MODULATION = 20.0
-"""Largest frequency of a focus's own modulation [Hz]; drives are made 60 times per second."""
+"""Largest modulation frequency of a focus [Hz]; drives are computed 60 times per second."""
 
 
 @dataclass(frozen=True, eq=False)
 class WantedFocus:
-    """A focus that an application asks for.
+    """A focus that an application requests.
 
     Attributes
     ----------
     name : name of the focus, unique in its application.
     strength : strength of the touch, from 0 to 1.
-    point : (3,) position in scene coordinates, or in those of the shape of the object ``on`` [m].
-    place : place of a hand such as ``"right.index.pad"``; without a side, of the scene's hand.
+    point : (3,) position in scene coordinates, or in those of the object named in ``on`` [m].
+    place : place on a hand, such as ``"right.index.pad"``; without a side, on the scene's hand.
     on : name of the object that the point moves with, or None.
-    offset : distance from the skin, for a place [m].
-    modulation : frequency at which the strength falls to 0 and rises again [Hz], at most 20; 0 for
-        a constant strength.
+    offset : distance from the skin [m]; only used with ``place``.
+    modulation : frequency at which the strength varies between 0 and its full value [Hz], at most
+        20; 0 keeps it constant.
 
     Raises
     ------
     InvalidInput
-        If not exactly one of ``point`` and ``place`` is given, the place is unknown, or a value is
-        out of range.
+        If neither or both of ``point`` and ``place`` are given, the place is unknown, or a value
+        is out of range.
     """
 
     name: str
@@ -81,13 +81,13 @@ class WantedFocus:
     def __post_init__(self) -> None:
         what = f"focus {self.name}"
         if (self.point is None) == (self.place is None):
-            raise InvalidInput(f"{what} needs either a point or a place.", code="options_clash")
+            raise InvalidInput(f"{what} requires either a point or a place.", code="options_clash")
         if self.point is not None:
             check_finite(self.point, f"the coordinates of {what}")
             object.__setattr__(self, "point", near_point(self.point, what))
         elif self.on is not None:
             raise InvalidInput(
-                f"{what} is at a place of the hand, so it cannot be on {self.on}: use a point.",
+                f"{what} is at a place on the hand, so it cannot be on {self.on}: use a point.",
                 code="options_clash",
             )
         if self.place is not None and unsided(self.place) not in PLACES:
@@ -95,13 +95,13 @@ class WantedFocus:
                 f"{what}: the hand has no place {self.place!r}; {nearest(self.place, PLACES)}",
                 code="unknown_name",
             )
-        between(self.strength, 0.0, 1.0, f"the strength of {what}", "", "it is a share.")
+        between(self.strength, 0.0, 1.0, f"the strength of {what}", "", "full strength is 1.")
         between(self.offset, 0.0, 0.1, f"the offset of {what}", "m", "is it in millimetres?")
-        slip = "skin feels the scene's own modulation above that."
+        slip = "for higher frequencies, set the modulation of the scene."
         between(self.modulation, 0.0, MAX_MODULATION, f"the modulation of {what}", "Hz", slip)
 
     def message(self) -> FocusMessage:
-        """Return the message that asks for the focus."""
+        """Return the message that requests this focus."""
         point = None if self.point is None else tuple(self.point.tolist())
         values = {"offset": self.offset, "strength": self.strength, "modulation": self.modulation}
         return FocusMessage(self.name, point, self.place, self.on, **values)
@@ -113,7 +113,7 @@ class World:
     Parameters
     ----------
     objects : objects of the scene file.
-    clock : returns the time [s].
+    clock : function that returns the current time [s].
     """
 
     def __init__(
@@ -123,22 +123,22 @@ class World:
         self._lock = RLock()
         self._objects = objects_of(objects)
         self._scene = {thing.name: thing for thing in self._objects}
-        # Of each object that an application added: the message, and the application.
+        # For each object that an application added: its message and the application.
         self._added: dict[str, tuple[ObjectMessage, str]] = {}
         self._foci: dict[str, dict[str, WantedFocus]] = {}
         self._heard: dict[str, float] = {}  # when each source with foci sent its newest message
-        self._closed: dict[str, float] = {}  # when sources with objects ended
+        self._closed: dict[str, float] = {}  # when the connection of each source with objects ended
         self._rejected: tuple[float, str] = (-np.inf, "")
         self._shown: tuple[Moment | None, str | None, float] = (None, "waiting for a hand", 1.0)
         self._state = (self._shown, _state_of(*self._shown))
 
     @property
     def objects(self) -> tuple[VirtualObject, ...]:
-        """The objects; the tuple is replaced at every change."""
+        """The current objects; the tuple is replaced at every change."""
         return self._objects
 
     def foci(self, now: float) -> tuple[WantedFocus, ...]:
-        """Return the foci requested at a time of ``time.monotonic`` [s], with their strengths."""
+        """Return the foci requested at a time by ``time.monotonic`` [s], with their strengths."""
         with self._lock:
             self._forget(now)
             names = {thing.name for thing in self._objects}
@@ -147,7 +147,7 @@ class World:
                 for focus in foci.values():
                     if focus.on is not None and focus.on not in names:
                         continue
-                    # Another application may use the same name.
+                    # Another application may have used the same name.
                     name = focus.name
                     while name in wanted:
                         name += "'"
@@ -157,7 +157,7 @@ class World:
             return tuple(wanted.values())
 
     def take(self, text: bytes | str, source: str) -> str | None:
-        """Process a message in JSON; return the reason for its rejection, or None."""
+        """Process a JSON message; return the reason if it is rejected, else None."""
         try:
             self.receive(read_message(text), source)
         except InvalidInput as fault:
@@ -166,18 +166,19 @@ class World:
         return None
 
     def receive(self, message: Message, source: str, keep: bool = False) -> None:
-        """Process a message of an application; a rejected one changes nothing.
+        """Process a message from an application; a rejected message changes nothing.
 
         Parameters
         ----------
-        message : the message; those with hands only count as a sign of life.
+        message : the message. Messages with hands only show that the sender is alive.
         source : name of the connection.
-        keep : whether foci that a message does not contain stay, and those without strength go.
+        keep : whether the earlier foci of the source that are not in the message stay. Foci with
+            zero strength are then removed.
 
         Raises
         ------
         InvalidInput
-            If the message asks for something impossible.
+            If the message requests something impossible.
         """
         if isinstance(message, ObjectsMessage):
             self._change_objects(message, source)
@@ -188,13 +189,13 @@ class World:
         self.alive(source)
 
     def alive(self, source: str) -> None:
-        """Record that an application has sent something, which keeps its foci alive."""
+        """Record that an application has sent something, which keeps its foci."""
         with self._lock:
             if source in self._foci:
                 self._heard[source] = self._clock()
 
     def close(self, source: str) -> None:
-        """Drop the foci of a connection that ended, and its objects after ``SILENCE``."""
+        """Drop the foci of a closed connection at once, and its objects after ``SILENCE``."""
         with self._lock:
             self._foci.pop(source, None)
             self._heard.pop(source, None)
@@ -202,23 +203,23 @@ class World:
                 self._closed[source] = self._clock()
 
     def reject(self, sentence: str) -> None:
-        """Record why a message was rejected, for the status."""
+        """Record the reason for rejecting a message, to be shown in the status."""
         self._rejected = (self._clock(), sentence)
 
     @property
     def rejection(self) -> str:
-        """Reason for the newest rejection of a message in the last 3 s; empty if there is none."""
+        """Reason why a message was rejected in the last 3 s; empty if none was."""
         when, sentence = self._rejected
         return sentence if self._clock() - when < 3.0 else ""
 
     def show(self, moment: Moment | None, reason: str | None, scale: float = 1.0) -> None:
-        """Receive the state of the loop, which calls this method in every pass.
+        """Record the state of the loop, which calls this method in every pass.
 
         Parameters
         ----------
-        moment : the newest drive, or None before the first.
+        moment : the newest drive; None before the first drive.
         reason : reason for silence, or None.
-        scale : factor by which the drive was scaled, and with it the pressures.
+        scale : factor by which the amplitudes, and so the pressures, were scaled.
         """
         with self._lock:
             self._forget(self._clock())
@@ -226,14 +227,14 @@ class World:
 
     @property
     def state(self) -> StateMessage:
-        """The newest state; a new object after any possible change."""
+        """The newest state; a new object is returned whenever the state may have changed."""
         shown = self._shown
         if self._state[0] is not shown:
             self._state = (shown, _state_of(*shown))
         return self._state[1]
 
     def _change_objects(self, message: ObjectsMessage, source: str) -> None:
-        # Check the number before the objects are built, because that takes time.
+        # Check the number before building the objects, because building takes time.
         count = len({thing.name for thing in (*self._objects, *message.add)} - {*message.remove})
         if count > MAX_OBJECTS:
             raise InvalidInput(
@@ -264,13 +265,13 @@ class World:
             if shape == message:
                 return replace(present, pose=message.pose.made())
         thing = message.made()
-        # The grid of a mesh is made here, where the loop does not wait for it.
+        # Compute the distance grid of a mesh here, where the loop does not wait for it.
         thing.depth(np.zeros((1, 3)))
         return thing
 
     def _check_known(self, name: str, things: dict[str, VirtualObject]) -> None:
         if name not in things:
-            choice = nearest(name, things) if things else "there is none: add it."
+            choice = nearest(name, things) if things else "there are no objects: add it."
             raise InvalidInput(f"there is no object {name!r}; {choice}", code="unknown_name")
 
     def _change_foci(self, message: FociMessage, source: str, keep: bool) -> None:
@@ -283,7 +284,7 @@ class World:
                     self._check_known(wanted.on, things)
                 if not keep and wanted.id in foci:
                     raise InvalidInput(
-                        f"two foci have the id {wanted.id!r}; use a different id for each.",
+                        f"two foci have the id {wanted.id!r}; give each focus a different id.",
                         code="given_twice",
                     )
                 foci[wanted.id] = WantedFocus(
@@ -299,7 +300,8 @@ class World:
                     del foci[wanted.id]
             if len(foci) > MAX_FOCI:
                 raise InvalidInput(
-                    f"an application may have {MAX_FOCI} foci, not {len(foci)}: remove some.",
+                    f"an application can have at most {MAX_FOCI} foci, not {len(foci)}: "
+                    "remove some.",
                     code="too_many",
                 )
             if source not in self._foci and len(self._foci) >= MAX_SOURCES:
@@ -321,13 +323,13 @@ class World:
             things = {thing.name: thing for thing in self._objects}
             for name in gone:
                 del things[name]
-            # Objects of the scene file that were replaced return.
+            # Restore objects of the scene file that had been replaced.
             things |= {name: thing for name, thing in self._scene.items() if name in gone}
             self._objects = tuple(things.values())
             self._added = {name: one for name, one in self._added.items() if name not in gone}
 
     def _forget(self, now: float) -> None:
-        """Drop foci of silent sources and objects of closed ones."""
+        """Drop the foci of silent sources and the objects of closed ones."""
         for source, heard in list(self._heard.items()):
             if now - heard > SILENCE:
                 del self._foci[source], self._heard[source]

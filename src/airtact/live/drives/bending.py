@@ -1,12 +1,12 @@
-"""Solutions of a whole hand on panels that bend with it, adapted to the present pose.
+"""Solutions for a whole hand on panels that bend with it, adapted to the current pose.
 
-A whole hand takes about 0.2 s to solve. Its factors (see ``factors``) are outdated after 20 ms,
-because the phase of the sound that a neighbouring finger scatters changes with every millimetre.
+Solving for a whole hand takes about 0.2 s. Its factors (see ``factors``) are outdated after 20 ms,
+because the phase of the sound scattered by a neighbouring finger changes with every millimetre.
 The strengths of the sources on the skin, relative to the direct sound of the beacon, hardly change:
 they are smooth functions of the position on each bone. The sources are therefore moved with their
 bones, their phases are updated for the new paths from the focus, and their field is recomputed.
 This takes 20 ms and corrects most of the error of a solution that is 0.1 s old. Until the next
-update, the sources of each bone are combined, and their phase follows the path through their
+update, the sources of each bone are combined, and their common phase follows the path through their
 centre.
 """
 
@@ -37,8 +37,8 @@ from airtact.live.drives.factors import ACCURACY, Factors, HandFactors, part_of
 from airtact.live.drives.moving import phasors
 from airtact.live.scene import Foci, Joints, LiveScene, PosedHand, gap_change, pose_hand
 
-# Share of the elements that a panel must face. Leaving out all other panels halves the unknowns and
-# costs 1 % of the pressure.
+# Share of the elements that a panel must face. Omitting all other panels halves the number of
+# unknowns and reduces the pressure by 1 %.
 MIN_SEEN = 0.5
 
 Points = Float64[np.ndarray, "points 3"]
@@ -48,7 +48,7 @@ Weights = Float64[np.ndarray, "points hulls"]
 
 @dataclass(frozen=True, eq=False)
 class Bones:
-    """Axes of the bones under the ``PARTS`` of a hand (H, 3, 3), one per row, and starts (H, 3)."""
+    """Axes (H, 3, 3), one per row, and starts (H, 3) [m] of the bones under a hand's ``PARTS``."""
 
     axes: Float64[np.ndarray, "hulls 3 3"]
     starts: Float64[np.ndarray, "hulls 3"]
@@ -56,18 +56,18 @@ class Bones:
     def motions_to(
         self, now: "Bones"
     ) -> tuple[Float64[np.ndarray, "hulls 3 3"], Float64[np.ndarray, "hulls 3"]]:
-        """Return each bone's rotation (applied from the right) and shift to its new position."""
+        """Return each bone's rotation, to be applied from the right, and its translation [m]."""
         turns = np.einsum("hij,hik->hjk", self.axes, now.axes)
         return turns, now.starts - np.einsum("hj,hjk->hk", self.starts, turns)
 
 
 def bones_of(hand: Hand) -> Bones:
-    """Return the bones of a hand; its joints and the direction of its pads determine their axes."""
+    """Return the bones of a hand; its joints and the directions of its pads define their axes."""
     joints = hand.joints
     palm, normal = hand.position("palm")
     hinges = np.array([bending_axis(joints, hand.side, finger) for finger in range(5)])
     root, knuckle = joints[list(CHAINS[2][:2])]
-    # After the phalanges comes the thumb's metacarpal, which turns about the thumb's hinge.
+    # The phalanges are followed by the thumb's metacarpal, which turns about the thumb's hinge.
     starts, ends = joints[PARTS[: FREE + 1, :2].T]
     along = np.vstack([ends - starts, knuckle - root])
     across = np.vstack([hinges[[*OWNER, 0]], cross(knuckle - root, normal)])
@@ -84,19 +84,20 @@ def bones_of(hand: Hand) -> Bones:
 
 
 def moved_by_bones(points: Points, weights: Weights, before: Bones, now: Bones) -> Points:
-    """Move points (P, 3) [m] with the bones of a hand to another pose."""
+    """Move points (P, 3) [m] with the bones of a hand from one pose to another."""
     turns, shifts = before.motions_to(now)
     return np.einsum("pj,pjk->pk", points, np.tensordot(weights, turns, 1)) + weights @ shifts
 
 
 @dataclass(frozen=True, eq=False)
 class ElementSubset:
-    """Elements spread evenly over an array, from which values are interpolated to all of them.
+    """Elements spread evenly over an array, from which values at all elements are interpolated.
 
     Attributes
     ----------
-    chosen : (S,) indices of the elements.
-    weights : (E, S) of their values in the value at each element, by linear radial basis functions.
+    chosen : (S,) indices of the chosen elements.
+    weights : (E, S) weights of the values at the chosen elements in the value at each element, from
+        linear radial basis functions.
     """
 
     chosen: Int64[np.ndarray, "chosen"]
@@ -104,13 +105,13 @@ class ElementSubset:
 
     @classmethod
     def of(cls, positions: Points, count: int) -> "ElementSubset":
-        """Choose a number of elements (E, 3) [m], each as far as possible from the earlier ones."""
+        """Choose ``count`` elements of (E, 3) [m], each as far as possible from earlier ones."""
         chosen = [0]
         away = np.linalg.norm(positions - positions[0], axis=1)
         while len(chosen) < count:
             chosen.append(int(away.argmax()))
             away = np.minimum(away, np.linalg.norm(positions - positions[chosen[-1]], axis=1))
-        # Each value is interpolated between the 8 nearest chosen elements.
+        # Each value is interpolated from the 8 nearest chosen elements.
         interpolate = RBFInterpolator(
             positions[chosen], np.eye(count), min(8, count), kernel="linear", degree=0
         )
@@ -121,22 +122,22 @@ class ElementSubset:
     def interpolated(
         self, values: Complex64[np.ndarray, "*any chosen"]
     ) -> Complex64[np.ndarray, "*any elements"]:
-        """Return values at all elements from those at the chosen ones."""
+        """Return the values at all elements, interpolated from those at the chosen ones."""
         everywhere = self.weights @ values.reshape(-1, len(self.chosen)).T
         return np.ascontiguousarray(everywhere.T).reshape(*values.shape[:-1], -1)
 
 
 @dataclass(frozen=True, eq=False)
 class SkinSources:
-    """Sources on the skin in a solution of a hand, for beacons at its foci.
+    """Sources on the skin that represent a solution for a hand with beacons at its foci.
 
     Attributes
     ----------
     time : time of the predicted pose, on the tracker's clock [s].
-    posed, bones : the pose.
+    posed, bones : the hand in that pose, and its bones.
     points : (N, 3) positions of the sources [m].
-    weights : (N, H) weight of each bone in their motion.
-    strengths : (N, F) [Pa·m].
+    weights : (N, H) weight of each bone in the motion of each source.
+    strengths : (N, F) strength of each source for each beacon [Pa·m].
     straight : (F,) strengths of the beacons; 2 for a beacon on the skin.
     """
 
@@ -151,23 +152,23 @@ class SkinSources:
     def carried(
         self, scene: LiveScene, posed: PosedHand, time: float, subset: ElementSubset
     ) -> "CarriedFactors":
-        """Carry the sources to another pose, at a time [s].
+        """Move the sources to another pose at a time [s], and return the resulting factors.
 
-        The sound scattered by each bone is evaluated at a subset of the elements only.
+        The sound scattered by each bone is only evaluated at a subset of the elements.
         """
         wavenumber = scene.wavenumber
         bones = bones_of(posed.hand)
         points = moved_by_bones(self.points, self.weights, self.bones, bones)
         elements = scene.with_images.array.positions[subset.chosen]
         detour = cdist(points, posed.foci) - cdist(self.points, self.posed.foci)
-        # The strength has the phase of the path from the focus to the source, the wave that of the
-        # path from the source to the element.
+        # The strength contains the phase of the path from the focus to the source, and the wave
+        # contains that of the path from the source to the element.
         strengths = self.strengths * phasors(wavenumber.real * detour)
         beacons = np.eye(len(posed.foci), dtype=np.complex128)
         straight = monopole_pressure(elements, posed.foci, beacons, wavenumber, "float32")
         waves = np.zeros((len(PARTS), *straight.T.shape), dtype=np.complex64)
         centres = np.zeros((len(PARTS), len(posed.foci), 3))
-        # Once sorted by bone, the sources of a bone are a slice.
+        # Sort the sources by bone, so that those of a bone form a slice.
         owner = self.weights.argmax(axis=1)
         order = np.argsort(owner, kind="stable")
         points = points[order]
@@ -182,11 +183,11 @@ class SkinSources:
                 elements, points[of_bone], strengths[of_bone], wavenumber, "float32"
             )
             waves[part] = (scattered / straight).T
-        # Without the phase of the path through the centre, the waves vary slowly across the array.
+        # Without the phase of the path through the centre, the waves vary slowly over the array.
         waves *= phasors(-wavenumber.real * detours(centres, posed.foci, elements))
         waves = subset.interpolated(waves)
-        # Share of pressure lost by carrying a solution far: at most 0.17, at a change of 5 mm.
-        # Fitted to 32 pairs of poses of an open, waving hand with foci at palm and all fingertips.
+        # Share of the pressure lost by moving a solution far: at most 0.17, at a change of 5 mm.
+        # Fitted to 32 pairs of poses of an open, waving hand with foci at the palm and fingertips.
         change = float(gap_change(self.posed.distances, posed.distances))
         return CarriedFactors(
             part="carried",
@@ -210,7 +211,7 @@ class CarriedFactors(HandFactors):
     Attributes
     ----------
     straight : (F,) direct part of ``factors``, without scattering.
-    bones : bones of the pose.
+    bones : bones in that pose.
     centres : (H, F, 3) centre of the sources of each bone for each focus [m].
     waves : (H, F, R) part of ``factors`` scattered by each bone, without the phase of the detour
         through the centre of its sources.
@@ -224,8 +225,8 @@ class CarriedFactors(HandFactors):
     __repr__ = in_short
 
     def at(self, scene: LiveScene, posed: PosedHand) -> Factors:
-        """Return the factors for a nearby pose; the centres move with their bones."""
-        # Rotations are applied from the right, as points are rows.
+        """Return the factors for a nearby pose; the centres of the sources move with the bones."""
+        # Rotations are applied from the right, because each row is a point.
         turns, shifts = self.bones.motions_to(bones_of(posed.hand))
         centres = self.centres @ turns + shifts[:, None]
         return _detoured(scene, centres, posed.foci, self.straight, self.waves)
@@ -247,26 +248,26 @@ def _detoured(
 def detours(
     centres: Float64[np.ndarray, "hulls foci 3"], foci: Foci, elements: Points
 ) -> Float32[np.ndarray, "hulls foci points"]:
-    """Return the extra length of the path from each focus through a centre [m]."""
+    """Return by how much the path from each focus via a centre exceeds the direct path [m]."""
     begun = np.linalg.norm(centres - foci, axis=2)
     through = cdist(centres.reshape(-1, 3), elements).reshape(*begun.shape, -1)
     return (begun[..., None] + through - cdist(foci, elements)).astype(np.float32)
 
 
 class BendingPanels:
-    """Panels of a whole hand, meshed in one pose and bent to others.
+    """Panels of a whole hand, meshed in one pose and bent into others.
 
     Parameters
     ----------
     scene : scene of the live loop.
-    posed : the hand in the pose of the mesh.
+    posed : the hand in the pose in which it is meshed.
     accuracy : relative error of the solutions.
-    min_seen : share of the elements that a panel must face; 0 keeps all panels.
+    min_seen : share of the elements that a panel must face to be kept; 0 keeps all panels.
 
     Raises
     ------
     InvalidInput
-        If a focus lies inside the body.
+        If a focus lies inside the hand.
     """
 
     def __init__(
@@ -295,9 +296,15 @@ class BendingPanels:
         self._heights = hand.shape.hulls.look(corners).distance
 
     def solved(self, posed: PosedHand, time: float) -> SkinSources:
-        """Solve another pose, at a time [s]; raises ``NotConverged``."""
+        """Solve for another pose at a time [s].
+
+        Raises
+        ------
+        NotConverged
+            If the iteration does not converge.
+        """
         bones, corners, inside = self.bent(posed.hand)
-        # Below a relative residual of 0.2, the error of the panels dominates.
+        # Below a relative residual of 0.2, the error is dominated by that of the panels.
         solution = self.panels.radiated(corners, inside, Target(posed.foci).beacons(), 0.2)
         return SkinSources(
             time=time,
@@ -310,19 +317,19 @@ class BendingPanels:
         )
 
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve another pose for sources off the skin, on all panels."""
+        """Solve another pose for sources away from the skin, using all panels."""
         _, corners, inside = self.bent(posed.hand)
         return self.panels.received(corners, inside, sources, residual)
 
     def bent(self, hand: Hand) -> tuple[Bones, QuadraticTriangles, Points]:
-        """Return the bones of a hand, the panels on it, and their second collocation points."""
+        """Return the bones of a hand, its panels, and the second collocation points."""
         bones = bones_of(hand)
         corners = moved_by_bones(
             self.panels.corners.reshape(-1, 3), self._corner_weights, self._bones, bones
         )
         skin = hand.shape.hulls.look(corners)
         lifted = skin.distance - self._heights
-        # Bending moves corners up to 2 mm off the skin: project them back onto it.
+        # Bending moves corners up to 2 mm away from the skin; project them back onto it.
         lifted = np.where(np.abs(lifted) < 2e-3, lifted, 0.0)
         corners -= lifted[:, None] * skin.gradient
         inside = moved_by_bones(self.panels.inside, self._inside_weights, self._bones, bones)
@@ -330,9 +337,9 @@ class BendingPanels:
 
 
 class BendingHand:
-    """Solver of a whole hand in successive poses, which adapts the solutions to other poses.
+    """Solver for a whole hand in successive poses, which can move solutions to other poses.
 
-    ``solved`` and ``carried`` may run in two threads.
+    ``solved`` and ``carried`` may run in two different threads.
 
     Parameters
     ----------
@@ -346,37 +353,37 @@ class BendingHand:
         self._scene = scene
         self._accuracy = accuracy
         self._min_seen = min_seen
-        # A quarter of the elements: interpolation between them has an error of 3 to 4 %.
+        # Use a quarter of the elements: interpolating between them has an error of 3 to 4 %.
         elements = scene.with_images.array.positions
         self._subset = ElementSubset.of(elements, -(-len(elements) // 4))
         self._panels: list[BendingPanels] = []
         self._solutions: Sequence[SkinSources] = ()
 
     def solved(self, joints: Joints, time: float) -> SkinSources:
-        """Solve a pose (25, 3) [m], at a time [s]; see ``factors.solved`` for the errors."""
+        """Solve for joints (25, 3) [m] at a time [s]; see ``factors.solved`` for the errors."""
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).solved(posed, time)
 
     def received(self, joints: Joints, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve a pose for sources off the skin to a relative residual."""
+        """Solve for sources away from the skin to a relative residual."""
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).received(posed, sources, residual)
 
     def _panels_for(self, posed: PosedHand) -> BendingPanels:
         changes = [gap_change(panels.posed.distances, posed.distances) for panels in self._panels]
-        if not changes or min(changes) > 5e-3:  # [m]; bending further would distort the panels
+        if not changes or min(changes) > 5e-3:  # [m]; bending farther would distort the panels
             made = BendingPanels(self._scene, posed, self._accuracy, self._min_seen)
             self._panels = [*self._panels[-5:], made]
             return made
         return self._panels[int(np.argmin(changes))]
 
     def keep(self, solution: SkinSources) -> None:
-        """Store a solution for ``carried``; the newest 60 are kept."""
-        # Make a new list, because another thread reads the old one.
+        """Store a solution for ``carried``; only the 60 newest are kept."""
+        # Create a new list, because another thread may be reading the old one.
         self._solutions = [*self._solutions[-59:], solution]
 
     def carried(self, joints: Joints, time: float) -> CarriedFactors | None:
-        """Carry the solution of the most similar pose to a pose; return None if there is none."""
+        """Move the solution of the most similar pose to this one; return None if there is none."""
         solutions = self._solutions
         posed = pose_hand(self._scene, joints)
         if not solutions:

@@ -2,7 +2,7 @@
 
 The factors are solved for one pose of a hand. They change slowly as the hand moves, unlike the
 pressure itself, whose phase changes with every millimetre of path. The transfer matrix of a nearby
-pose is therefore the product of the factors and the open-air matrix of that pose, which has a
+pose is therefore approximated by the factors times the open-air matrix of that pose, which has a
 closed form.
 """
 
@@ -36,7 +36,7 @@ from airtact.live.scene import (
     pose_hand,
 )
 
-# Relative error of the solutions; a smaller one improves the pressure by less than 1 %.
+# Relative error of the solutions; a smaller error would improve the pressure by less than 1 %.
 ACCURACY = 0.06
 
 Factors = Complex64[np.ndarray, "foci sources"]
@@ -44,16 +44,17 @@ Factors = Complex64[np.ndarray, "foci sources"]
 
 @dataclass(frozen=True, eq=False)
 class HandFactors:
-    """Solution for a part of a hand in a pose.
+    """Solution for a part of a hand in one pose.
 
     Attributes
     ----------
-    part : part of the hand that was solved.
+    part : part of the hand for which the solution was computed.
     time : time of the predicted pose, on the tracker's clock [s].
     foci, distances, directions : the pose, as in ``PosedHand``.
-    factors : (P, R) factors on the open-air pressure of each source at each of ``beacon_points``.
-    share : fraction of a fresh solution's pressure that remains after carrying it from another
-        pose.
+    factors : (P, R) ratio of the pressure with the hand to that in open air, for each source at
+        each of ``beacon_points``.
+    share : share of a fresh solution's pressure that remains after moving the solution here from
+        another pose; 1 if it was not moved.
     """
 
     part: Rule
@@ -67,19 +68,19 @@ class HandFactors:
     __repr__ = in_short
 
     def at(self, scene: LiveScene, posed: PosedHand) -> Factors:
-        """Return the factors at the foci for a nearby pose; here they do not change."""
+        """Return the factors at the foci for a nearby pose; here they are constant."""
         return self.factors[: len(posed.foci)]
 
 
 def beacon_points(scene: LiveScene, posed: PosedHand) -> Float64[np.ndarray, "points 3"]:
-    """Return the points to solve for (P, 3) [m]: the foci, then the foci of each frame of paths."""
+    """Return the beacons (P, 3) [m]: the foci, then the foci in each frame of their paths."""
     if scene.moving is None:
         return posed.foci
     return np.concatenate([posed.foci, moving_points(scene.moving, posed).reshape(-1, 3)])
 
 
 def hulls_of(part: str, places: Sequence[str]) -> list[int]:
-    """Return the indices of a hand's ``PARTS`` to solve for foci at some places."""
+    """Return the indices of a hand's ``PARTS`` to include for foci at some places."""
     if part == "hand":
         return list(range(len(PARTS)))
     chosen = set()
@@ -93,19 +94,19 @@ def hulls_of(part: str, places: Sequence[str]) -> list[int]:
 
 
 def part_of(hand: Hand, part: str, places: Sequence[str], edge: float = 10e-3) -> Surface:
-    """Return the surface of a part of a hand, meshed with an edge length [m]."""
+    """Return the surface of a part of a hand, meshed with edge length ``edge`` [m]."""
     return _surface(_selected(hand.shape.hulls, hulls_of(part, places)), edge)
 
 
 def rigid_part(hand: Hand, place: str) -> Surface:
     """Return the surface of the last phalanx, or of the palm, as a separate closed body."""
     hulls = _selected(hand.shape.hulls, hulls_of("phalanges", [place]))
-    # Keep only the balls of these hulls. Hulls of two balls have -1 in place of the third.
+    # Keep only the balls that these hulls use. A hull of two balls has index -1 for the third.
     balls, parts = np.unique(hulls.parts, return_inverse=True)
     missing = int(balls[0] == -1)
     parts = parts.reshape(-1, 3).astype(np.int64) - missing
     renumbered = Hulls(hulls.balls[balls[missing:]], parts, hulls.blend, hulls.apart)
-    return _surface(renumbered, 3e-3)  # [m]; small triangles show early that bodies are separate
+    return _surface(renumbered, 3e-3)  # [m]; small enough to tell close bodies apart
 
 
 def _selected(hulls: Hulls, chosen: list[int]) -> Hulls:
@@ -121,7 +122,7 @@ def _surface(hulls: Hulls, edge: float) -> Surface:
 
 
 def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFactors:
-    """Solve a part of a hand in a pose, for foci at the places of a scene.
+    """Solve for a part of a hand in a pose, with beacons at the foci of a scene.
 
     Parameters
     ----------
@@ -133,19 +134,19 @@ def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFac
     Raises
     ------
     InvalidInput
-        If the joints are not those of a hand, or a focus lies inside the body.
+        If the joints do not form a hand, or a focus lies inside the body.
     NotConverged
         If the iteration does not converge.
     """
     posed = pose_hand(scene, joints)
     solver = BoundaryElement(accuracy=ACCURACY, estimate=False)
-    # Use the edge length of the solver's panels, so that both share one mesh.
+    # Use the solver's panel size as edge length, so that both share one mesh.
     edge = solver.panel_edge(scene.medium.wavelength(scene.frequency))
     surface = part_of(posed.hand, part, scene.places, edge)
-    # Beacons at the foci give all elements at once, by reciprocity.
+    # By reciprocity, beacons at the foci give the pressures from all elements at once.
     air = Scene(scene.medium, [sound_hard(surface)], frequency=scene.frequency)
     elements = scene.with_images.array.positions
-    # Within 12 mm of the skin, the pressure at an element needs both integral equations.
+    # Within 12 mm of the skin, the pressure at an element requires both integral equations.
     near = bool((surface.depth(elements) > -12e-3).any())
     field = replace(solver, estimate=near).radiate(
         air, Target(beacon_points(scene, posed)).beacons()
@@ -169,7 +170,7 @@ def factors_of(
         scene.wavenumber,
         "float64",
     )
-    # If the hand reaches behind the plane, an image may lie inside it, where the pressure is 0.
+    # If the hand reaches behind the plane, an image may be inside it. The pressure there is 0.
     received = np.where(np.isfinite(received), received, 0.0)
     factors = np.ascontiguousarray((received / open_air).T.astype(np.complex64))
     return HandFactors(part, time, posed.foci, posed.distances, posed.directions, factors)
@@ -179,17 +180,17 @@ class RigidParts:
     """The last phalanges that carry the foci of a scene, as rigid bodies that are factorised once.
 
     A new pose takes about a fifth of the time of ``solved``. The bodies keep their size, although
-    the bone lengths of a tracker vary from frame to frame. All foci must be on fingers.
+    the bone lengths reported by a tracker vary from frame to frame. All foci must be on fingers.
 
     Parameters
     ----------
     scene : scene of the live loop.
-    joints : (25, 3) joints of the hand from which the bodies are made [m].
+    joints : (25, 3) joints of the hand from which the bodies are built [m].
 
     Raises
     ------
     InvalidInput
-        If the joints are not those of a hand, or a focus lies inside the body.
+        If the joints do not form a hand, or a focus lies inside a body.
     """
 
     def __init__(self, scene: LiveScene, joints: Joints) -> None:
@@ -198,17 +199,17 @@ class RigidParts:
         self._surfaces = [rigid_part(self._reference.hand, place) for place in scene.places]
         self._lengths = _bone_lengths(scene, joints)
         air = self._air([Pose.identity()] * len(self._surfaces))
-        # Finer than ACCURACY: the bodies are factorised once, so accuracy costs no time later.
+        # More accurate than ACCURACY: the bodies are factorised once, so this costs no time later.
         solver = BoundaryElement(accuracy=0.045, estimate=False)
         self._solver = solver.factorised(air, refined=self._reference.foci)
 
     def solved(self, joints: Joints, time: float) -> HandFactors:
-        """Solve another pose; see ``solved`` for the parameters and errors."""
+        """Solve for another pose; see the function ``solved`` for parameters and errors."""
         scene = self._scene
         posed = pose_hand(scene, joints)
-        # Running mean of the bone lengths, for ``outgrown``.
+        # Running mean of the bone lengths, which ``outgrown`` compares with the bodies.
         self._lengths += 0.02 * (_bone_lengths(scene, joints) - self._lengths)
-        # Each body moves with the axes of its bone and the focus in front of it.
+        # Each body moves with the axes of its bone and with the focus in front of it.
         turns = np.swapaxes(posed.frames, 1, 2) @ self._reference.frames
         shifts = posed.foci - np.einsum("fij,fj->fi", turns, self._reference.foci)
         poses = [Pose(turn, shift) for turn, shift in zip(turns, shifts, strict=True)]
@@ -219,7 +220,7 @@ class RigidParts:
 
     @property
     def outgrown(self) -> bool:
-        """Whether the mean bone lengths differ from the bodies, for example for another hand."""
+        """Whether the mean bone lengths no longer match the bodies, such as for another hand."""
         change = self._lengths - _bone_lengths(self._scene, self._reference.hand.joints)
         return bool(np.abs(change).max() > 1.5e-3)
 
@@ -232,7 +233,7 @@ class RigidParts:
 
 
 class PartSolver:
-    """Solver of parts of a hand; last phalanges are rigid bodies unless they touch.
+    """Solver for parts of a hand; the last phalanges are rigid bodies unless they touch.
 
     Parameters
     ----------
@@ -244,9 +245,9 @@ class PartSolver:
         self._rigid: RigidParts | None = None
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve a part; see the function ``solved`` for the parameters and errors."""
-        if part == "phalanges" and "palm" not in self._scene.places:  # too large for a rigid part
-            with suppress(InvalidInput):  # bodies that touch are solved as one
+        """Solve for a part; see the function ``solved`` for parameters and errors."""
+        if part == "phalanges" and "palm" not in self._scene.places:  # the palm is too large
+            with suppress(InvalidInput):  # bodies that touch are solved as one body instead
                 if self._rigid is None or self._rigid.outgrown:
                     self._rigid = RigidParts(self._scene, joints)
                 return self._rigid.solved(joints, time)
@@ -259,11 +260,11 @@ def _bone_lengths(scene: LiveScene, joints: Joints) -> Float64[np.ndarray, "foci
 
 
 class OpenAir:
-    """The transfer matrix in open air, for an array at rest and moving foci.
+    """The transfer matrix in open air for a fixed array and moving foci.
 
     Parameters
     ----------
-    scene : its array, medium and frequency are used.
+    scene : scene; its array, medium and frequency are used.
     """
 
     def __init__(self, scene: LiveScene) -> None:
@@ -272,9 +273,9 @@ class OpenAir:
         self._wavenumber = scene.wavenumber
 
     def rows(self, foci: Foci) -> Rows:
-        """Return the pressure at foci (F, 3) per unit drive [Pa]; 0 behind a directional source.
+        """Return the pressure at foci (F, 3) per unit drive (F, R) [Pa].
 
-        Single precision, correct to 1e-4.
+        It is 0 behind a directional source. Single precision; relative error below 1e-4.
         """
         array = self._array
         beacons = np.eye(len(foci), dtype=np.complex128)

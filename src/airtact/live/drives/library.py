@@ -1,7 +1,7 @@
-"""Library of solutions, and the choice of the best solution for the present pose.
+"""Library of solutions, and the choice of the best solution for the current pose.
 
-The value of a solution depends on how similar its pose is to the present one, not on its age: a
-hand that pinches again returns to poses solved before.
+The value of a solution depends on how similar its pose is to the current one, not on its age: a
+hand that pinches repeatedly returns to poses for which solutions exist.
 """
 
 from collections.abc import Iterable
@@ -18,8 +18,8 @@ from airtact.live.scene import LiveScene, PosedHand, gap_change, turn
 Poses = Float64[np.ndarray, "poses"]
 
 
-# Fitted shares of the attainable pressure that a drive gives if the present pose is the solved one,
-# if it is very different, and if the tracker's noise makes the solution useless.
+# Fitted shares of the attainable pressure of a drive if the current pose equals the solved
+# one, if it is very different, and if the tracker's noise makes the solution useless.
 SHARES: dict[Rule, tuple[float, float, float]] = {
     "distances": (0.55, 0.55, 0.55),
     "phalanges": (0.93, 0.7, 0.7),
@@ -30,7 +30,7 @@ SHARES: dict[Rule, tuple[float, float, float]] = {
 # Number of foci for which the shares were fitted.
 FITTED_FOCI = 2
 
-# Change of the gaps between the foci's bones at which a solution loses most of its benefit [m].
+# Change in the gaps between the foci's bones at which a solution loses most of its benefit [m].
 GAP_SCALE = 1.0e-3
 
 
@@ -39,50 +39,50 @@ def expected_kept(
 ) -> Poses:
     """Return the expected share of the attainable pressure at the weakest focus of a drive.
 
-    The shares are medians of 1,700 pairs of poses, one solved and one played, with solutions of the
-    whole hand. Thumb and index finger open and close 200 mm in front of 2 x 2 flat boards while the
-    hand moves by 150 mm. The share falls within a millimetre, an eighth of the wavelength, because
-    of multiple reflections between both fingers. The benefit of solutions for the whole hand is
-    lost as fast as for the phalanges.
+    The shares are medians over 1,700 pairs of poses of a pinch. One pose of each pair is solved and
+    the other is played, with solutions for the whole hand. The thumb and index finger open and
+    close 200 mm in front of 2 x 2 flat boards, while the hand moves by 150 mm. The share falls
+    within a millimetre, an eighth of the wavelength, because of multiple reflections between the
+    two fingers. Solutions for the whole hand lose their benefit as fast as those for the phalanges.
 
-    The effect of noise, after ``Predictor``, is fitted by hand to medians of ``benchmarks/live.py
-    --emulated`` at 60 frames/s: 23 drives for the same motion with 1 mm of noise kept 0.78, and 17
-    drives of carried whole hands, for an open hand with waving fingers, 0.70 (0.89 without noise).
-    The decrease with the number of foci was measured with 160 pairs of poses of an open hand with
-    foci at its palm and all fingertips.
+    The effect of noise, as filtered by ``Predictor``, is fitted by hand to medians from
+    ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 23 drives for the same
+    motion kept 0.78. For an open hand with waving fingers, 17 drives from moved solutions for the
+    whole hand kept 0.70 (0.89 without noise). The decrease with the number of foci was measured on
+    160 pairs of poses of an open hand with foci at its palm and all fingertips.
 
     Parameters
     ----------
-    part : solved part; for distances the poses do not matter.
-    gap : ``gap_change`` from the solved pose to the present one [m].
-    turned : ``turn`` from the solved pose to the present one [rad].
+    part : solved part; for distances, the poses do not matter.
+    gap : ``gap_change`` from the solved pose to the current one [m].
+    turned : ``turn`` from the solved pose to the current one [rad].
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
     foci : number of foci.
     """
     same, different, spoiled = SHARES[part]
-    # Carried solutions follow the bones, so poses may differ more.
+    # Solutions that are moved with the bones tolerate larger differences between the poses.
     carried = part == "carried"
     difference = unlike(gap, turned) / 4.0 if carried else unlike(gap, turned, foci)
     if part == "phalanges":
         same -= 0.0175 * max(foci - FITTED_FOCI, 0)
     same = max(same, different)
-    # Without noise the share falls from ``same`` to ``different`` as the poses diverge. Noise
-    # lowers it to ``spoiled``, and stronger noise makes the sound miss the foci altogether.
+    # Without noise, the share falls from ``same`` to ``different`` as the poses diverge. Noise
+    # lowers it to ``spoiled``; with strong noise, the sound misses the foci altogether.
     clean = different + (same - different) * np.exp(-difference)
-    # The fitted 0.75 is about the error of a predicted gap, divided by the tracker's noise.
+    # The fitted factor 0.75 is about the error of a predicted gap divided by the tracker's noise.
     certain = np.exp(-((0.75 * noise / GAP_SCALE) ** 2))
     at_focus = np.exp(-((noise / 3.3e-3) ** 2))
     return at_focus * (spoiled + (clean - spoiled) * certain)
 
 
 def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
-    """Return the difference between poses; at 1 most of the benefit of a solution is lost."""
+    """Return the difference between poses; at 1, a solution has lost most of its benefit."""
     scale = (max(foci, FITTED_FOCI) / FITTED_FOCI) ** 2
     return scale * ((gap / GAP_SCALE) ** 2 + (turned / 0.2) ** 2)
 
 
 def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
-    """Return whether a fresh solution of any of these parts should be better than distances.
+    """Return whether a fresh solution for any of these parts is expected to outperform distances.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
 
 
 class Library:
-    """Solutions of a part in several poses; new poses replace the oldest.
+    """Solutions for a part in several poses; new poses replace the oldest.
 
     Parameters
     ----------
@@ -108,52 +108,52 @@ class Library:
         self.part: Rule = part
         points = len(scene.places) + (0 if scene.moving is None else scene.moving.places.size)
         sources = len(scene.with_images.array)
-        # At most 400 solutions or 96 MB of factors, but at least 40 solutions. 16 are enough for
-        # carried ones, as the process that solves them keeps their sources.
+        # At most 400 solutions or 96 MB of factors, but at least 40 solutions. For carried
+        # solutions 16 are enough, because the process that solves them keeps their sources.
         fitting = 12_000_000 // (points * sources)
         self._capacity = 16 if part == "carried" else min(max(fitting, 40), 400)
         self._solutions: list[HandFactors] = []
         self._distances = np.empty((0, 0))
         self._directions = np.empty((0, 0, 0, 0))
-        # Filled, so that the memory is claimed now: it must not run out when a part is first
-        # solved after an hour.
+        # Fill the array to claim the memory now, so that it cannot run out when a part is first
+        # solved an hour later.
         self._factors = np.full((self._capacity, points, sources), 0, dtype=np.complex64)
         self._oldest = 0
 
     def add(self, solution: HandFactors) -> None:
-        """Store a solution; it replaces one for nearly the same pose, or the oldest if full."""
+        """Store a solution in place of one for nearly the same pose, or of the oldest if full."""
         if not self._solutions:
             self._distances = np.empty((self._capacity, *solution.distances.shape))
             self._directions = np.empty((self._capacity, *solution.directions.shape))
         index = len(self._solutions)
         if index:
             gap, turned = self._changes(solution.distances, solution.directions)
-            # Poses that differ by less than 0.25 mm and 0.02 rad are nearly the same.
+            # Poses that differ by less than 0.25 mm and 0.02 rad count as nearly the same.
             nearest = int(np.argmin(gap / 0.25e-3 + turned / 0.02))
             if gap[nearest] < 0.25e-3 and turned[nearest] < 0.02:
                 index = nearest
             elif index == self._capacity:
                 index = self._oldest
                 self._oldest = (self._oldest + 1) % self._capacity
-        # The solution refers to the row of the table, so its factors are in memory only once.
+        # The solution refers to a row of the table, so its factors are stored only once.
         self._factors[index] = solution.factors
         self._solutions[index : index + 1] = [replace(solution, factors=self._factors[index])]
         self._distances[index] = solution.distances
         self._directions[index] = solution.directions
 
     def best(self, posed: PosedHand, noise: float = 0.0) -> tuple[float, HandFactors | None]:
-        """Return the expected share of the best solution for a pose, and that solution.
+        """Return the best solution for a pose and its expected share of the attainable pressure.
 
         Parameters
         ----------
-        posed : the hand in its present pose.
+        posed : the hand in its current pose.
         noise : standard deviation of each coordinate of the tracker's landmarks [m].
         """
         if not self._solutions:
             return 0.0, None
         gap, turned = self._changes(posed.distances, posed.directions)
         foci = len(posed.foci)
-        # The expected share falls with the difference, so the nearest pose is the best one.
+        # The expected share falls with the difference, so the solution of the nearest pose is best.
         index = int(unlike(gap, turned, foci).argmin())
         nearest = slice(index, index + 1)
         kept = expected_kept(self.part, gap[nearest], turned[nearest], noise, foci)

@@ -1,4 +1,4 @@
-"""Drives for a moving hand, from the newest pose and the best available solution."""
+"""Drives for a moving hand, computed from the newest pose and the best available solution."""
 
 import time as clock
 from collections.abc import Sequence
@@ -20,36 +20,36 @@ from airtact.live.scene import Joints, LiveScene, pose_hand
 
 
 def solved_for(scene: LiveScene) -> list[Rule]:
-    """Return the parts to solve, each in its own process: phalanges and hand, or moved hands."""
-    # With three foci, or one at the palm, scattering by the other fingers and the palm matters.
+    """Return the parts to solve, each in its own process: phalanges and hand, or carried hands."""
+    # With three foci, or with one at the palm, scattering by other fingers and the palm matters.
     many = len(scene.places) >= 3 or "palm" in scene.places
     return ["carried"] if many and scene.moving is None else ["phalanges", "hand"]
 
 
 def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints] | None:
-    """Return the joints at a time (25, 3) [m] and their velocities [m/s]; None without a hand.
+    """Return the joints (25, 3) at a time [m] and their velocities [m/s]; None without a hand.
 
     Raises
     ------
     InvalidInput
-        If the prediction is not a hand.
+        If the prediction does not form a hand.
     """
     landmarks = predictor.at(time).landmarks
     if landmarks is None:
         return None
     joints = joints_of(landmarks)
-    # Velocities of the joints from the motion of the landmarks within 20 ms.
+    # Compute velocities of the joints from the motion of the landmarks within 20 ms.
     later = landmarks + 0.02 * predictor.velocities()
     return joints, (joints_of(later, tolerance=1.0) - joints) / 0.02
 
 
 class SolvingMaker(DriveMaker):
-    """Maker of drives whose hands are solved by processes."""
+    """Maker of drives that solves for hands in separate processes."""
 
     _solvers: list[SolverProcess]
 
     def revive(self) -> int:
-        """Restart solvers that ended; return the number of restarts so far."""
+        """Restart solvers that have ended; return the number of restarts so far."""
         return sum(solver.revive() for solver in self._solvers)
 
     def close(self) -> None:
@@ -61,26 +61,26 @@ class SolvingMaker(DriveMaker):
 class HandAware(SolvingMaker):
     """Computes drives that account for the hand.
 
-    The transfer matrix is the open-air matrix of the present pose times the factors of the stored
-    solution with the largest expected pressure. The open-air matrix alone is used if its expected
-    pressure is larger. The solvers pause while noise makes all solutions useless. A Kalman filter
-    smooths and predicts the frames.
+    The transfer matrix is the open-air matrix of the current pose times the factors of the stored
+    solution with the largest expected pressure. If open air promises a larger pressure, the factors
+    are omitted. The solvers pause while noise makes all solutions useless. A Kalman filter smooths
+    and predicts the frames.
 
-    The method ``"best"`` is ``weighted_gerchberg_saxton`` here, which takes less than a millisecond
-    and comes within 1 % of it.
+    Here the method ``"best"`` means ``weighted_gerchberg_saxton``, which takes less than 1 ms
+    and reaches a pressure within 1 % of that of ``best``.
 
     Parameters
     ----------
     scene : the fixed part of the scene.
-    noise : standard deviation of each coordinate of the tracker's landmarks [m]; estimated from the
-        frames by default.
-    agility : spectral density of the acceleration of joints, see ``Predictor`` [m²/s³].
-    solvers : solvers of hands; by default the processes of ``solved_for``. Without solvers, phases
-        are set from path lengths alone.
+    noise : standard deviation of each coordinate of the tracker's landmarks [m]; by default, it is
+        estimated from the frames.
+    agility : spectral density of the acceleration of joints [m²/s³]; see ``Predictor``.
+    solvers : solvers of hands; by default, the processes for the parts of ``solved_for``. If empty,
+        phases are set from path lengths alone.
 
     Attributes
     ----------
-    fault : message of the last pose that could not be solved, or None.
+    fault : message about the last pose that could not be solved, or None.
     solutions : number of solutions so far.
     """
 
@@ -124,14 +124,14 @@ class HandAware(SolvingMaker):
     def feel(
         self, objects: "Sequence[at.VirtualObject]", foci: "Sequence[at.live.WantedFocus]"
     ) -> None:
-        """Reject requested foci, because the places of the scene are fixed."""
-        reason = "the scene has [[foci]], which do not move: remove them, or add [[objects]]."
+        """Reject all requested foci, because this maker uses the places of the scene."""
+        reason = "the scene has fixed [[foci]]: remove them, or add [[objects]]."
         self._rejected = {focus.name: reason for focus in foci}
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive for sound in the air at a time [s]; it is zero if there is no hand.
+        """Compute the drive for the sound in the air at a time [s]; zeros if there is no hand.
 
-        The loop applies cap, modulation and ``playing``.
+        The cap, the modulation and ``playing`` are left to the loop.
         """
         self._collect()
         if self._newest is None:
@@ -141,7 +141,7 @@ class HandAware(SolvingMaker):
             if predicted is None:
                 return silent_moment(self._scene, time, self._newest.time)
             joints, velocities = predicted
-            # The solvers pause while noise makes their solutions useless.
+            # Pause the solvers while noise makes their solutions useless.
             places = len(self._scene.places)
             if worth_solving(self._parts, self._predictor.noise, places):
                 request = Request(time, joints, velocities, clock.monotonic())
@@ -163,7 +163,7 @@ class HandAware(SolvingMaker):
 
     def _drive(self, time: float, frame_time: float, joints: Joints, controls: Controls) -> Moment:
         posed = pose_hand(self._scene, joints, controls.offset)
-        # Open air competes with the best solution of each library.
+        # Open air competes with the best solution from each library.
         noise = self._predictor.noise
         kept = float(expected_kept("distances", np.zeros(1), np.zeros(1), noise)[0])
         solution = None
@@ -177,7 +177,7 @@ class HandAware(SolvingMaker):
         if solution is not None:
             rows = rows * solution.at(self._scene, posed)
         method = controls.method or self._scene.method
-        # A jump of the global phase has no effect at the foci, but the boards would click.
+        # A jump of the global phase has no effect at the foci, but makes the boards click.
         strengths = np.array([controls.levels.get(place, 1.0) for place in self._scene.places])
         made = balanced(self._scene, method, rows, posed.foci, strengths)
         amplitudes = turned_towards(made, self._previous)

@@ -1,4 +1,4 @@
-"""Drives for foci that move along paths on a moving hand: one round of frames for each pose."""
+"""Drives for foci that move along paths on a moving hand: one round of frames per pose."""
 
 from collections.abc import Callable
 
@@ -17,14 +17,14 @@ Points = Float64[np.ndarray, "points 3"]
 
 
 class Rounds:
-    """Computes the frames of successive rounds.
+    """Computes the frames of successive rounds of the foci.
 
     Parameters
     ----------
     scene : scene of the live loop.
-    moving : paths of its foci.
-    open_air : returns the pressure at foci (F, 3) per unit drive of each source in open air (F, R)
-        [Pa].
+    moving : paths of the foci.
+    open_air : function that returns the pressure at foci (F, 3) per unit drive of each source in
+        open air (F, R) [Pa].
     """
 
     def __init__(
@@ -45,16 +45,16 @@ class Rounds:
 
         Parameters
         ----------
-        posed : the hand in its present pose.
-        factors : (N K, R) factors of the hand on the pressure at each focus of each frame; None for
-            open air.
-        method : name of the method that computes each drive. "best" means weighted
-            Gerchberg-Saxton here.
+        posed : the hand in its current pose.
+        factors : (N K, R) ratio of the pressure with the hand to that in open air, for each focus
+            of each frame; None for open air.
+        method : name of the method that computes each drive. Here "best" means weighted
+            Gerchberg-Saxton.
 
         Returns
         -------
-        (N, E) drives. Each has the global phase closest to the previous frame and to the same frame
-        of the previous round, so that amplitudes and phases change little from frame to frame.
+        (N, E) drives. The global phase of each is chosen closest to the previous frame and to the
+        same frame of the previous round, so that amplitudes and phases change little over time.
         """
         points = moving_points(self._moving, posed)
         rows = self._rows(posed, points.reshape(-1, 3))
@@ -75,8 +75,8 @@ class Rounds:
     def _rows(self, posed: PosedHand, points: Points) -> PointRows:
         """Return the pressure at displaced foci per unit drive in open air [Pa].
 
-        The directivity towards a displaced focus is that towards its place: only the distance
-        differs.
+        The directivity towards a displaced focus is taken to be that towards its place; only the
+        distance differs.
         """
         places = self._moving.places.ravel()
         before = cdist(posed.foci, self._positions)[places]
@@ -85,16 +85,16 @@ class Rounds:
         return self._open_air(posed.foci)[places] * (before / after * phasors(delay))
 
     def _projected(self, matrices: Complex128[np.ndarray, "frames together elements"]) -> Frames:
-        """Maximise the weakest focus of each frame, with every element at full scale."""
-        # Start from the last round's phases at the foci, averaged with neighbouring frames.
+        """Maximise the weakest focus of each frame with all elements at full scale."""
+        # Start from the phases of the last round at the foci, averaged with neighbouring frames.
         relative = phase(self._phases * phase(self._phases[:, :1]).conj())
         neighbours = np.roll(relative, 1, axis=0) + np.roll(relative, -1, axis=0)
         start = phase(relative + 0.5 * neighbours)
-        # Each frame is an independent set of foci for the same elements.
+        # Treat each frame as an independent set of foci for the same elements.
         count, together, elements = matrices.shape
         sets = np.arange(count * together).reshape(count, together)
         rows = matrices.reshape(-1, elements)
-        # 10 iterations are enough from such a start.
+        # With such a start, 10 iterations are enough.
         phases, _, drives = alternating_projections(rows, sets, np.ones(sets.shape), start, 10)
         self._phases = phases.astype(np.complex128)
         return (SINGLE * drives).astype(np.complex128)
@@ -111,7 +111,7 @@ def phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
 
 def aligned(frames: Frames, previous: Frames | None) -> Frames:
     """Align the global phase of each frame, in place, with its neighbour and the previous round."""
-    # Without the previous round, a frame unlike its neighbour could reverse all later phases.
+    # Without the previous round, a frame unlike its neighbour could flip all later phases.
     for index in range(len(frames)):
         towards = np.zeros_like(frames[index])
         if index:
@@ -125,6 +125,6 @@ def aligned(frames: Frames, previous: Frames | None) -> Frames:
 def turned_towards(
     drives: Complex128[np.ndarray, "*shape"], reference: Complex128[np.ndarray, "*shape"]
 ) -> Complex128[np.ndarray, "*shape"]:
-    """Align the global phase of drives with a reference, which has no effect at a focus."""
+    """Align the global phase of drives with a reference; this has no effect at a focus."""
     product = complex(np.vdot(drives, reference))
     return drives * (product / abs(product)) if product else drives

@@ -14,7 +14,7 @@ from airtact.touch.skin import Skin, skin_of
 
 @dataclass(frozen=True, eq=False)
 class _Meshed:
-    """The skin as meshed, the weight of each bone in its motion, and the pose of the hand."""
+    """The skin as it was meshed, the weights of the bones in its motion, and the hand's pose."""
 
     skin: Skin
     weights: Weights
@@ -23,7 +23,7 @@ class _Meshed:
 
 
 class MovingSkin:
-    """Skin of one hand with the same points in all poses, about 1,600; a pose takes 1 ms."""
+    """Skin of one hand, with the same 1,600 or so points in every pose; a pose takes 1 ms."""
 
     def __init__(self) -> None:
         self._meshed: _Meshed | None = None
@@ -32,14 +32,14 @@ class MovingSkin:
         """Return the skin of the hand in a pose."""
         length = hand_length(hand.joints)
         meshed = self._meshed
-        # If the length changed by a tenth, it is another person's hand: mesh it again.
+        # If the hand's length has changed by a tenth, it is another person's hand: mesh it again.
         if meshed is None or abs(length / meshed.length - 1.0) > 0.1:
             skin = skin_of(hand, longest_edge=10e-3)
             weights = hull_weights(hand.shape.hulls, skin.points)
             meshed = _Meshed(skin, weights, bones_of(hand), length)
             self._meshed = meshed
         points = moved_by_bones(meshed.skin.points, meshed.weights, meshed.bones, bones_of(hand))
-        # Points near creases leave the skin by up to 0.3 mm: one step along the gradient of the
+        # Points near creases move up to 0.3 mm off the skin: one step along the gradient of the
         # distance brings them back.
         distances, normals = _look(hand, points)
         points = points - distances[:, None] * normals
@@ -47,7 +47,7 @@ class MovingSkin:
 
 
 def _look(hand: Hand, points: Points) -> tuple[PerPoint, Points]:
-    """Return the distances (P,) [m] of points from the skin, and the unit normals (P, 3)."""
+    """Return the distances of points from the skin (P,) [m] and the unit normals there (P, 3)."""
     near = hand.shape.hulls.look(points)
     slopes = np.linalg.norm(near.gradient, axis=1, keepdims=True)
     return near.distance, near.gradient / np.maximum(slopes, 1e-9)

@@ -1,4 +1,4 @@
-"""A focus that runs along the outlines of contacts: where skin and virtual objects meet."""
+"""A focus that runs along the outlines of contacts, where the skin meets a virtual object."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,11 +14,12 @@ from airtact.touch.objects import VirtualObject
 from airtact.touch.outlines import outline_of
 from airtact.touch.skin import Skin
 
-# Frames in a round: 3 mm apart on the 35 mm around a fingertip, less than half a wavelength.
+# Frames in a round. Along the 35 mm around a fingertip they are 3 mm apart, which is less than half
+# a wavelength.
 FRAMES = 12
 
-# Speed along the outlines [m/s], and largest number of rounds per second: skin feels changes best
-# at about 200 Hz, so the focus runs slower along outlines shorter than 35 mm.
+# Speed along the outlines [m/s], and largest number of rounds per second. Skin is most sensitive at
+# about 200 Hz, so the focus moves more slowly along outlines shorter than 35 mm.
 SPEED = 7.0
 MAX_ROUNDS = 200.0
 
@@ -29,7 +30,7 @@ class Outline:
 
     Attributes
     ----------
-    name : name of its focus.
+    name : name of the contact's focus.
     curve : (P, 3) path of the focus [m].
     strength : strength of the focus, from 0 to 1.
     side : side of the hand.
@@ -50,7 +51,7 @@ class Round:
     Attributes
     ----------
     points : (N, 3) position of the focus in each frame [m].
-    outlines : outline on which it is in each frame.
+    outlines : the outline on which the focus is in each frame.
     rate : frames per second.
     """
 
@@ -64,10 +65,10 @@ class Round:
 def curves_at(
     skin: Skin, thing: VirtualObject, contacts: ContactArrays, index: int, offset: float
 ) -> tuple[Points, ...]:
-    """Return the curves of a contact at an offset [m] from the skin, for a focus that runs along.
+    """Return the curves along which a focus runs at a contact, at an offset [m] from the skin.
 
-    Closed curves begin at the same place and turn in the same sense in all poses, because a focus
-    that jumps at each new pose would be felt.
+    Closed curves begin at the same place and have the same sense of rotation in all poses, because
+    a focus that jumps at each new pose would be felt.
     """
     normal = contacts.normals[index]
     axis = np.eye(3)[np.abs(normal).argmin()]
@@ -88,12 +89,12 @@ def curves_at(
 
 
 def round_along(outlines: Sequence[Outline], frequency: float) -> Round:
-    """Return a round along outlines, with frames at equal distances.
+    """Return one round along outlines, with frames at equal distances.
 
     Parameters
     ----------
     outlines : at least one outline.
-    frequency : frequency of the sound [Hz]; frames last whole periods, as boards require.
+    frequency : frequency of the sound [Hz]. Each frame lasts whole periods, as boards require.
     """
     lengths = [_stations(outline.curve) for outline in outlines]
     ends = np.cumsum([stations[-1] for stations in lengths])
@@ -112,6 +113,6 @@ def round_along(outlines: Sequence[Outline], frequency: float) -> Round:
 
 
 def _stations(curve: Points) -> Float64[np.ndarray, "points"]:
-    """Return the length from the start of a curve to each of its points [m]."""
+    """Return the length along a curve from its start to each of its points [m]."""
     steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])

@@ -1,10 +1,11 @@
-"""Solutions for beacons on skin that touches or will touch an object.
+"""Solutions for beacons on skin that touches, or will soon touch, an object.
 
 A focus at a contact may be anywhere on the hand, and it moves along the skin. Nearly all of the
-sound that the hand scatters to it comes from the skin around it: panels within 20 mm of the foci
-give 0.92 to 0.94 of the attainable pressure at two fingertips, all panels 0.97, and distances 0.68
-to 0.75. These panels take milliseconds to solve, so that a new pose is solved for every drive.
-Panels that face away from the elements matter here, because the sound goes around a fingertip.
+sound that the hand scatters to the focus comes from the skin around it. At two fingertips, panels
+within 20 mm of the foci give 0.92 to 0.94 of the attainable pressure; all panels give 0.97, and
+distances alone 0.68 to 0.75. Solving these panels takes milliseconds, so every drive uses a
+solution for its own pose. Panels that face away from the elements matter here, because the sound
+bends around a fingertip.
 """
 
 from collections.abc import Mapping
@@ -31,16 +32,16 @@ Owners = Int64[np.ndarray, "points"]
 
 @dataclass(frozen=True, eq=False)
 class SkinRequest:
-    """Points on hands to solve next.
+    """Points on hands for which to solve next.
 
     Attributes
     ----------
     time : time of the joints, on the tracker's clock [s].
-    sent : time of sending, by ``time.monotonic`` [s].
-    joints : (25, 3) of each hand [m].
-    velocities : (25, 3) of each hand [m/s].
-    points : (B, 3) beacons in this pose [m].
-    owners : (B,) index in ``SIDES`` of the hand that each beacon moves with.
+    sent : time when the request was sent, by ``time.monotonic`` [s].
+    joints : (25, 3) joints of each hand [m].
+    velocities : (25, 3) velocities of the joints of each hand [m/s].
+    points : (B, 3) positions of the beacons in this pose [m].
+    owners : (B,) index in ``SIDES`` of the hand with which each beacon moves.
     """
 
     time: float
@@ -53,7 +54,7 @@ class SkinRequest:
     __repr__ = in_short
 
     def after(self, ahead: float) -> tuple["SkinRequest", Mapping[Side, Joints]]:
-        """Return the request and the joints extrapolated by a time [s]."""
+        """Return the request and the joints, both extrapolated by a time [s]."""
         later = {}
         for side, joints in self.joints.items():
             try:
@@ -71,10 +72,11 @@ class SkinFactors:
     ----------
     time : time of the predicted pose, on the tracker's clock [s].
     bones : bones of each hand.
-    points : (B, 3) beacons in that pose [m].
-    owners : (B,) index in ``SIDES`` of the hand that each beacon moves with.
-    weights : (B, H) weight of each bone in their motion.
-    factors : (B, R) pressure from each source at each beacon, relative to open air.
+    points : (B, 3) positions of the beacons in that pose [m].
+    owners : (B,) index in ``SIDES`` of the hand with which each beacon moves.
+    weights : (B, H) weight of each bone in the motion of each beacon.
+    factors : (B, R) ratio of the pressure with the hands to that in open air, for each beacon and
+        source.
     """
 
     time: float
@@ -91,9 +93,9 @@ class SkinFactors:
     ) -> tuple[Complex64[np.ndarray, "foci sources"], Float64[np.ndarray, "foci"]]:
         """Return factors (F, R) at foci (F, 3) [m] on hands in a pose, and their benefit (F,).
 
-        Beacons move with the bones. The farther the nearest beacon, the more the factors of a focus
-        approach a constant, so that the phases are those of open air; the benefit falls from 1
-        to 0.
+        The beacons move with the bones. The farther a focus is from the nearest beacon, the more
+        its factors approach a constant, for which the phases are those of open air. The benefit
+        then falls from 1 to 0.
         """
         moved = np.full(self.points.shape, np.inf)
         for index, side in enumerate(SIDES):
@@ -106,13 +108,13 @@ class SkinFactors:
         apart = cdist(foci, np.where(np.isfinite(moved), moved, 1e3))
         nearest = apart.argmin(axis=1)
         found = self.factors[nearest]
-        # The factors lose their benefit within 3 mm of the beacon: measured on skin, they keep 0.93
-        # to 0.99 of the pressure at 1 to 2 mm and 0.72 to 0.96 at 3 to 5 mm.
+        # The factors lose their benefit within 3 mm of the beacon. Measured on skin, they keep 0.93
+        # to 0.99 of the pressure at 1 to 2 mm, and 0.72 to 0.96 at 3 to 5 mm.
         benefit = np.exp(-((apart.min(axis=1) / 3e-3) ** 2))
         means = found.mean(axis=1)
         sizes = np.sqrt(np.mean(np.abs(found) ** 2, axis=1))
         means = sizes * means / np.maximum(np.abs(means), 1e-12)
-        # A hand that is not near has no effect, not a constant one.
+        # If no hand is near, the factor is 1 rather than another constant.
         means[benefit < 1e-6] = 1.0
         share = benefit[:, None].astype(np.float32)
         return (share * found + (1.0 - share) * means[:, None]).astype(np.complex64), benefit
@@ -133,16 +135,16 @@ class SkinSolver:
     def solved(
         self, asked: tuple[SkinRequest, Mapping[Side, Joints]], time: float
     ) -> SkinFactors | None:
-        """Solve the beacons of a request for the joints at a time [s].
+        """Solve for the beacons of a request with the joints at a time [s].
 
         Returns
         -------
-        The factors; None if no skin is near a beacon.
+        The factors; None if no skin is near any beacon.
 
         Raises
         ------
         InvalidInput
-            If the joints are not those of a hand.
+            If the joints do not form a hand.
         NotConverged
             If the iteration does not converge.
         """
@@ -166,8 +168,8 @@ class SkinSolver:
             bodies.append((panels.panels, corners, inside))
         tree = KDTree(points)
         away = [tree.query(corners[:, :3].mean(axis=1))[0] for _, corners, _ in bodies]
-        # The 300 panels nearest to the beacons are solved, which takes 18 ms. For a pressed button
-        # they give 0.94 of the attainable pressure; those within 20 mm of its only focus, 0.88.
+        # Solve for the 300 panels nearest to the beacons, which takes 18 ms. For a pressed button,
+        # they give 0.94 of the attainable pressure; those within 20 mm of its only focus give 0.88.
         ordered = np.sort(np.concatenate(away))
         reach = min(60e-3, float(ordered[min(300, len(ordered) - 1)]))
         if ordered[0] >= reach:
@@ -175,7 +177,7 @@ class SkinSolver:
         parts = []
         for (body, corners, inside), distances in zip(bodies, away, strict=True):
             keep = distances < reach
-            two = np.repeat(keep, 2)  # each panel has two of the second collocation points
+            two = np.repeat(keep, 2)  # each panel has two second collocation points
             parts.append((corners[keep], inside[two], body.deviation[keep], body.admittance[keep]))
         corners, inside, deviation, admittance = (
             np.concatenate(part) for part in zip(*parts, strict=True)
@@ -203,10 +205,10 @@ class SkinSolver:
         )
 
     def _panels_for(self, side: Side, hand: Hand) -> BendingPanels:
-        """Return the panels of the most similar pose so far, or new ones if none is similar."""
+        """Return the panels meshed in the most similar pose, or new ones if none is similar."""
         meshed = self._panels[side]
         moved = [motion(panels.posed.hand.shape.hulls, hand.shape.hulls) for panels in meshed]
-        # Only panels at the joints are distorted by bending, and foci are rarely there [m].
+        # Bending distorts only the panels at the joints, where foci are rare. [m]
         if not moved or min(moved) > 12e-3:
             made = BendingPanels(self._scene, _bare(hand), ACCURACY, min_seen=0.0)
             self._panels[side] = [*meshed[-5:], made]

@@ -1,4 +1,4 @@
-"""A process that repeatedly solves the newest hand while the loop runs."""
+"""A process that repeatedly solves for the newest hand while the loop runs."""
 
 import os
 import time
@@ -19,7 +19,7 @@ from airtact.live.scene import Joints, LiveScene
 from airtact.live.worker import Mailbox, Worker
 from airtact.timing import give_way
 
-# Older requests are not solved [s], because the hand is lost or the loop stalls.
+# Older requests are skipped [s], because the hand is lost or the loop has stalled.
 MAX_REQUEST_AGE = 0.3
 
 # Pause after a hand that could not be solved [s].
@@ -28,14 +28,14 @@ RETRY_PAUSE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """The hand to solve next.
+    """The hand for which to solve next.
 
     Attributes
     ----------
     time : time of the joints, on the tracker's clock [s].
-    joints : (25, 3) [m].
-    velocities : (25, 3) [m/s].
-    sent : time of sending, by ``time.monotonic`` [s].
+    joints : (25, 3) joints of the hand [m].
+    velocities : (25, 3) velocities of the joints [m/s].
+    sent : time when the request was sent, by ``time.monotonic`` [s].
     """
 
     time: float
@@ -46,7 +46,7 @@ class Request:
     __repr__ = in_short
 
     def after(self, ahead: float) -> Joints:
-        """Extrapolate the joints by a time [s]; leave them unchanged if the result is no hand."""
+        """Extrapolate the joints by a time [s]; return them unchanged if the result is no hand."""
         try:
             return joints_of(self.joints + ahead * self.velocities)
         except InvalidInput:
@@ -54,7 +54,7 @@ class Request:
 
 
 class SolverProcess:
-    """Process of low priority that solves for a part of the newest hand.
+    """Low-priority process that solves for a part of the newest hand.
 
     All methods return at once.
 
@@ -74,7 +74,7 @@ class SolverProcess:
         self._worker = Worker(solve_hands, self._arguments, self._solutions.append)
 
     def revive(self) -> int:
-        """Restart the process if it ended; return the number of restarts so far."""
+        """Restart the process if it has ended; return the number of restarts so far."""
         if self._worker.ended:
             self._worker.close()
             self._start()
@@ -82,11 +82,11 @@ class SolverProcess:
         return self._restarts
 
     def ask(self, request: Request | SkinRequest) -> None:
-        """Hand over the newest hand."""
+        """Pass the newest hand to the process."""
         self._worker.put(request)
 
     def solutions(self) -> list[Any]:
-        """Return the solutions since the last call, and the messages of failed requests."""
+        """Return the solutions and the messages of failed requests since the last call."""
         answers = [self._solutions.popleft() for _ in range(len(self._solutions))]
         return [answer for answer in answers if answer is not None]
 
@@ -98,8 +98,8 @@ class SolverProcess:
 def solve_hands(
     mailbox: Mailbox, send: Callable[[object], None], scene: LiveScene, part: Rule
 ) -> None:
-    """Solve a part of the newest hand in the mailbox repeatedly, until the mailbox ends."""
-    # Phalanges and carried solutions are urgent; whole hands are not.
+    """Repeatedly solve for a part of the newest hand in the mailbox, until the mailbox ends."""
+    # Phalanges and carried solutions are urgent, but whole hands are not.
     give_way(15 if part == "hand" else 5)
     if part == "contacts":
         _answer(mailbox, send, SkinSolver(scene).solved)
@@ -108,16 +108,16 @@ def solve_hands(
         solver = PartSolver(scene)
         _answer(mailbox, send, lambda joints, time: solver.solved(joints, part, time))
         return
-    # A second thread solves whole hands; this one carries their solutions to new hands.
+    # A second thread solves for whole hands. This one moves their solutions to newer poses.
     hand = BendingHand(scene)
     Thread(target=_solve_to_carry, args=(hand, mailbox), daemon=True).start()
-    # Carrying more often than every 30 ms would slow down solving without a benefit.
+    # Moving solutions more often than every 30 ms would slow down solving without any benefit.
     _answer(mailbox, send, hand.carried, 0.03)
 
 
 def solved_ahead(seconds: float) -> float:
-    """Return how far ahead of a request to solve [s], given the solving time [s]."""
-    # A solution is ready after one solving time and in use for another: aim at the middle.
+    """Return how far ahead of a request to solve [s], given the time that a solution takes [s]."""
+    # A solution is ready after one solving time and used for another: aim at the middle of its use.
     return 1.5 * seconds
 
 
@@ -127,13 +127,13 @@ def _answer(
     solve: Callable[[Any, float], object],
     interval: float = 0.0,
 ) -> None:
-    """Answer the newest request repeatedly, at most once per interval [s], until the end."""
-    seconds = 0.02  # mean solving time; an initial guess
+    """Repeatedly answer the newest request, at most once per interval [s], until the end."""
+    seconds = 0.02  # mean solving time, starting from a guess
     while (request := mailbox.look(MAX_REQUEST_AGE)) is not None:
         begun = time.monotonic()
         try:
-            # Add the time that the request spent in the mailbox. Extrapolate a hand by 60 ms at
-            # most if its solution is used without carrying it.
+            # Add the time that the request spent in the mailbox. Extrapolate a hand by at most
+            # 60 ms if its solution is not moved to a newer pose later.
             ahead = min(solved_ahead(seconds) + begun - request.sent, 0.06)
             answer = solve(request.after(ahead), request.time + ahead)
             seconds += 0.3 * (time.monotonic() - begun - seconds)
@@ -146,12 +146,12 @@ def _answer(
 
 
 def _solve_to_carry(hand: BendingHand, mailbox: Mailbox) -> None:
-    """Solve whole hands, at a lower priority than the thread that carries their solutions."""
+    """Solve for whole hands, at a lower priority than the thread that moves their solutions."""
     with suppress(AttributeError, OSError):
         nice = os.getpriority(os.PRIO_PROCESS, 0) + 5
         os.setpriority(os.PRIO_PROCESS, get_native_id(), nice)
     while (request := mailbox.look(MAX_REQUEST_AGE)) is not None:
-        # Solve the pose 0.1 s ahead: a solution takes time and is then used for a while.
+        # Solve for the pose 0.1 s ahead: a solution takes time and is then used for a while.
         ahead = 0.1 + time.monotonic() - request.sent
         try:
             hand.keep(hand.solved(request.after(ahead), request.time + ahead))

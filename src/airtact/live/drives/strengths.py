@@ -1,4 +1,4 @@
-"""Drives for foci of different strengths; some foci may be off or out of reach."""
+"""Drives for foci of different strengths, some of which may be off or out of reach."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -17,26 +17,26 @@ def balanced(
     foci: Foci,
     strengths: Float64[np.ndarray, "foci"],
 ) -> Amplitudes:
-    """Compute a drive with pressures at the foci in proportion to their strengths.
+    """Compute a drive whose pressures at the foci are proportional to their strengths.
 
     Parameters
     ----------
     scene : scene of the live loop.
-    method : name of the method; "best" means weighted Gerchberg-Saxton, which takes less than a
-        millisecond and comes within 1 % of it.
+    method : name of the method; "best" means weighted Gerchberg-Saxton, which takes less than 1 ms
+        and reaches a pressure within 1 % of that of ``best``.
     rows : (F, R) pressure at each focus per unit drive of each source [Pa].
-    foci : (F, 3) [m].
-    strengths : (F,) from 0 to 1.
+    foci : (F, 3) foci [m].
+    strengths : (F,) strengths of the foci, from 0 to 1.
 
     Returns
     -------
-    (E,) amplitudes, the largest as large as the strongest focus. A focus gets nothing if a stronger
-    one is within a quarter of the wavelength, or if it is shadowed: the array can give it less than
-    5 % of the pressure at the others (median).
+    (E,) amplitudes, whose largest equals the strength of the strongest focus. A focus is left out
+    if a stronger one is within a quarter of the wavelength, or if it is shadowed: the array can
+    only produce less than 5 % of the median pressure at the other foci.
     """
     folded = scene.with_images.folded(rows)
     attainable = np.abs(folded).sum(axis=1)
-    # Nobody feels a weaker focus, but it would cost the others pressure.
+    # A weaker focus cannot be felt, but would reduce the pressure at the others.
     on = np.flatnonzero(strengths > 0.01)
     apart = 0.25 * scene.medium.wavelength(scene.frequency)
     chosen: list[int] = []
@@ -49,7 +49,7 @@ def balanced(
         return np.zeros(folded.shape[1], dtype=np.complex128)
     shares = strengths[chosen]
     if len(chosen) == 1 and method == "best":
-        return shares.max() * phase(folded[chosen[0]]).conj()  # what the method would find
+        return shares.max() * phase(folded[chosen[0]]).conj()  # exact solution for a single focus
     make = weighted_gerchberg_saxton if method == "best" else METHODS[method]
     transfer = TransferMatrix(folded[chosen], float("nan"))
     made = make(transfer, Target(foci[chosen], shares=shares)).amplitudes

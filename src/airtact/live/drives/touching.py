@@ -1,4 +1,4 @@
-"""Drives for contacts of hands with virtual objects, and for foci requested by applications."""
+"""Drives for contacts of hands with virtual objects and for foci requested by applications."""
 
 import time as clock
 from collections.abc import Mapping, Sequence
@@ -36,32 +36,32 @@ from airtact.touch.objects import VirtualObject
 from airtact.touch.skin import Skin
 from airtact.touch.state import TouchState
 
-# Time in which a focus rises from silence to full strength, or falls [s].
+# Time in which a focus rises from silence to full strength, or falls back to silence [s].
 RAMP = 20e-3
 
-# Distance of the foci of contacts from the skin [m].
+# Distance of the contacts' foci from the skin [m].
 OFFSET = 0.5e-3
 
 
 @dataclass(eq=False)
 class _TrackedHand:
-    """A hand, and what it touches."""
+    """A tracked hand and its contacts."""
 
     predictor: Predictor
     touch: TouchState
     moving: MovingSkin = field(default_factory=MovingSkin)
     newest: HandFrame | None = None  # None while the hand is not seen
     hand: Hand | None = None
-    skin: Skin | None = None  # of the newest pose
+    skin: Skin | None = None  # in the newest pose
     velocities: Float64[np.ndarray, "25 3"] | None = None
 
 
 @dataclass(eq=False)
 class _WantedState:
-    """A wanted focus while it is emitted."""
+    """A requested focus while it is being emitted."""
 
     point: Point = field(default_factory=lambda: np.zeros(3))
-    side: Side | None = None  # of the hand that it is on
+    side: Side | None = None  # side of the hand that the focus is on
     goal: float = 0.0
     level: float = 0.0
 
@@ -73,7 +73,7 @@ class _Foci:
     points: list[Point] = field(default_factory=list)
     strengths: list[float] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
-    sides: list[Side | None] = field(default_factory=list)  # of the hands that they are on
+    sides: list[Side | None] = field(default_factory=list)  # sides of the hands that carry them
 
     def add(self, name: str, point: Point, strength: float, side: Side | None) -> None:
         if len(self.points) < MOST_FOCI:
@@ -86,25 +86,25 @@ class _Foci:
 class TouchAware(SolvingMaker):
     """Computes drives for contacts with virtual objects and for requested foci, on both hands.
 
-    Contacts are found on the predicted hands at each drive. Foci appear, move and fade as described
-    in ``TouchState``; requested foci rise and fall as fast. The transfer matrix is that of open air
-    times the factors of the newest solution of the skin near contacts, which a separate process
-    computes; beacons are solved before the skin touches. One focus runs along the outlines of all
-    contacts with objects of the style "outline". The amplitude follows the strongest focus,
-    so that a focus of strength s gets s times the pressure.
+    At each drive, contacts are found on the predicted hands. Their foci appear, move and fade as
+    described in ``TouchState``; requested foci rise and fall at the same rate. The transfer matrix
+    is that of open air times the factors of the newest solution for the skin near contacts. A
+    separate process computes these solutions, starting before the skin touches an object. A single
+    focus runs along the outlines of all contacts with objects of the style "outline". The drive is
+    scaled to the strongest focus, so that a focus of strength s receives s times the pressure.
 
     Parameters
     ----------
     scene : the fixed part of the scene.
     noise, agility : see ``HandAware``.
-    solvers : solver of skin; by default a process. Without one, phases are set from path lengths
-        alone.
-    rest : the hand that will be followed, in any pose. Its skin is meshed here, which would delay
-        the first sound by half a second.
+    solvers : solvers for skin; by default, a single process. If empty, phases are set from path
+        lengths alone.
+    rest : the hand that will be followed, in any pose. Its skin is then meshed at once, which
+        avoids a delay of half a second before the first sound.
 
     Attributes
     ----------
-    fault : message of the last pose that could not be used or solved, or None.
+    fault : message about the last pose that could not be used or solved, or None.
     solutions : number of solutions so far.
     """
 
@@ -133,7 +133,7 @@ class TouchAware(SolvingMaker):
         self._solvers = [SolverProcess(scene, "contacts")] if solvers is None else list(solvers)
         self._factors: SkinFactors | None = None
         self._objects = tuple(scene.objects)
-        # The places of a scene file are wanted all the time.
+        # The places of a scene file are requested all the time.
         self._always = tuple(
             WantedFocus(place, place=place, offset=float(offset))
             for place, offset in zip(scene.places, scene.offsets, strict=True)
@@ -142,13 +142,13 @@ class TouchAware(SolvingMaker):
         self._wanted: dict[str, _WantedState] = {}
         self._time: float | None = None
         self._previous = np.zeros(len(scene.array), dtype=np.complex128)
-        self._frames: Frames | None = None  # of the newest round along outlines
+        self._frames: Frames | None = None  # frames of the newest round along outlines
         self._step = 0
         self.fault: str | None = None
         self.solutions = 0
 
     def take(self, frame: HandFrame) -> None:
-        """Process the newest frame of a hand; after a frame without a hand, its foci fade.
+        """Process the newest frame of a hand; if it contains no hand, the foci of its side fade.
 
         Raises
         ------
@@ -164,14 +164,14 @@ class TouchAware(SolvingMaker):
             tracked.newest = frame
 
     def feel(self, objects: Sequence[VirtualObject], foci: Sequence[WantedFocus]) -> None:
-        """Set what is to be felt from now on."""
+        """Set the objects and the requested foci from now on."""
         self._objects = tuple(objects)
         self._asked = tuple(foci)
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive for sound in the air at a time [s].
+        """Compute the drive for the sound in the air at a time [s].
 
-        Without a hand, or without a focus, all amplitudes are 0.
+        All amplitudes are 0 if there is no hand or no focus.
         """
         self._collect()
         elapsed = 0.0 if self._time is None else max(time - self._time, 0.0)
@@ -189,7 +189,7 @@ class TouchAware(SolvingMaker):
         for side, tracked in self._hands.items():
             if tracked.skin is None:
                 continue
-            # A hand that is lost touches nothing, and its foci fade where it was.
+            # A lost hand touches nothing. Its foci fade at their last positions.
             tracked.touch.objects = self._objects if side in seen else ()
             tracked.touch.offset = OFFSET if controls.offset is None else controls.offset
             touched = tracked.touch.update(tracked.skin, time)
@@ -200,7 +200,7 @@ class TouchAware(SolvingMaker):
                 name = prefix + touched.names[index]
                 strength = float(touched.strengths[index])
                 thing = tracked.touch.objects[found.objects[contact]] if contact >= 0 else None
-                # Focus of an outline: the others on the patch are left out. It fades as a point.
+                # Outlines replace the foci of such a contact. When it ends, they fade as points.
                 if thing is not None and thing.style == "outline" and contact not in outlined:
                     offset = tracked.touch.offset
                     curves = curves_at(tracked.skin, thing, found, contact, offset)
@@ -244,7 +244,7 @@ class TouchAware(SolvingMaker):
                     self._factors = solution
 
     def _pose(self, side: Side, tracked: _TrackedHand, time: float) -> bool:
-        """Predict a hand and its skin; return whether there is one."""
+        """Predict a hand and its skin; return whether the hand is present."""
         tracked.hand = None
         if tracked.newest is None:
             return False
@@ -268,7 +268,7 @@ class TouchAware(SolvingMaker):
         controls: Controls,
         elapsed: float,
     ) -> dict[str, str]:
-        """Add the requested foci and those that fade; return rejected foci with the reasons."""
+        """Add requested foci and those that are fading; return rejected foci with the reasons."""
         rejected = {}
         present = set()
         for wanted in (*self._always, *self._asked):
@@ -294,12 +294,12 @@ class TouchAware(SolvingMaker):
     def _place_of(
         self, wanted: WantedFocus, seen: Mapping[Side, _TrackedHand], controls: Controls
     ) -> tuple[Point, Side | None]:
-        """Return the position of a requested focus [m], and the side of its hand, if any.
+        """Return the position of a requested focus [m], and the side of the hand it is on, if any.
 
         Raises
         ------
         InvalidInput
-            If the position is unknown, inside a hand or out of reach.
+            If its position is unknown, inside a hand or out of reach.
         """
         side: Side | None = None
         if wanted.place is not None:
@@ -331,7 +331,7 @@ class TouchAware(SolvingMaker):
                         point,
                         code="inside_body",
                     )
-                if depth > -20e-3:  # [m]; the skin affects the focus
+                if depth > -20e-3:  # [m]; this close, the skin affects the focus
                     side = one
         fault = self._workspace.out_of_reach(point[None])
         if fault is not None:
@@ -341,7 +341,7 @@ class TouchAware(SolvingMaker):
     def _ask(
         self, time: float, foci: _Foci, path: Round | None, seen: Mapping[Side, _TrackedHand]
     ) -> None:
-        """Request a solution for the foci on hands, and for skin that will touch soon."""
+        """Request a solution for the foci on hands and for skin that will soon touch an object."""
         points = []
         owners = []
         for side, tracked in seen.items():
@@ -350,15 +350,15 @@ class TouchAware(SolvingMaker):
             if path is not None:
                 along = zip(path.points[::2], path.outlines[::2], strict=True)
                 own += [point for point, outline in along if outline.side == side]
-            # These points need not be exact.
-            # Skin within 15 mm of an object gets a beacon before it touches.
+            # These points need not be exact. Skin within 15 mm of an object gets a beacon before it
+            # touches.
             found = find(replace(tracked.skin, look=None), self._objects, 15e-3)
             early = found.points + OFFSET * found.normals
-            # The nearest to an object first.
+            # Begin with the skin nearest to an object.
             for point in early[np.argsort(-found.depths)]:
                 if all(np.linalg.norm(point - other) > 2e-3 for other in own):
                     own.append(point)
-            own = own[:12]  # beacons on a hand, at most
+            own = own[:12]  # at most 12 beacons per hand
             points += own
             owners += [SIDES.index(side)] * len(own)
         if points:
@@ -390,7 +390,7 @@ class TouchAware(SolvingMaker):
     ) -> Moment:
         still = len(foci.points)
         if path is not None:
-            # Boards that cannot play the frames of a round go one frame further at each drive.
+            # Boards that cannot play the frames of a round advance by one frame at each drive.
             self._step = (self._step + 1) % len(path.points)
             outline = path.outlines[self._step]
             foci.add(outline.name, path.points[self._step], outline.strength, outline.side)
@@ -404,7 +404,7 @@ class TouchAware(SolvingMaker):
         )
         if not len(points):
             return replace(moment, pressures=np.zeros(0))
-        # The foci of this drive, then those of all frames of the round.
+        # The foci of this drive, followed by those of all frames of the round.
         every = points if path is None else np.concatenate([points, path.points])
         rows = self._open_air.rows(every)
         solution = self._factors
@@ -426,7 +426,7 @@ class TouchAware(SolvingMaker):
         kept = (0.75 + 0.18 * benefit) * np.exp(-((noise / 3.3e-3) ** 2))
         moment = replace(moment, kept=float(kept))
         amplitudes = balanced(self._scene, method, rows[:count], points, strengths)
-        # A jump of the global phase has no effect at the foci, but the boards would click.
+        # A jump of the global phase has no effect at the foci, but makes the boards click.
         amplitudes = turned_towards(amplitudes, self._previous)
         if amplitudes.any():
             self._previous = amplitudes
@@ -438,7 +438,7 @@ class TouchAware(SolvingMaker):
         frames = []
         for index, outline in enumerate(path.outlines):
             chosen = [*range(still), count + index]
-            # Foci that stay are modulated once in a round, because frames have no modulation.
+            # Modulate static foci once per round, because frames have no modulation of their own.
             swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * index / len(path.points))
             strength = outline.strength * controls.levels.get(outline.name, 1.0)
             wanted = np.append(swing * strengths[:still], strength)
@@ -448,7 +448,7 @@ class TouchAware(SolvingMaker):
 
 
 def _sided(place: str, default: Side) -> tuple[Side, str]:
-    """Return the side and the name of a place such as "right.index.pad" or "palm"."""
+    """Split a place such as "right.index.pad" or "palm" into side and name."""
     first, _, rest = place.partition(".")
     side: Side = "left" if first == "left" else "right" if first == "right" else default
     return side, rest if first in SIDES else place

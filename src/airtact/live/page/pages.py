@@ -1,4 +1,4 @@
-"""The open pages: their requests, the data sent to them, and the dragged hand."""
+"""The open pages: their requests, the pictures sent to them, and the dragged hand."""
 
 import time
 from contextlib import suppress
@@ -27,20 +27,20 @@ from airtact.live.worker import Mailbox
 from airtact.reports.page import FOLDER, TEMPLATES
 from airtact.reports.viewer import embedded
 
-# A length within reach [m].
+# A coordinate within the reach of a hand [m].
 Length = Annotated[float, msgspec.Meta(ge=-3.0, le=3.0)]
-# An angle at the root of a finger [degrees].
+# An angle at the base of a finger [degrees].
 Angle = Annotated[float, msgspec.Meta(ge=-40.0, le=60.0)]
 
 
 class Dragged(msgspec.Struct):
-    """Position to which a hand was dragged.
+    """Pose to which a hand was dragged on the page.
 
     Attributes
     ----------
-    position : middle of the joints [m].
-    turn : rotation from the first pose, a quaternion (x, y, z, w).
-    fingers : angle by which each finger is opened at its root [degrees].
+    position : mean position of the joints [m].
+    turn : rotation relative to the initial pose, as a quaternion (x, y, z, w).
+    fingers : angle by which each finger is opened at its base [degrees].
     """
 
     position: tuple[Length, Length, Length]
@@ -49,22 +49,23 @@ class Dragged(msgspec.Struct):
 
     def __post_init__(self) -> None:
         if not 0.5 < np.linalg.norm(self.turn) < 2.0:
-            raise ValueError("a rotation is a unit quaternion")
+            raise ValueError("a rotation must be a unit quaternion")
 
 
 class Said(msgspec.Struct, forbid_unknown_fields=True):
-    """A message from a page; each part may be missing.
+    """A message from a page; every part is optional.
 
     Attributes
     ----------
-    drawn : whether a picture was drawn, so that another one can be sent.
+    drawn : whether a picture was drawn, so that the next one can be sent.
     emergency : whether the emergency stop was pressed.
-    controls : changed settings by name.
-    levels : changed strengths of foci by name.
-    across, offset : axis normal to the slice of the field, and its offset from the foci [m].
-    hand : changed parts of the dragged hand's position.
-    frame : a hand that a headset tracks, as trackers send it.
-    object : a message of an application that moves an object.
+    controls : changed settings, by name.
+    levels : changed strengths of foci, by name.
+    across, offset : axis normal to the slice of the field, and offset of the slice from the foci
+        along that axis [m].
+    hand : changed parts of the pose of the dragged hand.
+    frame : a hand tracked by a headset, in the format that trackers send.
+    object : an application's message that moves an object.
     """
 
     drawn: bool = False
@@ -79,15 +80,15 @@ class Said(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Pages:
-    """The server of the page, and all open pages.
+    """The server of the page and all open pages.
 
     Parameters
     ----------
-    send : sends messages to the loop.
+    send : function that sends messages to the loop.
     scene : the fixed part of the scene.
     port, host, certificate : see ``start_server``.
-    hand : (25, 3) initial joints of a hand to drag [m], or None.
-    follows : whether the loop follows hands of the page.
+    hand : (25, 3) initial joints of a hand that can be dragged [m], or None.
+    follows : whether the loop follows hands from the page.
     controls : initial settings.
 
     Raises
@@ -146,15 +147,15 @@ class Pages:
                 if known != view.objects.keys():
                     known = frozenset(view.objects)
                     self._send(("known", known))
-            # 18 pictures a second, because they may be drawn on the loop's processor. Even on a
-            # slow computer the loop keeps at least 30 % of the time.
+            # Send at most 18 pictures a second, because they may be drawn on the loop's processor.
+            # Even on a slow computer, the loop then keeps at least 30 % of the time.
             spent = time.monotonic() - start
             time.sleep(max(1.0 / 18.0 - spent, 3.0 / 7.0 * spent))
 
     def _serve(self, connection: ServerConnection) -> None:
-        """Send pictures to a page as fast as it draws them, and process its messages."""
+        """Send pictures to a page as fast as it can draw them, and process its messages."""
         pictures = Mailbox()
-        drawn = Semaphore(2)  # the next picture travels while one is drawn
+        drawn = Semaphore(2)  # one picture is transferred while another is drawn
 
         def deliver() -> None:
             kept: set[str] = set()
@@ -171,7 +172,7 @@ class Pages:
         try:
             with suppress(ConnectionClosed):
                 for text in connection:
-                    # Messages that no page sends are ignored.
+                    # Ignore messages that the page itself would never send.
                     with suppress(msgspec.MsgspecError):
                         said = msgspec.json.decode(text, type=Said)
                         if said.drawn:
@@ -190,10 +191,10 @@ class Pages:
         if (said.controls or said.levels) and not self._stopped:
             changed = {**asdict(self._controls), **said.controls}
             if said.levels:
-                # Foci come and go; those changed last are kept.
+                # Foci appear and disappear. Keep only the levels that changed last.
                 levels = {**self._controls.levels, **said.levels}
                 changed["levels"] = dict(list(levels.items())[-256:])
-            # The constructor checks every value.
+            # Converting to Controls checks every value.
             self._controls = msgspec.convert(changed, Controls)
             self._send(("controls", self._controls))
         if said.across is not None:
@@ -210,7 +211,7 @@ class Pages:
             self._send(("object", bytes(said.object)))
 
     def _joints(self) -> Joints | None:
-        """Return the joints (25, 3) [m] of the dragged hand, or None if a headset tracks hands."""
+        """Return the joints (25, 3) [m] of the dragged hand; None if a headset tracks hands."""
         joints = self._first
         if joints is None or time.monotonic() - self._tracked < 1.0:
             return None
@@ -221,12 +222,12 @@ class Pages:
         return Pose(turn, np.array(self._hand.position)).apply(joints)
 
     def _give_hand(self) -> None:
-        """Send the dragged hand like a tracker, 60 times per second."""
+        """Send the dragged hand 60 times per second, as a tracker would."""
         sequence = 0
         while True:
             joints = self._joints()
             if joints is not None and self._open:
-                # While fingers are bent beyond their limits, the hand counts as lost.
+                # If fingers are bent beyond their limits, the hand counts as lost.
                 with suppress(FaultyFrame):
                     frame = HandFrame(time.monotonic(), self._scene.side, sequence, joints)
                     self._send(("frame", frame))

@@ -1,4 +1,4 @@
-"""The process of the page, which gets the newest moment and returns settings."""
+"""The process that serves the page; it receives the newest moment and returns settings."""
 
 import os
 import sys
@@ -20,17 +20,18 @@ from airtact.live.worker import Mailbox, Worker
 from airtact.live.world import World
 from airtact.timing import give_way
 
-# Default port of the page.
+# Default port for the page.
 PORT = 8940
 
-# Kind and content of a message of the page: its address or a fault at first, then controls,
-# "emergency", frames of hands, messages to the world, and the shapes that it has.
+# Kind and content of a message from the page. The first message is the address or a fault. Later
+# messages are controls, "emergency", frames of hands, changes to the world, and the shapes that the
+# page has received.
 Message = tuple[str, Any]
 Send = Callable[[Message], None]
 
 
 class Placed(NamedTuple):
-    """A virtual object: its name, the number of its shape, and its pose."""
+    """A virtual object, given by its name, the number of its shape, and its pose."""
 
     name: str
     key: int
@@ -39,15 +40,15 @@ class Placed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Data that the loop sends to the page.
+    """Data that the loop sends to the page for display.
 
     Attributes
     ----------
     moment : newest moment, without its objects.
     drives : number of moments so far.
-    status : status of the loop in words.
+    status : status of the loop as text.
     objects : virtual objects.
-    meshes : vertices [m] and triangles of shapes that the page does not have yet, by number.
+    meshes : vertices [m] and triangles of the shapes that the page has not received yet, by number.
     """
 
     moment: Moment
@@ -58,35 +59,35 @@ class Shown:
 
 
 class PageProcess:
-    """Process of lower priority that serves the page; the loop never waits for it.
+    """Low-priority process that serves the page; the loop never waits for it.
 
     Use it in a ``with`` block. A separate thread sends only the newest moment to the page, so slow
-    or many open pages do not delay the loop. If the process dies, the loop continues without a
-    page.
+    pages, or many of them, do not delay the loop. If the process dies, the loop continues without
+    a page.
 
     Parameters
     ----------
     scene : the fixed part of the scene.
-    port : port to listen at; 0 selects a free port, which is part of ``address``.
-    host : address to listen at; unless it is ``127.0.0.1``, ``address`` contains a token that every
-        request must have.
-    hand : (25, 3) initial joints of a hand to drag on the page [m]; none by default.
-    stream : receives the frames of this hand, with times of ``time.monotonic``, while the page is
-        open, and the hands that a headset tracks. Closing the page counts as losing them.
+    port : port to listen on; 0 selects a free port, which then appears in ``address``.
+    host : address to listen on. Unless it is ``127.0.0.1``, ``address`` contains a token that every
+        request must include.
+    hand : (25, 3) initial joints of a hand that can be dragged on the page [m]; none by default.
+    stream : receives the frames of the dragged hand, with times by ``time.monotonic``, while the
+        page is open, and hands tracked by a headset. If the page is closed, these hands are lost.
     controls : initial settings.
-    on_emergency : called at once, in a thread of this class, when the emergency stop is pressed.
-    world : virtual objects, which the page can move; those of the moments by default.
-    certificate : PEM file with a certificate and its key, to serve the page by HTTPS.
+    on_emergency : called in a separate thread as soon as the emergency stop is pressed.
+    world : virtual objects, which the page can move; by default, those of the moments.
+    certificate : PEM file with a certificate and its key, to serve the page over HTTPS.
 
     Attributes
     ----------
-    controls : newest settings of the page.
+    controls : newest settings from the page.
     address : URL of the page.
 
     Raises
     ------
     InvalidInput
-        If the port is taken, the certificate cannot be read, or websockets is not installed.
+        If the port is in use, the certificate cannot be read, or websockets is not installed.
     """
 
     def __init__(
@@ -106,15 +107,15 @@ class PageProcess:
         self._world = world
         self.controls: Controls = controls or Controls()
         self._shown = Shown(silent_moment(scene, 0.0, 0.0))
-        # Each shape of an object with its number and mesh, by its identity.
+        # For each shape, by its identity: the shape itself, its number and its mesh.
         self._shapes: dict[int, tuple[object, int, FlatMesh]] = {}
         self._numbers = count()
-        self._known: frozenset[int] = frozenset()  # numbers of the shapes that the page has
+        self._known: frozenset[int] = frozenset()  # numbers of the shapes sent to the page
         self._answers: SimpleQueue[Any] = SimpleQueue()
-        # The page is painted 18 times a second.
+        # Limit the page to 18 pictures a second.
         settings = (scene, port, host, hand, stream is not None, self.controls, certificate)
         self._worker = Worker(serve_page, settings, self._received, pause=1.0 / 20.0)
-        patience = 30.0  # the process imports its server
+        patience = 30.0  # [s]; importing the server takes a while
         try:
             answer = self._answers.get(timeout=patience)
         except Empty:
@@ -125,7 +126,7 @@ class PageProcess:
                 answer
                 if isinstance(answer, InvalidInput)
                 else InvalidInput(
-                    f"the page did not start within {patience:g} s; run without it (--no-page).",
+                    f"the page did not start within {patience:g} s; use --no-page to run without.",
                     code="child_failed",
                 )
             )
@@ -138,19 +139,19 @@ class PageProcess:
         self.close()
 
     def show(self, moment: Moment) -> None:
-        """Show a moment, unless a newer one replaces it; call this in every pass of the loop."""
+        """Show a moment unless a newer one replaces it; called in every pass of the loop."""
         self._shown = replace(self._shown, moment=moment, drives=self._shown.drives + 1)
         self._put()
 
     def tell(self, status: object) -> None:
-        """Show a status in words."""
+        """Show a status as text."""
         self._shown = replace(self._shown, status=str(status))
         self._put()
 
     def _put(self) -> None:
         objects = self._shown.moment.objects if self._world is None else self._world.objects
         before = self._shapes
-        # A known shape is held here, so that no other can have its identity.
+        # Keep a reference to each known shape, so that its identity is not reused.
         self._shapes = {
             id(thing.shape): before.get(id(thing.shape))
             or (thing.shape, next(self._numbers), thing.solid.mesh())
@@ -177,7 +178,7 @@ class PageProcess:
         return self._worker.ended
 
     def close(self) -> None:
-        """End the page."""
+        """End the page's process."""
         self._worker.close()
 
     def _received(self, message: Message | None) -> None:
@@ -215,7 +216,7 @@ def serve_page(
 ) -> None:
     """Serve the page until the loop ends; the mailbox contains the newest ``Shown``."""
     try:
-        with extra("live", "the page needs websockets; to run without a page, set --no-page"):
+        with extra("live", "to serve the page (--no-page omits it), airtact needs websockets"):
             from airtact.live.page.pages import Pages
 
         pages = Pages(send, scene, port, host, hand, follows, controls, certificate)
@@ -223,8 +224,8 @@ def serve_page(
         send(("fault", fault))
         return
     send(("address", pages.address))
-    # Libraries print tracebacks of messages that no browser sends.
+    # Libraries print tracebacks for malformed messages, which no browser sends.
     with open(os.devnull, "wb") as nothing:
         os.dup2(nothing.fileno(), sys.stderr.fileno())
-    give_way(5)  # only after the start, because the user waits for the page
+    give_way(5)  # only after the start, because the user is waiting for the page
     pages.paint(mailbox)

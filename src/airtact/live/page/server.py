@@ -1,7 +1,7 @@
-"""The server of the page, which checks every request. Only the page imports this.
+"""The server of the page, which checks every request. Only the page's process imports it.
 
-A page of another site in the same browser is recognised by its ``Origin``, or by its ``Host`` if it
-uses another name for this computer.
+A page from another site in the same browser is recognised by its ``Origin``, or by its ``Host`` if
+it reaches this computer under another name.
 """
 
 import secrets
@@ -19,7 +19,7 @@ from websockets.sync.server import Server, ServerConnection, serve
 from airtact.errors import InvalidInput
 from airtact.hands.tracking.receivers import SILENT, bound_socket
 
-# Names of this computer under which a page without a token is served.
+# Names of this computer under which the page is served without a token.
 HERE = ("127.0.0.1", "localhost")
 
 
@@ -29,7 +29,7 @@ def path_within(path: str, host: str, origin: str | None, token: str | None) -> 
     Parameters
     ----------
     path : requested path, such as ``"/"``.
-    host : name and port of this server in the request.
+    host : host and port of this server as given in the request.
     origin : origin of the page that sends the request, such as ``"http://127.0.0.1:8940"``; None
         for programs other than browsers.
     token : required first part of the path; None if only this computer is served.
@@ -39,7 +39,7 @@ def path_within(path: str, host: str, origin: str | None, token: str | None) -> 
     if token is None:
         return path if host.rpartition(":")[0] in HERE or host in HERE else None
     first, _, rest = path.lstrip("/").partition("/")
-    # Constant-time comparison: the time must not reveal the token.
+    # Compare in constant time, so that the response time does not reveal the token.
     valid = secrets.compare_digest(first.partition("?")[0].encode(), token.encode())
     return f"/{rest}" if valid else None
 
@@ -51,19 +51,19 @@ def start_server(
     serve_page: Callable[[ServerConnection], None],
     certificate: Path | None = None,
 ) -> tuple[Server, str]:
-    """Serve a page and its websocket, in threads, and return the server and the page's address.
+    """Serve a page and its websocket in threads; return the server and the page's address.
 
     Parameters
     ----------
-    port, host : port and address of the server; port 0 selects a free port.
-    page : the page in HTML.
+    port, host : port and address to listen on; port 0 selects a free port.
+    page : the page as HTML.
     serve_page : called with each websocket, in a separate thread.
     certificate : PEM file with a certificate and its key, for HTTPS.
 
     Raises
     ------
     InvalidInput
-        If the port is taken or does not exist, or the certificate cannot be read.
+        If the port is in use or invalid, or the certificate cannot be read.
     """
     context = None
     if certificate is not None:
@@ -72,8 +72,8 @@ def start_server(
             context.load_cert_chain(certificate)
         except OSError as fault:
             raise InvalidInput(
-                f"the certificate {certificate} cannot be used ({fault}): use a PEM file that has "
-                "the certificate and its key.",
+                f"the certificate {certificate} cannot be used ({fault}): use a PEM file that "
+                "contains the certificate and its key.",
                 code="file_unreadable",
             ) from None
     bound = bound_socket(socket.SOCK_STREAM, host, port)
@@ -87,13 +87,13 @@ def start_server(
         if path is None:
             return connection.respond(
                 HTTPStatus.FORBIDDEN,
-                "This page is not served to other sites, nor without the token in its address.\n",
+                "This page cannot be used by other sites, or without the token in its address.\n",
             )
         if path.partition("?")[0] != "/":
-            return connection.respond(HTTPStatus.NOT_FOUND, "There is only the page itself.\n")
+            return connection.respond(HTTPStatus.NOT_FOUND, "This server has only one page.\n")
         if "Upgrade" in request.headers:
             return None
-        # Pages of other sites must not show this one in a frame and lure clicks onto it.
+        # Prevent other sites from embedding this page in a frame and luring clicks onto it.
         headers = Headers(
             {
                 "Content-Type": "text/html; charset=utf-8",

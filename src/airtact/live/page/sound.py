@@ -1,7 +1,7 @@
-"""The pressure that the page shows on the skin and in a slice, with scattering by the hand.
+"""The pressure shown on the skin and in a slice of the page, including scattering by the hand.
 
-A process of low priority solves the whole hand for the newest drive, on panels that bend with it.
-This takes most of a second, so the page states the age of the result.
+A low-priority process solves for the whole hand with the newest drive, on panels that bend with the
+hand. This takes most of a second, so the page displays the age of the result.
 """
 
 import time
@@ -24,13 +24,13 @@ from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, pose_hand
 from airtact.live.worker import Mailbox, Worker
 from airtact.timing import give_way
 
-# Side of a slice [m].
+# Side length of a slice [m].
 SLICE_SIZE = 0.12
 
-# Points along a side of a slice, a quarter of a wavelength apart at 40 kHz.
+# Points along each side of a slice; a quarter of a wavelength apart at 40 kHz.
 SLICE_POINTS = 56
 
-# Pixels per point of a slice along each side.
+# Pixels per point along each side of a slice.
 SLICE_ZOOM = 2
 
 Axis = Literal["x", "y", "z"]
@@ -40,13 +40,13 @@ Vector = Float64[np.ndarray, "3"]
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A slice of the field.
+    """A plane slice of the field.
 
     Attributes
     ----------
-    foci : (3,) centre of the foci [m].
+    foci : (3,) mean position of the foci [m].
     across : axis normal to the slice.
-    offset : offset of the slice from the foci along that axis [m].
+    offset : offset of the slice from ``foci`` along that axis [m].
     """
 
     foci: Vector
@@ -55,7 +55,7 @@ class Section:
 
     @property
     def axes(self) -> Float64[np.ndarray, "3 3"]:
-        """Right-handed axes, one per row: right and up in the slice, then its normal."""
+        """Right-handed axes, one per row: right, up, and normal to the slice."""
         x, y, z = np.eye(3)
         along, up = {"x": (y, z), "y": (x, z), "z": (x, y)}[self.across]
         return np.stack([along, up, np.cross(along, up)])
@@ -74,14 +74,14 @@ class Section:
 
 
 def enlarged(field: Complex128[np.ndarray, "points"]) -> Float64[np.ndarray, "rows columns"]:
-    """Return the magnitude of a slice's field at each pixel, interpolated by cubic splines."""
+    """Return the magnitude of a slice's field at every pixel, interpolated by cubic splines."""
     return np.abs(np.asarray(zoom(field.reshape(SLICE_POINTS, SLICE_POINTS), SLICE_ZOOM)))
 
 
 def element_sources(scene: LiveScene, amplitudes: Amplitudes, middle: Vector) -> Monopoles:
-    """Return monopoles as strong as the elements and images are towards ``middle`` [m].
+    """Return monopoles that replace the elements and images near the point ``middle`` (3,) [m].
 
-    Near ``middle`` the pressure is that of the full elements.
+    Near ``middle``, their pressure equals that of the elements with their full faces.
     """
     array = scene.with_images.array
     directions = middle - array.positions
@@ -100,16 +100,16 @@ def element_sources(scene: LiveScene, amplitudes: Amplitudes, middle: Vector) ->
 
 @dataclass(frozen=True, eq=False)
 class SoundRequest:
-    """A moment whose pressure is to be solved.
+    """A moment for which the pressure is to be computed.
 
     Attributes
     ----------
-    time : time of the request, by ``time.monotonic`` [s].
+    time : time of the request by ``time.monotonic`` [s].
     joints : (25, 3) joints of the hand [m].
-    foci : (F, 3) [m].
+    foci : (F, 3) foci [m].
     amplitudes : (E,) amplitudes of the drive, as shares of full scale.
     skin : (V, 3) points on the skin [m].
-    section : the slice.
+    section : slice in which the pressure is computed.
     """
 
     time: float
@@ -122,14 +122,14 @@ class SoundRequest:
 
 @dataclass(frozen=True, eq=False)
 class Sound:
-    """The pressure of a moment.
+    """The computed pressure of a moment.
 
     Attributes
     ----------
-    time : time of the request, by ``time.monotonic`` [s].
+    time : time of the request by ``time.monotonic`` [s].
     skin : (V,) peak pressure on the skin [Pa].
-    section : the slice.
-    field : (P,) pressure at the points of the slice [Pa], 0 inside the hand.
+    section : slice in which the pressure was computed.
+    field : (P,) pressure at the points of the slice [Pa]; 0 inside the hand.
     """
 
     time: float
@@ -139,7 +139,7 @@ class Sound:
 
 
 class SoundSolver:
-    """Solver of the pressure around successive hands.
+    """Solver for the pressure around a hand in successive poses.
 
     Parameters
     ----------
@@ -151,18 +151,18 @@ class SoundSolver:
         self._hand = BendingHand(scene, accuracy=0.1, min_seen=0.0)
 
     def solved(self, request: SoundRequest) -> Sound:
-        """Solve a moment.
+        """Compute the pressure of a moment.
 
         Raises
         ------
         InvalidInput
-            If the joints are not those of a hand, or a focus lies inside it.
+            If the joints do not form a hand, or a focus lies inside it.
         NotConverged
             If the iteration does not converge.
         """
         sources = element_sources(self._scene, request.amplitudes, request.foci.mean(axis=0))
         solution = self._hand.received(request.joints, sources, 0.05)
-        # Interpolate the pressure on the skin between the three nearest nodes of the panels; the
+        # Interpolate the pressure on the skin between the three nearest nodes of the panels. The
         # lower bound avoids a division by zero at a node.
         nodes = KDTree(solution.surface.nodes.points)
         away, nearest = nodes.query(request.skin, 3)
@@ -177,10 +177,10 @@ class SoundSolver:
 def _field_around(
     solution: DirectSolution, hulls: Hulls, points: Points
 ) -> Complex128[np.ndarray, "points"]:
-    """Return the pressure at points; 0 inside the hand."""
+    """Return the pressure at points [Pa]; 0 inside the hand."""
     skin = hulls.look(points)
     outside = skin.distance > 0.0
-    # Within 1 mm of the skin the panels are too coarse, so such points are moved to that distance.
+    # Within 1 mm of the skin the panels are too coarse, so move such points out to 1 mm.
     lift = np.maximum(1e-3 - skin.distance, 0.0)
     lifted = points + lift[:, None] * skin.gradient
     field = np.zeros(len(points), dtype=np.complex128)
@@ -189,7 +189,7 @@ def _field_around(
 
 
 class SoundProcess:
-    """Process that solves the pressure of successive moments; ``ask`` returns at once.
+    """Process that computes the pressure of successive moments; ``ask`` returns at once.
 
     Parameters
     ----------
@@ -202,11 +202,11 @@ class SoundProcess:
 
     def __init__(self, scene: LiveScene) -> None:
         self.newest: Sound | None = None
-        # One solution takes most of a second.
+        # Each solution takes most of a second.
         self._worker = Worker(_solve_sounds, (scene,), self._received, pause=0.2)
 
     def ask(self, request: SoundRequest) -> None:
-        """Request a solution; a newer request replaces an older one."""
+        """Request a solution; a newer request replaces one that is still waiting."""
         self._worker.put(request)
 
     def close(self) -> None:
@@ -218,11 +218,11 @@ class SoundProcess:
 
 
 def _solve_sounds(mailbox: Mailbox, send: Callable[[Sound], None], scene: LiveScene) -> None:
-    give_way(8)  # between the priorities of the loop's own solvers
+    give_way(8)  # a priority between those of the loop's own solvers
     solver = SoundSolver(scene)
     while (request := mailbox.take()) is not None:
         begun = time.process_time()
         with suppress(InvalidInput, NotConverged):
             send(solver.solved(request))
-        # Limit solving to 40 % of a processor.
+        # Limit the process to 40 % of a processor.
         time.sleep(1.5 * (time.process_time() - begun))

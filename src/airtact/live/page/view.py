@@ -1,4 +1,4 @@
-"""The content of the page for a moment: numbers, words and arrays that its scripts draw."""
+"""The content of the page for a moment: numbers, text and arrays that its scripts draw."""
 
 import time
 from dataclasses import dataclass
@@ -36,13 +36,13 @@ Vertices = Float64[np.ndarray, "vertices 3"]
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Content of the page at one time.
+    """Content of the page at one moment.
 
     Attributes
     ----------
-    facts : numbers and words.
+    facts : numbers and texts.
     arrays : arrays that change with every picture.
-    kept : groups of arrays that the page keeps as long as pictures have them.
+    kept : groups of arrays by key. The page keeps a group for as long as pictures contain its key.
     """
 
     facts: dict[str, Any]
@@ -51,7 +51,7 @@ class Picture:
 
 
 class View:
-    """Maker of pictures.
+    """Maker of pictures for the page.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class View:
 
     Attributes
     ----------
-    objects : vertices and triangles of virtual objects by the numbers of their shapes.
+    objects : vertices and triangles of virtual objects, by the number of their shape.
     """
 
     def __init__(self, scene: LiveScene) -> None:
@@ -68,7 +68,7 @@ class View:
         self._solving = SoundProcess(scene)
         self._middle = expected_middle(scene)
         self._peak = 0.0  # running mean of the largest pressure, for the colours [Pa]
-        self._sound: Sound | None = None  # the newest
+        self._sound: Sound | None = None  # the newest result
         self._sounds = 0
         self._sound_arrays: dict[str, np.ndarray] = {}
         self.objects: dict[int, FlatMesh] = {}
@@ -78,13 +78,13 @@ class View:
 
         Parameters
         ----------
-        shown : message of the loop.
+        shown : data from the loop.
         across : axis normal to the slice of the field.
         offset : offset of the slice from the foci along that axis [m].
-        joints : (25, 3) joints of a hand that is dragged on the page [m], or None.
+        joints : (25, 3) joints of a hand that is being dragged on the page [m], or None.
         """
         moment = shown.moment
-        # Phases from -π to π; 255 stands for silence.
+        # Map phases from -π to π to 0 to 254; 255 represents silence.
         phases = 254 * (0.5 + np.angle(moment.amplitudes) / (2.0 * np.pi))
         phases = np.where(moment.amplitudes == 0.0, 255, phases)
         shares = np.minimum(np.abs(moment.amplitudes), 1.0)
@@ -134,11 +134,11 @@ class View:
 
     @property
     def _most(self) -> float:
-        """Upper limit of the colour scale of skin and slice [Pa]."""
+        """Upper limit of the colour scale of the skin and the slice [Pa]."""
         return max(self._peak, 1.0)
 
     def _take_objects(self, shown: Shown) -> None:
-        """Add new shapes of virtual objects, and remove those that are gone."""
+        """Add new shapes of virtual objects, and remove those that no longer exist."""
         known = {**self.objects, **shown.meshes}
         self.objects = {
             thing.key: known[thing.key] for thing in shown.objects if thing.key in known
@@ -163,8 +163,8 @@ class View:
         if sound is not self._sound:
             self._sound = sound
             self._sounds += 1
-            # The colour scale follows the largest pressure slowly, so that it does not flicker, and
-            # always covers the foci.
+            # The colour scale follows the largest pressure slowly, to avoid flicker, and always
+            # includes the foci.
             parts = (sound.skin, np.abs(sound.field))
             peak = max(float(np.quantile(part, 0.998)) for part in parts)
             self._peak += (1.0 if self._peak == 0.0 else 0.3) * (peak - self._peak)
@@ -193,7 +193,7 @@ def _status(shown: Shown) -> dict[str, Any]:
 
 
 def _foci(moment: Moment, scene: LiveScene) -> list[dict[str, Any]]:
-    """Return name, position [m], pressure [Pa] and strength of each focus."""
+    """Return the name, position [m], pressure [Pa] and strength of each focus."""
     foci = []
     for index, name in enumerate(moment.names or scene.places):
         values = (moment.foci, moment.pressures, moment.strengths)
@@ -210,27 +210,27 @@ def _foci(moment: Moment, scene: LiveScene) -> list[dict[str, Any]]:
 
 
 def _placed(pose: Pose | None) -> dict[str, list[float]]:
-    """Return position [m] and quaternion (x, y, z, w) of a pose."""
+    """Return the position [m] and quaternion (x, y, z, w) of a pose."""
     pose = pose or Pose.identity()
     turn = Rotation.from_matrix(pose.rotation).as_quat()
     return {"position": pose.translation.tolist(), "turn": turn.tolist()}
 
 
 def packed(facts: dict[str, Any], arrays: dict[str, np.ndarray]) -> bytes:
-    """Pack facts and arrays for a page: length of the facts, the facts in JSON, the arrays."""
+    """Pack facts and arrays for a page: length of the facts, facts as JSON, arrays."""
     import msgspec
 
     places, data = joined(arrays)
     words = msgspec.json.encode({**facts, "arrays": places})
-    words += b" " * (-len(words) % 4)  # the arrays start at a multiple of their item size
+    words += b" " * (-len(words) % 4)  # align the arrays to a multiple of their item size
     return len(words).to_bytes(4, "little") + words + data
 
 
 def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
-    """Return the constant facts and numbers for the template."""
+    """Return the facts and numbers that do not change, for the template of the page."""
     array = scene.array
     middle = expected_middle(scene)
-    # A hand reaches about 0.15 m from its foci.
+    # A hand extends about 0.15 m from its foci.
     hand = middle + 0.15 * np.concatenate([np.eye(3), -np.eye(3)])
     sheets = [sheet_of(plane, np.vstack([array.positions, middle])) for plane in scene.planes]
     azimuth, elevation = view_of(array.normals)
@@ -252,8 +252,8 @@ def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
     facts = {
         "arrays": places,
         "colours": colour_scales(),
-        "radius": 0.46 * spacing(array.positions),  # discs of neighbours do not touch
-        # Of an array that surrounds the hand, the near side would hide it.
+        "radius": 0.46 * spacing(array.positions),  # neighbouring discs do not touch
+        # If the array surrounds the hand, do not draw the near side, which would hide it.
         "backs": bool(np.linalg.norm(array.normals.mean(axis=0)) > 0.3),
         "sheets": [sheet.tolist() for sheet in sheets],
         "foci": [],
@@ -271,23 +271,23 @@ def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
         "modulation": modulation,
         "method": scene.method,
         "offset": float(scene.offsets.mean()) if len(scene.offsets) else 0.0,
-        # Robust methods need samples of an uncertain scene.
+        # Robust methods require samples of an uncertain scene.
         "methods": [name for name in METHODS if name not in FOR_SAMPLES],
     }
     return facts, numbers
 
 
 class MovingSkin:
-    """The skin of one hand, meshed in the first pose and moved with its bones.
+    """The skin of one hand, meshed in its first pose and then moved with the bones.
 
     Parameters
     ----------
-    radii : (25,) radius of the skin around each joint [m]; None for those of a generic hand.
+    radii : (25,) radius of the skin around each joint [m]; None for a generic hand.
 
     Attributes
     ----------
-    triangles : (T, 3) vertices of each triangle; none before the first pose.
-    count : number of meshes so far.
+    triangles : (T, 3) indices of the vertices of each triangle; empty before the first pose.
+    count : number of times that the skin has been meshed.
     """
 
     def __init__(self, radii: Float64[np.ndarray, "25"] | None) -> None:
@@ -298,14 +298,14 @@ class MovingSkin:
         self.count: int = 0
 
     def at(self, joints: Joints) -> Vertices:
-        """Return vertices on the skin (V, 3) [m]."""
+        """Return the vertices on the skin in a pose (V, 3) [m]."""
         length = hand_length(joints)
-        # If the length changed by a tenth, it is another person's hand: mesh it again.
+        # If the hand's length has changed by a tenth, it is another person's hand: mesh it again.
         if self._first is None or abs(length / self._length - 1.0) > 0.1:
             self._radii = radii_of(self._given_radii, None, joints)
             self._length = length
             hulls, _ = hand_hulls(joints, self._radii)
-            # Edges of 5 mm exceed half a wavelength, but more would slow down software renderers.
+            # Edges of 5 mm exceed half a wavelength, but shorter ones slow down software renderers.
             mesh = even_skin(hulls, 5e-3)
             self._first = hulls, mesh, hull_weights(hulls, mesh.vertices)
             self.triangles = mesh.triangles
@@ -316,7 +316,10 @@ class MovingSkin:
 
 
 def expected_middle(scene: LiveScene) -> Float64[np.ndarray, "3"]:
-    """Return the expected position of a hand (3,) [m]: 0.2 m from a flat array, else its middle."""
+    """Return the expected position of a hand (3,) [m].
+
+    This is 0.2 m in front of a flat array, or the middle of an array that surrounds the hand.
+    """
     positions = scene.array.positions
     front = scene.array.normals.mean(axis=0)
     middle = 0.5 * (positions.min(axis=0) + positions.max(axis=0))
