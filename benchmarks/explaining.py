@@ -79,7 +79,7 @@ def random_setup(seed: int) -> at.Setup:
                 scene,
                 array,
                 target,
-                solver=at.BoundaryElement(accuracy=0.01),
+                solver=at.BoundaryElement(accuracy=0.02 if hand is None else 0.01),
                 levels=levels[rng.integers(2)],
                 modulation=modulation[rng.integers(2)],
                 hands=() if hand is None else (hand,),

@@ -25,7 +25,7 @@ def write_reach_page(path: Path, result: ReachMap) -> None:
     for name, *ends in result.extremes:
         row = [name]
         for point in ends:
-            place = ", ".join(f"{1e3 * number:.0f}" for number in result.points[point])
+            place = ", ".join(f"{round(1e3 * number)}" for number in result.points[point])
             row += [f"{kilopascals[point]:.2f}", place.replace("-", "−")]
         rows.append(row)
     facts, numbers = _facts(result)

@@ -72,9 +72,10 @@ class ReachMap:
 
     @property
     def extremes(self) -> list[tuple[str, int, int]]:
-        """Name of each part of the skin, and indices of its weakest and strongest point."""
+        """Name of each part, strongest first, and indices of its weakest and strongest point."""
         names = np.array(self.places)
         parts = [(name, np.flatnonzero(names == name)) for name in dict.fromkeys(self.places)]
+        parts.sort(key=lambda part: -self.bounds[part[1]].max())
         return [
             (name, int(part[self.bounds[part].argmin()]), int(part[self.bounds[part].argmax()]))
             for name, part in parts
