@@ -18,11 +18,11 @@ from airtact.geometry.pose import Pose
 from airtact.hands.kinematics import turned
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.live.moment import Controls, silent_moment
-from airtact.live.page.process import Send, Shown
+from airtact.live.page.process import PageSettings, Send, Shown
 from airtact.live.page.server import start_server
 from airtact.live.page.sound import Axis
 from airtact.live.page.view import Picture, View, fixed_facts, packed
-from airtact.live.scene import Joints, LiveScene
+from airtact.live.scene import Joints
 from airtact.live.worker import Mailbox
 from airtact.reports.page import FOLDER, TEMPLATES
 from airtact.reports.viewer import embedded
@@ -85,11 +85,7 @@ class Pages:
     Parameters
     ----------
     send : function that sends messages to the loop.
-    scene : the fixed part of the scene.
-    port, host, certificate : see ``start_server``.
-    hand : (25, 3) initial joints of a hand that can be dragged [m], or None.
-    follows : whether the loop follows hands from the page.
-    controls : initial settings.
+    settings : settings of the page.
 
     Raises
     ------
@@ -97,20 +93,11 @@ class Pages:
         For the reasons listed in ``start_server``.
     """
 
-    def __init__(
-        self,
-        send: Send,
-        scene: LiveScene,
-        port: int,
-        host: str,
-        hand: Joints | None,
-        follows: bool,
-        controls: Controls,
-        certificate: Path | None,
-    ) -> None:
+    def __init__(self, send: Send, settings: PageSettings) -> None:
         self._send = send
-        self._scene = scene
-        self._controls = controls
+        self._scene = settings.scene
+        self._controls = settings.controls
+        hand = settings.hand
         self._stopped = False
         self._across: Axis = "y"
         self._offset = 0.0
@@ -120,12 +107,14 @@ class Pages:
         x, y, z = (np.zeros(3) if hand is None else hand.mean(axis=0)).tolist()
         self._hand = Dragged((x, y, z))
         self._first = None if hand is None else hand - (x, y, z)
-        facts, numbers = fixed_facts(scene)
-        facts |= {"dragged": hand is not None, "follows": follows}
+        facts, numbers = fixed_facts(settings.scene)
+        facts |= {"dragged": hand is not None, "follows": settings.follows}
         loader = FileSystemLoader([Path(__file__).parent, FOLDER])
         page = TEMPLATES.overlay(loader=loader).get_template("live.html.j2")
         html = page.render(facts=facts, space=embedded(facts, numbers), title="airtact live")
-        self._server, self.address = start_server(port, host, html, self._serve, certificate)
+        self._server, self.address = start_server(
+            settings.port, settings.host, html, self._serve, settings.certificate
+        )
         if hand is not None:
             Thread(target=self._give_hand, daemon=True).start()
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple, cast
 
-from airtact.errors import InvalidInput, extra
+from airtact.errors import InvalidInput, extra, in_short
 from airtact.geometry.mesh.arrays import FlatMesh
 from airtact.geometry.pose import Pose
 from airtact.hands.tracking.frame import HandFrame
@@ -56,6 +56,30 @@ class Shown:
     status: str = ""
     objects: tuple[Placed, ...] = ()
     meshes: Mapping[int, FlatMesh] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class PageSettings:
+    """Settings of the page's process.
+
+    Attributes
+    ----------
+    scene : the fixed part of the scene.
+    port, host, certificate : see ``start_server``.
+    hand : (25, 3) initial joints of a hand to drag [m], or None.
+    follows : whether the loop follows hands of the page.
+    controls : initial settings of the loop.
+    """
+
+    scene: LiveScene
+    port: int
+    host: str
+    hand: Joints | None
+    follows: bool
+    controls: Controls
+    certificate: Path | None
+
+    __repr__ = in_short
 
 
 class PageProcess:
@@ -113,8 +137,10 @@ class PageProcess:
         self._known: frozenset[int] = frozenset()  # numbers of the shapes sent to the page
         self._answers: SimpleQueue[Any] = SimpleQueue()
         # Limit the page to 18 pictures a second.
-        settings = (scene, port, host, hand, stream is not None, self.controls, certificate)
-        self._worker = Worker(serve_page, settings, self._received, pause=1.0 / 20.0)
+        settings = PageSettings(
+            scene, port, host, hand, stream is not None, self.controls, certificate
+        )
+        self._worker = Worker(serve_page, (settings,), self._received, pause=1.0 / 20.0)
         patience = 30.0  # [s]; importing the server takes a while
         try:
             answer = self._answers.get(timeout=patience)
@@ -203,23 +229,13 @@ class PageProcess:
             self._answers.put(content)
 
 
-def serve_page(
-    mailbox: Mailbox,
-    send: Send,
-    scene: LiveScene,
-    port: int,
-    host: str,
-    hand: Joints | None,
-    follows: bool,
-    controls: Controls,
-    certificate: Path | None,
-) -> None:
+def serve_page(mailbox: Mailbox, send: Send, settings: PageSettings) -> None:
     """Serve the page until the loop ends; the mailbox contains the newest ``Shown``."""
     try:
         with extra("live", "to serve the page (--no-page omits it), airtact needs websockets"):
             from airtact.live.page.pages import Pages
 
-        pages = Pages(send, scene, port, host, hand, follows, controls, certificate)
+        pages = Pages(send, settings)
     except InvalidInput as fault:
         send(("fault", fault))
         return
