@@ -83,9 +83,13 @@ class Overlay {
       const ring = { cx: x, cy: y, r: few ? 9 : 3, fill: "none" };
       this.add("circle", { ...ring, stroke: this.paper, "stroke-width": 3.5 });
       this.add("circle", { ...ring, stroke: "#e8590c", "stroke-width": 1.8 });
-      const long = 8 * name.length; // about, so that no name leaves a narrow screen
-      if (few && x < middle) this.write(Math.max(x - 14, long), y + 4, name, 13, "end");
-      else if (few) this.write(Math.max(Math.min(x + 14, this.width - long), 4), y + 4, name, 13);
+      if (!few) continue;
+      // A name that would leave a narrow screen is moved, up or down too, so that two do not cover each other.
+      const side = x < middle ? -1 : 1;
+      const long = 6.6 * name.length; // about
+      const start = side < 0 ? Math.max(x - 14, long) : Math.min(x + 14, this.width - long);
+      const moved = start === x + 14 * side ? 0 : 16 * side;
+      this.write(start, y + 4 + moved, name, 13, side < 0 ? "end" : "start");
     }
   }
 
