@@ -36,7 +36,7 @@ def test_an_antinode_is_no_trap() -> None:
     assert not verdict.stable
     assert "no trap" in str(verdict)
     assert "along y the stiffness is -0.06" in str(verdict)
-    assert "pushes the bead away on all sides" in str(verdict)
+    assert "pushes the bead away in all directions" in str(verdict)
 
 
 def test_a_point_off_the_equilibrium_is_no_trap() -> None:

@@ -1,4 +1,4 @@
-"""Contacts of a hand with virtual objects, and the target that renders them."""
+"""Contacts of a hand with virtual objects, and the target that makes them perceptible."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ from airtact.touch.skin import Bodies, Skin, skin_of
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Contacts of skin with virtual objects: one for each finger or other part inside an object.
+    """Contacts of skin with virtual objects, one for each finger or other part in an object.
 
     Attributes
     ----------
-    skin : the skin points.
-    virtual_objects : the objects, touched or not.
-    offset : distance of foci from the skin [m].
-    found : the contacts as arrays.
+    skin : points of the skin.
+    virtual_objects : all objects, whether touched or not.
+    offset : distance of the foci from the skin [m].
+    found : the contacts in the form of arrays.
     """
 
     skin: Skin
@@ -48,7 +48,7 @@ class Contacts:
 
     @property
     def points(self) -> Float64[np.ndarray, "contacts 3"]:
-        """(C, 3) deepest point of each contact, on the skin [m]."""
+        """(C, 3) deepest point of each contact on the skin [m]."""
         return self.found.points
 
     @property
@@ -63,7 +63,7 @@ class Contacts:
 
     @property
     def areas(self) -> Float64[np.ndarray, "contacts"]:
-        """(C,) area of the skin inside the object [m²], accurate to a triangle at the border."""
+        """(C,) area of skin inside the object [m²], accurate to one triangle at the border."""
         return self.found.areas
 
     @property
@@ -73,15 +73,15 @@ class Contacts:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """Name of the finger or other part of the skin for each contact."""
+        """Name of the finger, or other part of the skin, of each contact."""
         return tuple(self.skin.places[index] for index in self.found.places)
 
     @cached_property
     def outlines(self) -> tuple[tuple[Float64[np.ndarray, "_ 3"], ...], ...]:
-        """For each contact the curves (P, 3) on the skin where it meets the object's surface [m].
+        """For each contact, the curves (P, 3) where the skin meets the object's surface [m].
 
-        A closed curve ends at its first point. The curves are open if the contact continues on
-        another part of the skin.
+        The last point of a closed curve equals its first one. A curve is open if the contact
+        continues on another part of the skin.
         """
         return tuple(
             outline_of(self.skin, self.virtual_objects[index], members)
@@ -89,34 +89,35 @@ class Contacts:
         )
 
     def foci(self, most: int = MAX_FOCI, wavelength: float = WAVELENGTH) -> TouchFoci:
-        """Choose foci, one at each contact and several on long patches.
+        """Choose foci: one per contact, or several if the contact is long.
 
         Parameters
         ----------
-        most : largest number of foci; if there are more, the weakest are merged, then dropped.
+        most : largest number of foci. Beyond it, the weakest contacts are first merged with
+            stronger neighbours, then dropped.
         wavelength : wavelength of the sound [m].
 
         Raises
         ------
         InvalidInput
-            If ``most`` is not from 1 to 64, or the wavelength is not from 0.3 mm to 0.35 m.
+            If ``most`` is not between 1 and 64, or the wavelength not between 0.3 mm and 0.35 m.
         """
-        between(most, 1, 64, "the largest number of foci", "", "each focus is solved.")
+        between(most, 1, 64, "the largest number of foci", "", "each takes time.")
         between(wavelength, 3e-4, 0.35, "wavelength", "m", "is it in millimetres?")
         objects = self.virtual_objects
         return chosen_foci(self.skin, objects, self.found, self.offset, most, wavelength)
 
     def target(self, most: int = MAX_FOCI, wavelength: float = WAVELENGTH) -> Target:
-        """Return the target that renders the contacts.
+        """Return the target that makes the contacts perceptible.
 
-        It has the foci that ``foci`` chooses, with shares in proportion to their strengths. For
-        objects of the style "outline", it has points 2.5 mm apart along all outlines, for a focus
-        that runs through them (``at.drives.Motion("stm")``).
+        Its foci are those of ``foci``, and its shares are proportional to their strengths. For
+        objects of the style "outline", its points lie 2.5 mm apart along all outlines, so that a
+        single focus can run through them (see ``at.drives.Motion("stm")``).
 
         Raises
         ------
         InvalidInput
-            For the reasons listed in ``foci``, or if there is no contact, or only some of the
+            For the reasons listed in ``foci``, if there is no contact, or if only some of the
             touched objects have the style "outline".
         """
         if not self.runs:
@@ -124,7 +125,7 @@ class Contacts:
         curves = [curve for curves in self.outlines for curve in curves]
         if not curves:
             raise InvalidInput(
-                "the whole skin is inside the object, so there is no outline: move the hand.",
+                "all of the skin is inside the object, so there is no outline: move the hand.",
                 code="empty",
             )
         points = np.concatenate([spaced_along(curve, 2.5e-3) for curve in curves])
@@ -133,12 +134,12 @@ class Contacts:
 
     @property
     def runs(self) -> bool:
-        """Whether the target is a path for one focus, for objects of the style "outline"."""
+        """Whether a single focus runs along the target; true for objects of style "outline"."""
         styles = {self.virtual_objects[index].style for index in self.found.objects}
         if "outline" in styles and len(styles) > 1:
             raise InvalidInput(
-                'only some of the touched objects have style = "outline": one focus runs along all '
-                "outlines, so use this style for all of them or for none.",
+                'only some of the touched objects have style = "outline". One focus runs along '
+                "all outlines, so use this style for all of them or for none.",
                 code="options_clash",
             )
         return styles == {"outline"}
@@ -147,19 +148,19 @@ class Contacts:
 def contact(
     hand: Bodies, objects: VirtualObject | Sequence[VirtualObject], offset: float = 0.5e-3
 ) -> Contacts:
-    """Find the contacts of a hand, or other skin, with virtual objects.
+    """Find the contacts of a hand, or of other skin, with virtual objects.
 
     Parameters
     ----------
-    hand : a ``Hand``, a ``Surface``, several in a list, or a mapping from names to them; all in
-        the frame of the objects.
-    objects : up to 64 virtual objects. Those without a name are "object 1" and so on.
-    offset : distance of foci from the skin [m], at most 0.1.
+    hand : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to them, in the
+        frame of the objects.
+    objects : at most 64 virtual objects. Unnamed objects are called "object 1" and so on.
+    offset : distance of the foci from the skin [m], at most 0.1.
 
     Returns
     -------
-    One contact for each connected part of a finger, palm or surface inside an object; none if
-    nothing touches.
+    One contact for each connected part of a finger, palm or surface inside an object; empty if
+    nothing is touched.
 
     Raises
     ------
@@ -185,12 +186,12 @@ def contact(
 
 
 def _refined(skin: Skin, objects: Sequence[VirtualObject], found: ContactArrays) -> ContactArrays:
-    """Move the points of contacts to the deepest points of the true surfaces."""
+    """Move the points of contacts to the deepest points of the exact surfaces."""
     assert skin.bodies is not None
     points = found.points.copy()
     normals = found.normals.copy()
     depths = found.depths.copy()
-    # The fit of ``peaks`` in smaller and smaller circles of points on the true surface.
+    # Repeat the fit of ``peaks`` with smaller and smaller circles of points on the exact surface.
     turns = 2.0 * np.pi * np.arange(8) / 8.0
     circle = np.stack([np.cos(turns), np.sin(turns), np.zeros(8)], axis=1)
     for index in range(len(depths)):

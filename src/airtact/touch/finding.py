@@ -1,4 +1,4 @@
-"""Find the skin points inside virtual objects, in a millisecond for a whole hand."""
+"""Find the points of the skin inside virtual objects, within a millisecond for a whole hand."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -17,20 +17,20 @@ Indices = Int64[np.ndarray, "contacts"]
 
 
 class ContactArrays(NamedTuple):
-    """Connected parts of the skin inside objects, one for each finger or other part.
+    """Connected parts of skin inside objects, one for each finger or other part.
 
     Attributes
     ----------
-    points : (C, 3) deepest point of each contact, on the skin [m].
-    normals : (C, 3) outward unit normals there.
+    points : (C, 3) deepest point of each contact on the skin [m].
+    normals : (C, 3) outward unit normals at these points.
     depths : (C,) depths of these points in the object [m].
-    areas : (C,) area of the skin inside the object [m²].
+    areas : (C,) area of skin inside the object [m²].
     objects : (C,) index of the object.
     places : (C,) index of the part of the skin.
     patches : (C,) index of the connected piece of skin, which may span several parts.
-    deepest : (C,) index of the skin point nearest to the deepest one.
-    members : (C,) indices of the skin points of each contact.
-    member_depths : (C,) their depths [m].
+    deepest : (C,) index of the skin point nearest to the deepest point.
+    members : for each contact, the indices of its skin points.
+    member_depths : for each contact, the depths of its skin points [m].
     """
 
     points: Float64[np.ndarray, "contacts 3"]
@@ -69,40 +69,40 @@ NO_CONTACTS = ContactArrays(
 
 
 def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> ContactArrays:
-    """Find the contacts of a skin with objects.
+    """Find the contacts of a hand's skin with objects.
 
     Parameters
     ----------
-    skin : points, normals, areas and neighbours.
-    objects : the objects, checked.
-    gap : distance outside an object up to which skin counts as a contact [m].
+    skin : points of the skin, with their normals, areas and neighbours.
+    objects : virtual objects, already checked.
+    gap : distance outside an object up to which skin still counts as a contact [m].
     """
-    along = np.ascontiguousarray(skin.points.T)  # NumPy reduces short rows slowly
+    along = np.ascontiguousarray(skin.points.T)  # NumPy is slow at reducing short rows
     low = along.min(axis=1)
     high = along.max(axis=1)
     near = []
     for index, thing in enumerate(objects):
-        # Depths are skipped for objects whose ball does not reach the box around the skin.
+        # Skip objects whose bounding ball does not reach the box around the skin.
         centre, radius = thing.ball
         if np.linalg.norm(np.clip(centre, low, high) - centre) <= radius + gap:
             near.append(index)
-    # One row of depths for each object, then one node for each point inside an object.
+    # One row of depths per object, then one node for each point inside an object.
     depths = np.array([objects[index].depth(skin.points) for index in near])
     depths = depths.reshape(len(near), len(skin.points))
     row, point = np.nonzero(depths > -gap)
     if not len(point):
         return NO_CONTACTS
     labels = _connected(skin, row, point, len(near))
-    # A patch that spans several fingers is one contact for each.
+    # Divide a patch that spans several fingers into one contact per finger.
     place = skin.place[point]
     keys, contact = np.unique(labels * len(skin.places) + place, return_inverse=True)
     depth = depths[row, point]
-    # Nodes contact by contact, in each the deepest first.
+    # Order the nodes by contact, and within each contact from deepest to shallowest.
     order = np.lexsort((-depth, contact))
     starts = np.searchsorted(contact[order], np.arange(len(keys)))
     first = order[starts]
     deepest = point[first]
-    # The deepest point lies between skin points; without this step a focus would jump between them.
+    # Interpolate the deepest point between skin points; otherwise a focus would jump between them.
     ring = skin.neighbours[deepest]
     points, normals, peak = peaks(
         skin.points[deepest],
@@ -135,15 +135,15 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
 def _on_surface(
     look: Look, objects: Sequence[VirtualObject], of_object: Indices, points: Points
 ) -> tuple[Points, Points, PointLengths]:
-    """Move points of contacts to the deepest points of the true surface near them.
+    """Move points of contacts to the deepest points nearby on the exact surface.
 
     Returns
     -------
-    The points, and the normals and depths there.
+    The points, and the normals and depths at these points.
     """
     turns = 2.0 * np.pi * np.arange(8) / 8.0
     circle = 1e-3 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    # The fit of ``peaks`` in a circle of points on the surface, smaller than the triangles.
+    # Fit as in ``peaks``, to a circle of surface points that is smaller than the triangles.
     distances, normals = look(points)
     points = points - distances[:, None] * normals
     ring = points[:, None] + circle @ _frames(normals)[:, :2]
@@ -160,16 +160,16 @@ def _on_surface(
 def _connected(
     skin: Skin, row: Int64[np.ndarray, "nodes"], point: Int64[np.ndarray, "nodes"], rows: int
 ) -> Int64[np.ndarray, "nodes"]:
-    """Return the index of the connected piece of skin that each node belongs to."""
+    """Return for each node the index of the connected piece of skin to which it belongs."""
     nodes = np.arange(len(point))
-    # The node of each point in each object, or -1; then each node's neighbours, itself if none.
+    # Node of each point in each object, or -1. Then the neighbours of each node; itself if none.
     slot = np.full(rows * len(skin.points), -1)
     slot[row * len(skin.points) + point] = nodes
     beside = slot[(row * len(skin.points))[:, None] + skin.neighbours[point]]
     beside = np.where(beside < 0, nodes[:, None], beside)
     ends = beside.shape[1] * np.arange(len(nodes) + 1)
     graph = csr_array((np.ones(beside.size), beside.ravel(), ends), shape=(len(nodes),) * 2)
-    # Every edge has a reverse, so strong components equal connected ones and are found faster.
+    # Every edge has a reverse, so strong components equal connected ones, and are found faster.
     return connected_components(graph, connection="strong")[1].astype(np.int64)
 
 
@@ -186,8 +186,9 @@ def peaks(
 ]:
     """Return the deepest points near the given skin points, with the normals and depths there.
 
-    Quadratics of the tangent coordinates are fitted to the depth and to the height of the skin in
-    a ring around each point. If the depth has no maximum within the ring, the point stays in place.
+    Quadratic functions of the tangent coordinates are fitted to the depth and to the height of
+    the skin in a ring around each point. A point does not move if the depth has no maximum within
+    the ring.
     """
     frames = _frames(normals)
     local = (ring - points[:, None]) @ frames.transpose(0, 2, 1)
@@ -198,12 +199,12 @@ def peaks(
     values = np.empty((*local.shape[:2], 2))
     values[..., 0] = (ring_depths - depths[:, None]) / reach[:, None]
     values[..., 1] = local[..., 2]
-    # Normal equations; the small diagonal keeps them solvable for rings of fewer than five points.
+    # Normal equations. The small diagonal keeps them solvable for rings of fewer than 5 points.
     transposed = terms.transpose(0, 2, 1)
     fit = np.linalg.solve(transposed @ terms + 1e-9 * np.eye(5), transposed @ values)
     slope_u, slope_v, bend_uu, bend_uv, bend_vv = fit[:, :, 0].T
     determinant = bend_uu * bend_vv - bend_uv * bend_uv
-    # A maximum has a negative definite second derivative. It is a Newton step away.
+    # At a maximum, the second derivative is negative definite. Reach it with a Newton step.
     is_peak = (bend_uu < 0.0) & (determinant > 1e-9)
     step = np.empty((len(points), 2))
     safe = np.where(is_peak, determinant, 1.0)
@@ -230,10 +231,10 @@ def peaks(
 
 
 def _frames(normals: Points) -> Float64[np.ndarray, "points 3 3"]:
-    """Return for each unit normal two tangents and the normal itself, in rows.
+    """Return an orthonormal frame for each unit normal: two tangents, then the normal, as rows.
 
-    T. Duff et al., Journal of Computer Graphics Techniques 6, 1 (2017). ``np.cross`` takes ten
-    times as long for a few vectors.
+    T. Duff et al., Journal of Computer Graphics Techniques 6, 1 (2017). For a few vectors,
+    ``np.cross`` takes ten times as long.
     """
     x, y, z = normals.T
     sign = np.where(z < 0.0, -1.0, 1.0)
@@ -253,7 +254,7 @@ def _frames(normals: Points) -> Float64[np.ndarray, "points 3 3"]:
 def _terms(
     u: Float64[np.ndarray, "*points"], v: Float64[np.ndarray, "*points"]
 ) -> Float64[np.ndarray, "*points 5"]:
-    """Return the terms of a quadratic without constant at coordinates u and v."""
+    """Return the terms of a quadratic function without constant at coordinates u and v."""
     terms = np.empty((*u.shape, 5))
     terms[..., 0] = u
     terms[..., 1] = v

@@ -1,4 +1,4 @@
-"""Foci from contacts: one for each touching pad and several on a long patch, at most eight."""
+"""Foci for contacts: one per contact and several on a long one, at most eight by default."""
 
 from dataclasses import dataclass
 
@@ -13,25 +13,25 @@ from airtact.touch.objects import VirtualObject
 from airtact.touch.skin import Skin
 
 MAX_FOCI = 8
-"""Default largest number of foci; people can hardly distinguish more."""
+"""Default largest number of foci. People can hardly distinguish more."""
 
 WAVELENGTH = 8.6e-3
-"""Default wavelength [m]: that of 40 kHz in air at 20 °C."""
+"""Default wavelength [m], for 40 kHz in air at 20 °C."""
 
 
 @dataclass(frozen=True, eq=False)
 class TouchFoci:
-    """Foci in front of the skin at contacts.
+    """Foci just outside the skin at contacts.
 
     Attributes
     ----------
     points : (F, 3) positions in front of the skin [m].
     strengths : (F,) strengths of the touch, from 0 to 1.
-    contacts : (F,) index of the contact of each focus.
+    contacts : (F,) index of the contact to which each focus belongs.
     names : a name for each focus, such as "index at ball".
-    skin_points : (F,) index of the nearest skin point.
+    skin_points : (F,) index of the skin point nearest to each focus.
     merged : number of weak contacts that share the focus of a stronger one within a wavelength.
-    dropped : number of weak contacts that get no focus.
+    dropped : number of weak contacts without any focus.
     """
 
     points: Float64[np.ndarray, "foci 3"]
@@ -47,7 +47,7 @@ class TouchFoci:
 
     @property
     def note(self) -> str:
-        """Sentence on merged and dropped contacts; empty if there are none."""
+        """Sentence about merged and dropped contacts; empty if there are none."""
         if not self.merged + self.dropped:
             return ""
         return (
@@ -56,10 +56,10 @@ class TouchFoci:
         )
 
     def target(self) -> Target:
-        """Return the target of these foci, with their strengths as shares.
+        """Return a target with these foci, and with their strengths as shares.
 
-        The shares of a target are relative. Multiply the drive by ``strengths.max()`` to set the
-        overall strength of the touch.
+        The shares of a target are only relative. Multiply the drive by ``strengths.max()`` to set
+        the overall strength of the touch.
 
         Raises
         ------
@@ -68,7 +68,7 @@ class TouchFoci:
         """
         if not len(self.points):
             raise InvalidInput(
-                "the skin is inside no virtual object, so there is nothing to feel: move the hand "
+                "no skin is inside a virtual object, so there is nothing to feel: move the hand "
                 "or an object.",
                 code="empty",
             )
@@ -83,17 +83,17 @@ def chosen_foci(
     most: int = MAX_FOCI,
     wavelength: float = WAVELENGTH,
 ) -> TouchFoci:
-    """Choose the foci of contacts.
+    """Choose the foci for contacts.
 
-    Each contact gets a focus at its deepest point, unless a deeper focus of the same patch is
-    within 0.8 wavelengths. If there are too many foci, the weakest are merged with a focus of the
-    same object within a wavelength, or dropped. If there are fewer than allowed, long contacts get
-    more foci, at least 0.8 wavelengths from each other. A contact is long if the part with at least
-    half of the largest depth is longer than a wavelength.
+    Each contact gets a focus at its deepest point, unless a deeper focus on the same patch is
+    within 0.8 wavelengths. If there are too many foci, each of the weakest is merged with a focus
+    of the same object within a wavelength, or dropped. If there are fewer than allowed, long
+    contacts get more foci at least 0.8 wavelengths apart. A contact is long if the part deeper than
+    half of its largest depth is longer than a wavelength.
     """
     apart = 0.8 * wavelength
     strengths = _strengths(objects, found.objects, found.points, found.depths)
-    # Contacts from deepest to shallowest; foci on the same patch must be apart.
+    # Process contacts from deepest to shallowest; foci on the same patch must be far apart.
     between = cdist(found.points, found.points)
     crowded = (between < apart) & (found.patches[:, None] == found.patches)
     kept: list[int] = []
@@ -102,7 +102,7 @@ def chosen_foci(
             kept.append(contact)
     merged = 0
     dropped = 0
-    # Merging loses little: the stronger focus within a wavelength covers the same skin.
+    # Merging loses little, because the stronger focus within a wavelength covers the same skin.
     while len(kept) > most:
         weakest = min(kept, key=lambda contact: (strengths[contact], found.depths[contact]))
         kept.remove(weakest)
@@ -117,7 +117,7 @@ def chosen_foci(
     normals = [found.normals[contact] for contact in kept]
     depths = []
     nearest = [found.deepest[contact] for contact in kept]
-    # Further foci go to each long patch in turn, where it is deepest.
+    # Add further foci to each long patch in turn, at its deepest free point.
     waiting = list(kept)
     while waiting and len(points) < most:
         contact = waiting.pop(0)
@@ -135,21 +135,21 @@ def chosen_foci(
         away = cdist(skin.points[members], np.array(taken)).min(axis=1)
         free = np.flatnonzero(away >= apart)
         if len(free):
-            member = members[free[0]]  # members are in the order of their depth
+            member = members[free[0]]  # members are sorted by depth
             contacts.append(contact)
             points.append(skin.points[member])
             normals.append(skin.normals[member])
             depths.append(found.member_depths[contact][inside][free[0]])
             nearest.append(member)
             waiting.append(contact)
-    # The strengths of foci at the deepest points are known.
+    # The strengths of the foci at the deepest points are already known.
     added = np.array(contacts[len(kept) :], dtype=np.int64)
     on_skin = np.array(points).reshape(-1, 3)
     strengths = strengths[kept]
     if len(added):
         extra = _strengths(objects, found.objects[added], on_skin[len(kept) :], np.array(depths))
         strengths = np.concatenate([strengths, extra])
-    # Several foci of one contact are numbered, because results name foci.
+    # Number the foci if a contact has several, because results refer to foci by name.
     names = [
         f"{skin.places[found.places[contact]]} at {objects[found.objects[contact]].name}"
         for contact in contacts

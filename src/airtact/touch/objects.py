@@ -1,4 +1,4 @@
-"""Virtual objects: shapes in the air that can only be felt."""
+"""Virtual objects: shapes in mid-air that can be felt but do not affect the sound."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
@@ -19,7 +19,7 @@ MAX_OBJECTS = 64
 """Largest number of virtual objects."""
 
 FIRST_STRENGTH = 0.2
-"""Strength at the first touch, as a share of full strength."""
+"""Strength at first touch, as a share of full strength."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,21 +28,22 @@ class VirtualObject:
 
     Attributes
     ----------
-    shape : a closed ``Surface`` such as ``at.sphere(...)``, or a ``Box``, ``Cylinder``,
-        ``HalfSpace`` or ``Button`` of ``at.touch``.
-    pose : pose of the shape in the hand's frame; None if the frames are the same.
-    name : name in results.
-    style : "points", a focus where each pad is deepest; "outline", a focus that runs along the
-        curve where skin and object meet; "texture", as "points" with the strength of ``texture``.
-    stiffness : increase of the strength per depth [1/m]. The strength starts at 0.2 and stops at 1,
-        by default at a depth of 2 mm, or at the end of the travel for a button.
-    texture : ``Grating`` or ``HeightMap``, only for the style "texture".
+    shape : a closed ``Surface``, such as ``at.sphere(...)``; or a ``Box``, ``Cylinder``,
+        ``HalfSpace`` or ``Button`` from ``at.touch``.
+    pose : pose of the shape in the hand's frame; None if both frames are the same.
+    name : name of the object in results.
+    style : "points" for foci where the skin is deepest; "outline" for a focus that runs along the
+        curve where the skin meets the object; "texture" for foci as with "points", with strengths
+        modulated by ``texture``.
+    stiffness : increase of the strength per depth [1/m]. The strength is 0.2 at the surface and at
+        most 1. By default, it reaches 1 at a depth of 2 mm, or at the end of a button's travel.
+    texture : a ``Grating`` or ``HeightMap``; only for the style "texture".
 
     Raises
     ------
     InvalidInput
         If the shape is not a closed solid or is more than 2 m from the origin, the style is
-        unknown, the stiffness is not above zero, or style and texture do not match.
+        unknown, the stiffness is not above zero, or the texture is missing or not allowed.
 
     Examples
     --------
@@ -71,24 +72,24 @@ class VirtualObject:
             of_kind(self.pose, Pose, "the pose of a virtual object", "Pose(rotation, translation)")
         of_kind(self.name, str, "the name of a virtual object", 'a text such as "ball"')
         check_choice(self.style, "the style of a virtual object", ("points", "outline", "texture"))
-        near_point(self.ball[0], f"the middle of the object {self.name}".rstrip())
+        near_point(self.ball[0], f"the centre of the object {self.name}".rstrip())
         if self.stiffness is not None:
             positive(self.stiffness, "the stiffness of a virtual object", "1/m")
         if (self.texture is None) == (self.style == "texture"):
             raise InvalidInput(
-                'style = "texture" needs a texture such as at.touch.Grating(pitch); the other '
+                'style = "texture" requires a texture, such as at.touch.Grating(pitch); the other '
                 "styles do not use one.",
                 code="options_clash",
             )
         if self.texture is not None:
-            of_kind(self.texture, Grating | HeightMap, "a texture", "one of the two")
+            of_kind(self.texture, Grating | HeightMap, "a texture", "one of these")
 
     def __repr__(self) -> str:
         kind = type(self.shape).__name__.lower()
         return one_line(self, self.name, kind, self.style)
 
     def moved(self, pose: Pose) -> "VirtualObject":
-        """Return the object moved rigidly."""
+        """Return a copy of the object, moved by a pose in the hand's frame."""
         of_kind(pose, Pose, "the motion of a virtual object", "Pose(rotation, translation)")
         return replace(self, pose=pose if self.pose is None else pose @ self.pose)
 
@@ -105,31 +106,31 @@ class VirtualObject:
 
     @property
     def mesh(self) -> FlatMesh:
-        """Vertices (V, 3) [m] and triangles (T, 3) for pictures, at the object's pose."""
+        """Vertices (V, 3) [m] and triangles (T, 3) for display, at the object's pose."""
         vertices, triangles = self.solid.mesh()
         return (vertices if self.pose is None else self.pose.apply(vertices)), triangles
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> PointLengths:
-        """Depth in the object [m] of points (P, 3) [m], negative outside.
+        """Return the depth of points (P, 3) [m] in the object (P,) [m]; negative outside.
 
-        Depths in a mesh are interpolated on a grid of 1/40 of its longest side; ``exact_depth``
-        computes exact depths.
+        Depths in a mesh are interpolated on a grid whose spacing is 1/40 of the longest side. Use
+        ``exact_depth`` for exact depths.
         """
         return self.solid.depth(self._local(points))
 
     def exact_depth(self, points: Real[np.ndarray, "points 3"]) -> PointLengths:
-        """Depth in the object [m] of points (P, 3) [m] without interpolation."""
+        """Return the depth of points (P, 3) [m] in the object (P,) [m] without interpolation."""
         return self.solid.exact_depth(self._local(points))
 
     def strengths(
         self, points: Real[np.ndarray, "points 3"], depths: PointLengths
     ) -> Float64[np.ndarray, "points"]:
-        """Strength (P,) from 0 to 1 of touches at points (P, 3) [m] with depths (P,) [m]."""
+        """Return the strength (P,), 0 to 1, of touches at points (P, 3) and depths (P,) [m]."""
         stiffness = self.stiffness
         if stiffness is None:
             full_at = self.shape.travel if isinstance(self.shape, Button) else 2e-3
             stiffness = (1.0 - FIRST_STRENGTH) / full_at
-        # Start at a fifth of full strength, or the first touch would be too weak to feel.
+        # Start at a fifth of full strength, because a weaker first touch could not be felt.
         rising = FIRST_STRENGTH + stiffness * np.maximum(depths, 0.0)
         strengths = np.minimum(rising, 1.0)
         if self.texture is None:
@@ -141,10 +142,12 @@ class VirtualObject:
 
 
 def objects_of(objects: "VirtualObject | Sequence[VirtualObject]") -> tuple[VirtualObject, ...]:
-    """Check virtual objects, and name those without a name "object 1" and so on.
+    """Check virtual objects, and name unnamed ones "object 1" and so on.
 
-    The function raises ``InvalidInput`` if there are more than 64 objects, two have the same name,
-    or one has the wrong type.
+    Raises
+    ------
+    InvalidInput
+        If there are more than 64 objects, two have the same name, or one has the wrong type.
     """
     if isinstance(objects, VirtualObject):
         objects = (objects,)

@@ -13,21 +13,23 @@ Curve = Float64[np.ndarray, "_ 3"]
 def outline_of(
     skin: Skin, thing: VirtualObject, members: Int64[np.ndarray, "members"]
 ) -> tuple[Curve, ...]:
-    """Return the curves between skin points inside an object and those outside.
+    """Return the curves that separate the skin points inside an object from those outside.
 
     Parameters
     ----------
-    members : indices of the inner points.
+    skin : points of the skin and their triangles.
+    thing : the virtual object.
+    members : indices of the skin points inside the object.
 
     Returns
     -------
-    Curves (P, 3) through the edges from inner to outer points [m], linearly interpolated and then
-    placed on the true surface of the skin. Closed curves end at their first point.
+    Curves (P, 3) [m] through the edges from inner to outer points, linearly interpolated and then
+    projected onto the exact surface of the skin. The last point of a closed curve is its first.
     """
     depths = thing.depth(skin.points)
     inner = np.zeros(len(skin.points), dtype=bool)
     inner[members] = depths[members] > 0.0
-    # An edge from inner to outer is crossed; two crossed edges of a triangle are joined.
+    # The curve crosses edges from inner to outer points, two in each triangle that it passes.
     ends = edge_ends(skin.triangles)
     crossed = (inner[ends].sum(axis=2) == 1) & ((depths[ends] > 0.0).sum(axis=2) == 1)
     crossed[crossed.sum(axis=1) != 2] = False
@@ -50,7 +52,7 @@ def _chains(pieces: Int64[np.ndarray, "pieces 2"]) -> list[list[int]]:
         beside.setdefault(start, []).append(end)
         beside.setdefault(end, []).append(start)
     chains = []
-    # Open chains begin at their ends, so these come first.
+    # Open chains must start at one of their ends, so process points with one neighbour first.
     for start in sorted(beside, key=lambda point: len(beside[point])):
         if not beside[start]:
             continue
@@ -66,7 +68,7 @@ def _chains(pieces: Int64[np.ndarray, "pieces 2"]) -> list[list[int]]:
 def spaced_along(curve: Curve, spacing: float) -> Curve:
     """Return points (P, 3) [m] on a curve at equal distances of at most ``spacing`` [m].
 
-    The last point of a closed curve equals its first one and is omitted.
+    The last point of a closed curve equals its first point, and is omitted.
     """
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
     closed = bool(np.all(curve[0] == curve[-1]))

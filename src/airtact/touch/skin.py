@@ -1,4 +1,4 @@
-"""Points of the skin: positions, normals, areas, neighbours, and parts of a hand."""
+"""Points of the skin, with their positions, normals, areas, neighbours and parts of the hand."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ Points = Float64[np.ndarray, "points 3"]
 MAX_POINTS = 100_000
 """Largest number of skin points."""
 
-# Distances [m] and normals of a surface at points.
+# Function that returns distances [m] from a surface and its normals at points.
 Look = Callable[[Real[np.ndarray, "points 3"]], tuple[PointLengths, Points]]
 
 Bodies = Hand | Surface | Sequence[Hand | Surface] | Mapping[str, Hand | Surface]
@@ -29,23 +29,23 @@ Bodies = Hand | Surface | Sequence[Hand | Surface] | Mapping[str, Hand | Surface
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Points of skin, and the properties that do not change when the skin moves.
+    """Points of the skin, and the properties that do not change as the skin moves.
 
-    ``skin_of`` builds it from a hand. For a moving hand, build the skin once and call ``moved``.
+    ``skin_of`` builds the skin of a hand. For a moving hand, build it once and call ``moved``.
 
     Attributes
     ----------
-    points : (N, 3) positions [m].
+    points : (N, 3) positions of the points [m].
     normals : (N, 3) outward unit normals.
     areas : (N,) area that each point represents [m²].
-    triangles : (T, 3) point indices.
-    places : names of fingers and other parts.
-    place : (N,) index of the part of each point.
-    neighbours : (N, K) points at the other ends of each point's edges, padded with its own index;
-        by default found from the triangles.
-    bodies : true surface of the body of each part, or None if it is unknown.
-    look : of a moved skin, returns the signed distance (P,) [m] of points (P, 3) from its true
-        surface, and the outward unit normals (P, 3) there; None if that is unknown.
+    triangles : (T, 3) indices of the points of each triangle.
+    places : names of the fingers and other parts.
+    place : (N,) index of the part to which each point belongs.
+    neighbours : (N, K) indices of the points that share an edge with each point, padded with its
+        own index; by default, found from the triangles.
+    bodies : exact surface of the body of each part; None if unknown.
+    look : for a moved skin, a function that returns the signed distances (P,) [m] of points (P, 3)
+        from its exact surface, and the outward unit normals (P, 3) there; None if unknown.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -77,32 +77,32 @@ class Skin:
         ----------
         points : (N, 3) new positions [m].
         normals : (N, 3) new outward unit normals.
-        look : gives the true surface, see ``look``. The points of contacts are then exact.
+        look : exact surface, see the attribute ``look``. Contacts are then found exactly.
         """
         return replace(self, points=points, normals=normals, bodies=None, look=look)
 
 
 def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
-    """Return the skin of a hand, of another surface, or of several bodies.
+    """Return the points of the skin of a hand, another surface, or several bodies.
 
     Parameters
     ----------
-    bodies : a ``Hand``, a ``Surface``, a list of them, or a mapping from names to them.
-    longest_edge : longest distance between neighbours [m]. With the default, a fingertip 2 mm deep
-        in a ball has several points inside, and a hand has about 6,000 points. With 10 mm a hand
-        has 1,600, equally dense at the finger pads, which suit a live loop.
+    bodies : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to them.
+    longest_edge : longest distance between neighbours [m]. With the default, several points of a
+        fingertip are inside a ball that it enters by 2 mm, and a hand has about 6,000 points. With
+        10 mm, a hand has 1,600 points, as dense at the finger pads, which suits a live loop.
 
     Returns
     -------
-    Points of the skin with their neighbours. The parts of a hand are its fingers, "palm" and
-    "back"; with two hands, the side precedes the name, as in "left.index". A surface is a single
-    part with the name in the mapping.
+    The skin with its parts. The parts of a hand are its fingers, "palm" and "back". With two hands,
+    the side precedes the name, as in "left.index". A surface is a single part, named as in the
+    mapping.
 
     Raises
     ------
     InvalidInput
-        If an argument has the wrong type, the edge is not from 1 to 50 mm, or a surface needs more
-        than 100,000 points.
+        If an argument has the wrong type, the edge is not from 1 to 50 mm, or a surface requires
+        more than 100,000 points.
 
     Examples
     --------
@@ -122,7 +122,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     else:
         named = {"skin": bodies}
     if not named:
-        raise InvalidInput("there is no skin; pass at least one hand or surface.", code="empty")
+        raise InvalidInput("there are no bodies; pass at least one hand or surface.", code="empty")
     hands = [body for body in named.values() if isinstance(body, Hand)]
     sided = len({hand.side for hand in hands}) > 1
     meshes = []
@@ -136,7 +136,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
         vectors = 0.5 * area_vectors(vertices[triangles])
         sums = np.zeros((len(vertices), 3))
         areas = np.zeros(len(vertices))
-        # Each corner gets the vector and a third of the area of its triangles.
+        # Each corner receives the area vector and a third of the area of each of its triangles.
         for corner in triangles.T:
             np.add.at(sums, corner, vectors)
             np.add.at(areas, corner, np.linalg.norm(vectors, axis=1) / 3.0)
@@ -144,7 +144,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
         place = np.zeros(len(vertices), dtype=np.int64)
         names = [name]
         if isinstance(body, Hand):
-            # A point belongs to the part of its nearest hull: a phalanx or the palm.
+            # A point belongs to the part of its nearest hull, a phalanx or the palm.
             hulls = body.shape.hulls.each(body.shape.pose.inverse().apply(vertices))
             hull = hulls.argmin(axis=1)
             phalanx = hull < FREE
@@ -166,7 +166,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
 def _fine_mesh(
     surface: Surface, longest_edge: float
 ) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
-    """Divide the triangles of a surface into four until their edges are short enough."""
+    """Subdivide the triangles of a surface into four each, until their edges are short enough."""
     vertices = np.asarray(surface.vertices)
     triangles = np.asarray(surface.triangles)
     while longest_edges(vertices[triangles]).max() > longest_edge:
@@ -174,8 +174,8 @@ def _fine_mesh(
         edges, inverse = np.unique(ends, axis=0, return_inverse=True)
         if len(vertices) + len(edges) > MAX_POINTS:
             raise InvalidInput(
-                f"the surface needs more than {MAX_POINTS:,} skin points at most "
-                f"{1e3 * longest_edge:g} mm apart: use only the part that touches.",
+                f"the surface requires more than {MAX_POINTS:,} skin points at most "
+                f"{1e3 * longest_edge:g} mm apart: pass only the part that touches the objects.",
                 code="too_many",
             )
         middles = surface.shape.project(vertices[edges].mean(axis=1))
@@ -191,7 +191,7 @@ def _neighbours(
     triangles: Int64[np.ndarray, "triangles 3"], count: int
 ) -> Int64[np.ndarray, "points most"]:
     ends = edge_ends(triangles).reshape(-1, 2)
-    # Both directions of each edge once, ordered by their starts.
+    # List both directions of each edge once, sorted by their first point.
     pairs = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
     degrees = np.bincount(pairs[:, 0], minlength=count)
     column = np.arange(len(pairs)) - np.repeat(np.cumsum(degrees) - degrees, degrees)

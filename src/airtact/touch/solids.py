@@ -1,4 +1,4 @@
-"""Solids with a signed distance: closed forms, and meshes with a grid of distances."""
+"""Solids with a signed distance, in closed form or interpolated on a grid for meshes."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ Points = Real[np.ndarray, "points 3"]
 
 
 class Solid(ABC):
-    """A solid that skin can enter. Lengths are in metres, in the solid's own frame."""
+    """A solid that skin can enter. All lengths are in metres, in the solid's own frame."""
 
     @abstractmethod
     def depth(self, points: Points) -> PointLengths:
-        """Distance to the surface [m] of points (P, 3) [m], positive inside."""
+        """Return the depth of points (P, 3) below the surface (P,) [m]; negative outside."""
 
     def exact_depth(self, points: Points) -> PointLengths:
-        """Return the depth like ``depth``, but without interpolation."""
+        """Return the same as ``depth``, but without interpolation."""
         return self.depth(points)
 
     @abstractmethod
@@ -40,17 +40,17 @@ class Solid(ABC):
 
     @abstractmethod
     def mesh(self) -> FlatMesh:
-        """Vertices (V, 3) [m] and triangles (T, 3) for pictures."""
+        """Vertices (V, 3) [m] and triangles (T, 3) for display."""
 
 
 @dataclass(frozen=True, eq=False)
 class Box(Solid):
-    """A box along the axes of its frame.
+    """A box whose sides are parallel to the axes of its frame.
 
     Attributes
     ----------
-    sides : (3,) lengths along x, y and z [m].
-    centre : (3,) [m].
+    sides : (3,) side lengths along x, y and z [m].
+    centre : (3,) centre of the box [m].
 
     Raises
     ------
@@ -98,13 +98,13 @@ class Cylinder(Solid):
 
     Attributes
     ----------
-    start, end : (3,) ends of the axis [m].
+    start, end : (3,) centres of the two end faces [m].
     radius : radius of the cylinder [m].
 
     Raises
     ------
     InvalidInput
-        If the radius or the length is not above zero, or the cylinder is more than 2 m large or
+        If the radius or the length is not above zero, the cylinder is larger than 2 m, or it is
         more than 2 m from the origin.
 
     Examples
@@ -129,7 +129,7 @@ class Cylinder(Solid):
 
     @cached_property
     def length(self) -> float:
-        """Length of the axis [m]."""
+        """Length along the axis [m]."""
         return float(np.linalg.norm(np.asarray(self.end) - self.start))
 
     @cached_property
@@ -159,12 +159,12 @@ class Cylinder(Solid):
 
 @dataclass(frozen=True, eq=False)
 class HalfSpace(Solid):
-    """All points behind a plane.
+    """All points on or behind a plane.
 
     Attributes
     ----------
-    point : (3,) any point of the plane [m].
-    normal : (3,) direction out of the solid, of any length above zero.
+    point : (3,) any point on the plane [m].
+    normal : (3,) vector that points out of the solid; it need not have unit length.
 
     Raises
     ------
@@ -194,7 +194,7 @@ class HalfSpace(Solid):
         return np.asarray(self.point), np.inf
 
     def mesh(self) -> FlatMesh:
-        # A disc of 0.2 m shows where the plane is.
+        # Display a disc of 0.2 m in the plane.
         turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
         circle = 0.1 * np.stack([np.cos(turn), np.sin(turn), np.zeros(48)], axis=1)
         vertices = np.concatenate([np.zeros((1, 3)), circle])
@@ -205,14 +205,14 @@ class HalfSpace(Solid):
 
 @dataclass(frozen=True, eq=False)
 class Button(Solid):
-    """A disc that can be pressed down; the touch reaches full strength at the end of its travel.
+    """A disc that can be pressed down; the touch is strongest at the end of its travel.
 
     Attributes
     ----------
     centre : (3,) centre of the disc at rest [m].
     radius : radius of the disc [m].
-    travel : distance by which it can be pressed [m].
-    normal : (3,) direction out of the button, against which it is pressed.
+    travel : distance by which the disc can be pressed [m].
+    normal : (3,) vector that points out of the button, opposite to the direction of pressing.
 
     Raises
     ------
@@ -242,7 +242,7 @@ class Button(Solid):
 
     @cached_property
     def _body(self) -> Cylinder:
-        # A finger pressed through the disc keeps touching it for the depth of another finger.
+        # Below the travel, another 20 mm still count as contact if a finger is pressed through.
         below = (self.travel + 20e-3) * np.asarray(self.normal)
         return Cylinder(np.asarray(self.centre) - below, self.centre, self.radius)
 
@@ -259,10 +259,10 @@ class Button(Solid):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSolid(Solid):
-    """The inside of a closed surface, exact for spheres and capsules, and on a grid for meshes.
+    """The inside of a closed surface; depths are exact for spheres and capsules.
 
-    The depth in a mesh takes 10 µs per point. Interpolated between the nodes of a grid, 1/40 of the
-    longest side apart, it takes 0.3 µs.
+    For a mesh, an exact depth takes 10 µs per point. ``depth`` therefore interpolates between the
+    nodes of a grid whose spacing is 1/40 of the longest side, which takes 0.3 µs.
 
     Attributes
     ----------
@@ -275,10 +275,10 @@ class SurfaceSolid(Solid):
 
     @cached_property
     def _lowest(self) -> Vector3:
-        # The grid ends 2 mm around the mesh.
+        # The grid extends 2 mm beyond the mesh.
         return self.surface.vertices.min(axis=0) - 2e-3
 
-    # 40 steps give at most 69,000 nodes. Computing their depths takes one to two seconds per mesh.
+    # With 40 steps there are at most 69,000 nodes; computing their depths takes 1 to 2 s per mesh.
     @cached_property
     def _step(self) -> float:
         longest = float(np.ptp(self.surface.vertices, axis=0).max()) + 4e-3
@@ -296,7 +296,7 @@ class SurfaceSolid(Solid):
 
     @cached_property
     def error(self) -> float:
-        """Root mean square error of the depth within 2 mm of the surface [m], at 500 points."""
+        """Root-mean-square error of ``depth`` at 500 points within 2 mm of the surface [m]."""
         rng = np.random.default_rng(0)
         corners = self.surface.vertices[self.surface.triangles]
         chosen = corners[rng.integers(len(corners), size=500)]
@@ -312,7 +312,7 @@ class SurfaceSolid(Solid):
         last = np.array(self._depths.shape) - 1.0
         cells = (points - self._lowest) / self._step
         nearest = np.clip(cells, 0.0, last)
-        # Beyond the grid, subtract the distance to it, which gives a lower bound of the depth.
+        # Outside the grid, subtract the distance to it, which gives a lower bound of the depth.
         beyond = self._step * np.linalg.norm(cells - nearest, axis=1)
         return map_coordinates(self._depths, nearest.T, order=1) - beyond
 
@@ -332,9 +332,9 @@ class SurfaceSolid(Solid):
         return self.surface.vertices, self.surface.triangles
 
 
-@lru_cache(maxsize=64)  # an object that moves keeps its surface and so its grid
+@lru_cache(maxsize=64)  # a moving object keeps its surface, and therefore its grid
 def solid_of(surface: Surface) -> SurfaceSolid:
-    """Return the inside of a surface; the grid of a mesh is computed at its first use."""
+    """Return the inside of a surface; the grid of a mesh is computed on first use."""
     return SurfaceSolid(surface)
 
 
@@ -361,8 +361,8 @@ def _direction(vector: Vector, what: str) -> Vector3:
 
 
 def _depth_in(*beyond: PointLengths) -> PointLengths:
-    """Depth [m] from the signed distances to the sides along perpendicular axes [m]."""
-    # Axis by axis, because NumPy reduces short axes slowly.
+    """Return the depth [m] from signed distances to the sides along perpendicular axes [m]."""
+    # Work axis by axis, because NumPy is slow at reducing short axes.
     square = np.zeros_like(beyond[0])
     nearest = np.full_like(square, -np.inf)
     for distance in beyond:

@@ -1,4 +1,4 @@
-"""Touch over time: foci that appear, stay and fade without flicker."""
+"""Touch over time: foci that appear, move and fade without flicker."""
 
 import math
 from collections.abc import Sequence
@@ -16,36 +16,37 @@ from airtact.touch.skin import Skin
 
 @dataclass(eq=False)
 class _Focus:
-    """An emitted focus; its contact is -1 while the focus fades."""
+    """An emitted focus; its contact is -1 while it fades."""
 
     number: int
     thing: str
     place: int
     skin_point: int
-    shift: Float64[np.ndarray, "3"]  # from that skin point [m]
+    shift: Float64[np.ndarray, "3"]  # offset from that skin point [m]
     strength: float
     contact: int
     level: float = 0.0
 
 
 class TouchState:
-    """Foci where a moving skin touches virtual objects.
+    """Foci at the places where moving skin touches virtual objects.
 
-    A contact begins when skin enters an object and ends when the skin is 1 mm outside, so that
-    noise does not make it flicker. The level of a focus rises or falls by at most 1 in 20 ms.
+    A contact begins when skin enters an object, and ends when the skin is 1 mm outside, so that
+    noise does not make it flicker. The level of a focus changes by at most 1 in 20 ms.
 
     Parameters
     ----------
-    objects : the virtual objects; assign ``objects`` to move, add or remove some.
-    offset : distance of foci from the skin [m].
-    most : largest number of foci, including those that fade.
+    objects : the virtual objects; assign to ``objects`` to move, add or remove some.
+    offset : distance of the foci from the skin [m].
+    most : largest number of foci, including those that are fading.
     wavelength : wavelength of the sound [m].
-    release : distance outside an object at which a contact ends [m].
-    ramp : time from silence to full level [s].
+    release : distance of the skin from an object at which a contact ends [m].
+    ramp : time in which a focus rises from silence to full level [s].
 
     Attributes
     ----------
-    found : contacts of the last update, including skin up to ``release`` outside that has a focus.
+    found : contacts at the last update. Skin up to ``release`` outside an object is included if it
+        already has a focus.
 
     Raises
     ------
@@ -76,7 +77,7 @@ class TouchState:
         self.offset = between(offset, 0.0, 0.1, "the offset of a focus", "m", slip)
         self.release = between(release, 0.0, 0.02, "the distance of release", "m", slip)
         self.ramp = between(ramp, 1e-3, 1.0, "the ramp of a focus", "s", "is it in ms?")
-        self.most = int(between(most, 1, 64, "the largest number of foci", "", "each is solved."))
+        self.most = int(between(most, 1, 64, "the largest number of foci", "", "each takes time."))
         self.wavelength = between(wavelength, 3e-4, 0.35, "wavelength", "m", slip)
         self.objects = objects
         self.found: ContactArrays = NO_CONTACTS
@@ -95,28 +96,28 @@ class TouchState:
 
     @property
     def numbers(self) -> Int64[np.ndarray, "foci"]:
-        """(F,) number of each focus of the last update, constant until the focus ends."""
+        """(F,) number of each focus of the last update; it stays the same until the focus ends."""
         return np.array([focus.number for focus in self._playing], dtype=np.int64)
 
     def update(self, skin: Skin, time: float) -> TouchFoci:
-        """Return the foci of a new frame.
+        """Return the foci for a new frame.
 
         Parameters
         ----------
-        skin : the skin at this time, with the same triangles in all frames.
-        time : time of the frame [s]; levels do not change if it is earlier than the previous one.
+        skin : the skin in this frame, with the same triangles in all frames.
+        time : time of the frame [s]. If it is earlier than the previous one, levels do not change.
 
         Returns
         -------
-        Foci with their strengths at this time. Fading foci keep their place on the skin and have
-        the contact -1.
+        Foci with their current strengths. Fading foci keep their place on the skin; their contact
+        is -1.
         """
         time = number(time, "the time of a frame", "s")
-        # No time has passed at the first frame, so new foci start silent.
+        # At the first frame no time has passed, so new foci start silent.
         elapsed = 0.0 if self._time is None else max(time - self._time, 0.0)
         self._time = time
         found = find(skin, self._objects, self.release)
-        # Skin just outside an object counts as a contact if a focus is already there.
+        # Skin just outside an object counts as a contact if it already has a focus.
         held = {(focus.thing, focus.place) for focus in self._playing if focus.contact >= 0}
         names = [self._objects[index].name for index in found.objects]
         begun = [
@@ -153,7 +154,7 @@ class TouchState:
         things: list[str],
         places: Int64[np.ndarray, "contacts"],
     ) -> None:
-        """Match the current foci with new foci, from the object and place of each contact."""
+        """Match the current foci with new ones by the object and place of each contact."""
         unmatched = list(self._playing)
         for focus in unmatched:
             focus.contact = -1
@@ -165,7 +166,7 @@ class TouchState:
             skin_point = int(foci.skin_points[index])
             shift = point - skin.points[skin_point]
             strength = float(foci.strengths[index])
-            # The nearest of the same part and object within a wavelength is the same focus.
+            # The nearest focus of the same part and object within a wavelength is the same focus.
             same = [focus for focus in unmatched if (focus.thing, focus.place) == (thing, place)]
             distances = [
                 math.dist(skin.points[focus.skin_point] + focus.shift, point) for focus in same
@@ -179,7 +180,7 @@ class TouchState:
             focus.shift = shift
             focus.strength = strength
             focus.contact = contact
-        # New foci wait until the fading ones leave room for them.
+        # New foci wait until fading ones leave room for them.
         for focus in new[: max(self.most - len(self._playing), 0)]:
             self._count += 1
             focus.number = self._count

@@ -1,4 +1,4 @@
-"""Textures: strength of a touch as a function of the position on an object."""
+"""Textures: the strength of a touch as a function of the position on an object."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ class Grating:
 
     Attributes
     ----------
-    pitch : distance from ridge to ridge [m], at most 0.1.
+    pitch : distance between neighbouring ridges [m], at most 0.1.
     direction : (3,) direction across the ridges, in the object's frame.
 
     Raises
@@ -52,17 +52,17 @@ class Grating:
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """A picture of heights in the xy plane of an object, centred at its origin.
+    """An image of heights in the xy plane of an object, centred at its origin.
 
     Attributes
     ----------
-    values : (R, C) heights, 0 to 1; rows run along y, columns along x.
-    width : length of a row [m], at most 2.
+    values : (R, C) heights from 0 to 1; rows run along y and columns along x.
+    width : extent along x [m], at most 2.
 
     Raises
     ------
     InvalidInput
-        If the values are not an (R, C) array of at least 2 by 2 or not from 0 to 1, or the width is
+        If the values are not an array of at least 2 by 2 values between 0 and 1, or the width is
         out of range.
 
     Examples
@@ -79,15 +79,15 @@ class HeightMap:
         values = real_numbers(self.values, "the heights of a texture")
         if values.ndim != 2 or min(values.shape) < 2:
             raise InvalidInput(
-                f"the heights of a texture have shape {values.shape}, but a picture has at least 2 "
-                "rows and 2 columns.",
+                f"the heights of a texture have shape {values.shape}, but at least 2 rows and 2 "
+                "columns are required.",
                 code="wrong_shape",
             )
         check_finite(values, "the heights of a texture")
         if values.min() < 0.0 or values.max() > 1.0:
             raise InvalidInput(
-                f"the heights of a texture run from {values.min():g} to {values.max():g}, but they "
-                "must lie between 0 and 1; divide them by the largest.",
+                f"the heights of a texture range from {values.min():g} to {values.max():g}, but "
+                "they must lie between 0 and 1; divide them by the largest.",
                 code="out_of_range",
             )
         slip = "is it in millimetres? Use metres."
@@ -102,5 +102,5 @@ class HeightMap:
         rows, columns = self.values.shape
         step = self.width / (columns - 1)
         cells = points[:, [1, 0]] / step + 0.5 * (np.array([rows, columns]) - 1.0)
-        # Beyond the picture, the heights at its edge continue.
+        # Outside the image, the heights at its border continue.
         return map_coordinates(self.values, cells.T, order=1, mode="nearest")

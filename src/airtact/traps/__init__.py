@@ -1,4 +1,4 @@
-"""Acoustic traps of small beads: signatures, Gor'kov's potential, force, stiffness and verdict."""
+"""Acoustic traps for small beads: signatures, Gor'kov potential, force, stiffness and verdict."""
 
 from airtact.lazy import attached
 

@@ -1,4 +1,4 @@
-"""Gor'kov's potential of a small bead, its force and its stiffness, also beside bodies.
+"""Gor'kov potential of a small bead, with its force and stiffness, also near bodies.
 
 Sources
 -------
@@ -26,8 +26,8 @@ from airtact.errors import InvalidInput, in_mm, of_kind, points_of, within
 from airtact.evaluation.field import radiate_drives
 from airtact.transducers.layout import PhasedArray
 
-# Points on the unit sphere, exact to order 11. At kr = 1 waves of order 9 and more change the third
-# derivative by 1e-7.
+# Quadrature points on the unit sphere, exact to order 11. At kr = 1, waves of order 9 and higher
+# change the third derivatives by 1e-7.
 _columns, _weights = lebedev_rule(11)
 DIRECTIONS = _columns.T
 WEIGHTS = _weights / (4.0 * np.pi)
@@ -35,12 +35,12 @@ WEIGHTS = _weights / (4.0 * np.pi)
 
 @dataclass(frozen=True)
 class Bead:
-    """A small sphere of a fluid-like material.
+    """A small bead, treated as a fluid sphere.
 
     Attributes
     ----------
-    radius : [m].
-    material : its density and speed of sound.
+    radius : radius of the bead [m].
+    material : medium with the bead's density and speed of sound.
     """
 
     radius: float
@@ -48,17 +48,17 @@ class Bead:
 
     @property
     def mass(self) -> float:
-        """Mass [kg]."""
+        """Mass of the bead [kg]."""
         return 4.0 / 3.0 * np.pi * self.radius**3 * self.material.density
 
     def room(self, scene: Scene) -> float:
-        """Return the required distance [m] of a bead's centre from bodies and elements."""
-        # Derivatives amplify the field's error on small spheres. At a sixteenth of a wavelength
-        # from a ball the stiffness from boundary elements is off by 2.5 %, at half of it by 25 %.
+        """Return the least distance of the bead's centre from bodies and elements [m]."""
+        # Small spheres amplify errors of the field in the derivatives. Near a ball, the stiffness
+        # from boundary elements is off by 2.5 % at λ/16 and by 25 % at half of that.
         return max(self.radius, scene.wavelength / 16.0)
 
     def factors(self, scene: Scene) -> tuple[float, float]:
-        """Return a and b of the potential U = a|p|² − b|∇p|², by peak values of the pressure.
+        """Return a and b of the potential U = a|p|² − b|∇p|², for peak values of the pressure.
 
         a = V f₁/(4ρc²) and b = V 3f₂/(8ρω²), because the particle velocity is ∇p/(iωρ).
         """
@@ -76,12 +76,12 @@ class Bead:
 
 @dataclass(frozen=True)
 class Derivatives:
-    """Pressure at P points and its derivatives along x, y and z, up to the third.
+    """Pressure at P points, and its first to third derivatives along x, y and z.
 
     Attributes
     ----------
-    pressure : (P,) [Pa].
-    first, second, third : (P, 3) [Pa/m], (P, 3, 3) [Pa/m²] and (P, 3, 3, 3) [Pa/m³].
+    pressure : (P,) pressure at the points [Pa].
+    first, second, third : derivatives (P, 3) [Pa/m], (P, 3, 3) [Pa/m²] and (P, 3, 3, 3) [Pa/m³].
     """
 
     pressure: Complex128[np.ndarray, "points"]
@@ -100,7 +100,7 @@ def potential(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points"]:
-    """Return Gor'kov's potential (P,) of a bead [J]; ``force`` describes the arguments."""
+    """Return Gor'kov's potential of a bead at points (P,) [J]; see ``force`` for the arguments."""
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     sound = derivatives(field, points, bead)
     return potential_of(sound.pressure, sound.first, bead, scene)
@@ -116,38 +116,39 @@ def force(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3"]:
-    """Return the radiation force on a bead at any points, the negative gradient of the potential.
+    """Return the radiation force on a bead at any points: minus the gradient of the potential.
 
-    Gor'kov's potential is the limit of small beads. It overestimates force and stiffness by about
-    (ka)²/2 for a bead of radius a: 7 % at 0.5 mm, 12 % at 0.65 mm and 33 % at 1 mm for polystyrene
-    at 40 kHz. Sound that the bead scatters back from bodies, streaming, viscosity and weight are
-    not included.
+    Gor'kov's potential is the limit for small beads. It overestimates force and stiffness by about
+    (ka)²/2 for a bead of radius a: for polystyrene at 40 kHz, by 7 % at 0.5 mm, 12 % at 0.65 mm and
+    33 % at 1 mm. It does not include the bead's own sound reflected by bodies, streaming, viscosity
+    or weight.
 
     Parameters
     ----------
     scene : the air and the bodies in it.
-    array : the transducers in the scene's frame, see ``PhasedArray.seen_from``.
+    array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
     drive : the drive of the array.
-    points : (P, 3) centres of the bead [m].
-    radius : radius of the bead [m], up to an eighth of a wavelength; ``body_force`` has no limit.
-    density, sound_speed : of the bead [kg/m³, m/s]; by default expanded polystyrene.
-    solver : by default open air in closed form if the scene has no body, otherwise boundary
-        elements.
+    points : (P, 3) positions of the centre of the bead [m].
+    radius : radius of the bead [m], at most an eighth of a wavelength. For larger beads use
+        ``body_force``.
+    density, sound_speed : of the bead [kg/m³, m/s]; by default, those of expanded polystyrene.
+    solver : solver for the field. By default, the closed form for open air if the scene has no
+        body, and boundary elements otherwise.
 
     Returns
     -------
-    (P, 3) force [N].
+    (P, 3) force on the bead at each point [N].
 
     Raises
     ------
     InvalidInput
-        If a bead is closer to a body, a plane or an element than its radius or a sixteenth of a
-        wavelength, or is behind the face of a directional element; a number is out of range; or for
-        the reasons listed in ``at.field_map``.
+        If the bead would be closer to a body, a plane or an element than its radius or a sixteenth
+        of a wavelength, or behind the face of a directional element; if a number is out of range;
+        or for the reasons listed in ``at.field_map``.
 
     Examples
     --------
-    A bead between two elements that face each other is drawn to the middle, a node of the pressure:
+    A bead between two facing elements is pulled to the middle, where the pressure has a node:
 
     >>> places = np.array([[0, -0.1, 0], [0, 0.1, 0]])
     >>> pair = PhasedArray(places, np.array([[0, 1, 0], [0, -1, 0]]))
@@ -170,29 +171,29 @@ def stiffness(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3 3"]:
-    """Return the stiffness of a bead (P, 3, 3) [N/m]; ``force`` describes the arguments.
+    """Return the stiffness of a trap at points (P, 3, 3) [N/m]; see ``force`` for the arguments.
 
-    It has the second derivatives of the potential, ∂²U/∂x_i∂x_j = −∂F_i/∂x_j, which are positive
-    along an axis if the force drives the bead back.
+    The stiffness matrix consists of the second derivatives of the potential, ∂²U/∂x_i∂x_j =
+    −∂F_i/∂x_j. It is positive along an axis if the force pushes the bead back.
     """
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return stiffness_of(derivatives(field, points, bead), bead, scene)
 
 
 def bead_of(scene: Scene, radius: float, density: float, sound_speed: float) -> Bead:
-    """Return the bead, or raise ``InvalidInput`` if a number is out of range."""
+    """Return the bead; raise ``InvalidInput`` if a number is out of range."""
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
-    # At this limit the force is already 40 % too large.
+    # At this limit, the force is already overestimated by 40 %.
     slip = (
-        "Gor'kov's potential is for beads up to a quarter of a wavelength across. For larger ones "
-        "use at.traps.body_force."
+        "Gor'kov's potential only applies to beads up to a quarter of a wavelength across. For "
+        "larger ones use at.traps.body_force."
     )
     radius = within(radius, 0.0, scene.wavelength / 8.0, "the radius of a bead", "m", slip)
     return Bead(radius, Medium(sound_speed, density))
 
 
 def default_solver(scene: Scene) -> Solver:
-    """Return boundary elements, or the closed form for open air."""
+    """Return the closed form for open air if the scene has no body, else boundary elements."""
     return BoundaryElement() if scene.obstacles else FreeField()
 
 
@@ -211,7 +212,7 @@ def solved(
     points = points_of(points, "bead points")
     check_outside(scene, points, "bead")
     solver = solver or default_solver(scene)
-    # The points are foci, because they must be in front of the elements.
+    # Pass the points as foci, because they must be in front of the elements.
     return radiate_drives(scene, array, [drive], solver, foci=points), points, bead
 
 
@@ -221,15 +222,15 @@ def derivatives(
     bead: Bead,
     excitations: Int64[np.ndarray, "points"] | None = None,
 ) -> Derivatives:
-    """Return the pressure and its derivatives at the centres of a bead, without truncation error.
+    """Return the pressure and its derivatives at bead positions, without truncation error.
 
-    Each point has its own excitation of the field, by default the first.
+    ``excitations`` (P,) selects the excitation of the field for each point; the first by default.
 
-    In a ball without sources and bodies the pressure is a sum of regular spherical waves
-    j_l(kr) Y_lm. Its moments over a sphere around the point give the waves of order l ≤ 3, and
-    these alone make the derivatives at the centre up to the third. For a plane wave e^{iks·x} the
-    moment of order l is i^l j_l(kr) times the trace-free tensor of s, and its derivatives are
-    (ik)^l s…s, which gives the factors below.
+    In a ball without sources and bodies, the pressure is a sum of regular spherical waves
+    j_l(kr) Y_lm. The moments of the pressure over a sphere around the point give the waves of order
+    l ≤ 3, and only these contribute to derivatives up to the third at the centre. For a plane wave
+    e^{iks·x}, the moment of order l is i^l j_l(kr) times the trace-free tensor of s, and the
+    derivatives are (ik)^l s…s. The factors below follow from this.
     """
     points = points_of(points, "bead points")
     wavenumber = field.scene.wavenumber
@@ -239,12 +240,12 @@ def derivatives(
     if clearance[nearest] < room:
         raise InvalidInput(
             f"the centre of bead {nearest} at {in_mm(points[nearest])} is "
-            f"{1e3 * clearance[nearest]:.3g} mm from a body, plane or element, but must be at "
+            f"{1e3 * clearance[nearest]:.3g} mm from a body, plane or element, but it must be at "
             f"least {1e3 * room:.3g} mm away. Move it.",
             points[nearest],
             code="bodies_overlap",
         )
-    # The larger the sphere, the smaller the effect of errors of the field, j_3 ~ (kr)³.
+    # Errors of the field have less effect on a larger sphere, because j_3 ~ (kr)³.
     radius = np.minimum(1.0 / wavenumber.real, 0.9 * clearance)
     around = points[:, None] + radius[:, None, None] * DIRECTIONS
     if excitations is None:
@@ -259,14 +260,14 @@ def derivatives_inside(
     radius: Float64[np.ndarray, "points"],
     wavenumber: complex,
 ) -> Derivatives:
-    """Return the derivatives at the centres of spheres from the pressure along ``DIRECTIONS``."""
+    """Return the derivatives at the centres of spheres from the pressures along ``DIRECTIONS``."""
     pressure = pressure * WEIGHTS
     directions = DIRECTIONS
     waves = [spherical_jn(order, wavenumber * radius) for order in range(4)]
     identity = np.eye(3)
     second = np.einsum("qi,qj->qij", directions, directions)
     third = np.einsum("qij,qk->qijk", second, directions)
-    # Trace-free tensors of the directions
+    # Subtract the traces of the direction tensors.
     second = second - identity / 3.0
     third = third - _symmetric(directions) / 5.0
 
@@ -282,7 +283,7 @@ def derivatives_inside(
 def clearances(
     field: RadiatedField, points: Float64[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points"]:
-    """Distance of points from the nearest body, plane or source [m], negative inside a body."""
+    """Return the distance of points from the nearest body, plane or source [m]; negative inside."""
     clearance, _ = KDTree(field.sources.positions).query(points)
     clearance = np.minimum(clearance, -field.scene.depth(points))
     for plane in field.scene.planes:
@@ -291,7 +292,7 @@ def clearances(
 
 
 def _symmetric(vectors: np.ndarray) -> np.ndarray:
-    """Return δ_ij v_k + δ_ik v_j + δ_jk v_i (N, 3, 3, 3) of vectors (N, 3)."""
+    """Return δ_ij v_k + δ_ik v_j + δ_jk v_i (N, 3, 3, 3) for vectors v (N, 3)."""
     product = np.einsum("ij,nk->nijk", np.eye(3), vectors)
     return product + product.transpose(0, 1, 3, 2) + product.transpose(0, 3, 2, 1)
 

@@ -1,4 +1,4 @@
-"""Drives that hold several beads at once, also with foci.
+"""Drives that hold several beads at once and can also create foci.
 
 Source: A. Marzo and B. W. Drinkwater, "Holographic acoustic tweezers", PNAS 116, 84 (2019).
 """
@@ -24,15 +24,16 @@ from airtact.traps.gorkov import Bead, bead_of, default_solver
 
 @dataclass(frozen=True)
 class Trap:
-    """A requested trap and its bead.
+    """A requested trap with its bead.
 
     Attributes
     ----------
-    point : (3,) centre of the bead [m].
-    kind : "twin" has two lobes of opposite phase along ``axis``; "vortex" a ring around it, along
-        which the phase increases by 2π.
-    axis : (3,) direction of any length.
-    radius, density, sound_speed : of the bead [m, kg/m³, m/s]; by default expanded polystyrene.
+    point : (3,) position of the centre of the bead [m].
+    kind : "twin" for two lobes of opposite phase, one on each side of the bead along ``axis``;
+        "vortex" for a ring around ``axis``, along which the phase increases by 2π.
+    axis : (3,) direction of the axis, of any length.
+    radius, density, sound_speed : of the bead [m, kg/m³, m/s]; by default, those of expanded
+        polystyrene.
     """
 
     point: Vector
@@ -43,7 +44,7 @@ class Trap:
     sound_speed: float = 900.0
 
     def lobes(self, wavelength: float) -> Float64[np.ndarray, "lobes 3"]:
-        """Return one point on each lobe of the pressure next to the bead [m]."""
+        """Return points (L, 3) [m] on the lobes of pressure next to the bead: 2 for a twin trap."""
         check_choice(self.kind, "the kind of trap", ("twin", "vortex"))
         axis = point_of(self.axis, "the axis of a trap")
         if not np.linalg.norm(axis) > 0.0:
@@ -53,22 +54,22 @@ class Trap:
         axis = axis / np.linalg.norm(axis)
         ways = np.stack([axis, -axis])
         if self.kind == "vortex":
-            # The phase starts at any direction across the axis.
+            # The phase can start in any direction perpendicular to the axis.
             start = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
             start = start / np.linalg.norm(start)
             across = np.cross(axis, start)
             ways = np.stack([start, across, -start, -across])
-        # Lobes of opposed boards are a quarter of a wavelength from the bead, but there those of
-        # beads at half a wavelength would coincide.
+        # Between opposed boards, the lobes are a quarter of a wavelength from the bead. At that
+        # distance, however, lobes of beads half a wavelength apart would coincide.
         return point_of(self.point, "a trap") + wavelength / 6.0 * ways
 
     def bead(self, scene: Scene) -> Bead:
-        """Return the bead, or raise ``InvalidInput`` if a number is out of range."""
+        """Return the bead; raise ``InvalidInput`` if a number is out of range."""
         return bead_of(scene, self.radius, self.density, self.sound_speed)
 
     @property
     def phasing(self) -> Complex128[np.ndarray, "lobes"]:
-        """Weights whose sum over the pressures at the lobes is largest for the trap's phases."""
+        """Weights for which the weighted sum of lobe pressures is largest at the trap's phases."""
         count = 2 if self.kind == "twin" else 4
         return np.exp(-2j * np.pi * np.arange(count) / count) / count
 
@@ -79,7 +80,7 @@ def target_of(
     foci: Real[np.ndarray, "foci 3"] | None = None,
     focus_share: float = 1.0,
 ) -> Target:
-    """Return the lobes of traps, and foci after them, as one target for ``holding``."""
+    """Return a target for ``holding``: the lobes of all traps, followed by the foci."""
     points = np.concatenate([trap.lobes(wavelength) for trap in traps])
     if foci is None:
         return Target(points)
@@ -99,7 +100,7 @@ def check_free(traps: Sequence[Trap], scene: Scene) -> None:
         if depth > 0.0:
             raise InvalidInput(
                 f"trap {index} at {in_mm(points[index])} is too close to a body: one of its lobes, "
-                f"{1e3 * scene.wavelength / 6.0:.2g} mm beside the bead, is {1e3 * depth:.2g} mm "
+                f"{1e3 * scene.wavelength / 6.0:.2g} mm from the bead, is {1e3 * depth:.2g} mm "
                 "inside the body. Move the trap away, or turn its axis.",
                 points[index],
                 code="inside_body",
@@ -107,7 +108,7 @@ def check_free(traps: Sequence[Trap], scene: Scene) -> None:
 
 
 def merged(traps: Sequence[Trap], target: Target) -> Target:
-    """Return the target of ``target_of`` with one focus per trap instead of its lobes."""
+    """Return the target of ``target_of`` with one focus per trap in place of its lobes."""
     counts = [len(trap.phasing) for trap in traps]
     points = [point_of(trap.point, "a trap")[None] for trap in traps]
     first = np.cumsum([0, *counts[:-1]])
@@ -122,10 +123,11 @@ def merged(traps: Sequence[Trap], target: Target) -> Target:
 def holding(
     method: Callable[[TransferMatrix, Target], Drive], traps: Sequence[Trap]
 ) -> Callable[[TransferMatrix, Target], Drive]:
-    """Compute traps from the transfer matrix of ``target_of`` by a method for foci.
+    """Turn a method for foci into one that computes traps from ``target_of``'s transfer matrix.
 
-    To the method each trap is one focus, whose pressure is the sum of the pressures at the lobes in
-    the trap's phases. For a single trap the phases of this drive are those of its signature.
+    The method sees each trap as a single focus, whose pressure is the weighted sum of the pressures
+    at the lobes with the trap's phases. For a single trap, the drive has the phases of its
+    signature.
     """
 
     def make(transfer: TransferMatrix, target: Target) -> Drive:
@@ -147,22 +149,23 @@ def hold(
     focus_share: float = 1.0,
     solver: Solver | None = None,
 ) -> Drive:
-    """Return the drive that makes a trap at each point, and foci if given.
+    """Return a drive that creates a trap at each point, and optionally foci.
 
     Parameters
     ----------
     scene : the air and the bodies in it.
-    array : the transducers in the scene's frame.
-    points : (T, 3) traps [m]. Traps shift each other: ``find`` returns where the beads will be.
-    kind, axis : of all traps, see ``Trap``. Between boards that face each other, take "twin" along
-        the normal of the boards.
-    foci : (F, 3) foci that skin feels [m].
-    focus_share : pressure at the foci over that at the lobes of the traps.
-    solver : as for ``force``.
+    array : transducers in the frame of the scene.
+    points : (T, 3) positions of the traps [m]. Traps shift each other slightly; ``find`` returns
+        the positions at which the beads come to rest.
+    kind, axis : kind and axis of all traps, see ``Trap``. Between boards that face each other, use
+        "twin" along the normal of the boards.
+    foci : (F, 3) foci to be felt on the skin [m]; none by default.
+    focus_share : ratio of the pressure at the foci to that at the lobes of the traps.
+    solver : solver for the field, as for ``force``.
 
     Returns
     -------
-    The drive; the weakest of traps and foci is as strong as ``best`` makes it.
+    The drive. It maximises the pressure of the weakest trap or focus, as ``best`` does.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Force and torque on a body of any size and shape, by the momentum that flows towards it.
+"""Force and torque on a body of any size and shape, from the flux of momentum towards it.
 
 Source: P. J. Westervelt, "Acoustic radiation pressure", J. Acoust. Soc. Am. 29, 26 (1957).
 """
@@ -30,31 +30,31 @@ def body_force(
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
     """Return the radiation force and torque on a body of any size and shape.
 
-    The body is added to the scene, and the sound that it scatters is solved, including its
+    The body is added to the scene, and the field that it scatters is computed, including
     reflections from the other bodies. Force and torque are the mean flux of momentum through a
-    sphere around the body. Streaming, viscosity and weight are not included.
+    sphere around the body. They do not include streaming, viscosity or weight.
 
     Parameters
     ----------
     scene : the air and the other bodies.
-    array : the transducers in the scene's frame.
-    drive : the drive of the array.
-    body : the body, such as ``sound_hard(sphere(2e-3, 1e-3))``. A sphere of another fluid also
-        represents a light solid, such as expanded polystyrene.
-    about : (3,) point of the torque [m]; by default the middle of the body.
-    solver : by default boundary elements at 1 %. If a body is filled, the series of a sphere for a
-        sphere in open air, otherwise finite elements.
+    array : transducers in the frame of the scene.
+    drive : drive of the array.
+    body : the body, such as ``sound_hard(sphere(2e-3, 1e-3))``. A filled sphere also represents a
+        light solid, such as expanded polystyrene.
+    about : (3,) reference point of the torque [m]; by default, the centre of the body.
+    solver : solver for the field; by default, boundary elements with an error of 1 %. If a body is
+        filled, it is the series solution for a single sphere in open air, else finite elements.
 
     Returns
     -------
-    (3,) force [N] and (3,) torque [N·m].
+    Force (3,) [N] and torque (3,) [N·m].
 
     Raises
     ------
     InvalidInput
-        If another body, a plane or an element is in the smallest sphere around the body, or within
-        1/50 of a wavelength of it; the body is over 16 wavelengths across; or for the reasons
-        listed in ``at.field_map``.
+        If another body, a plane or an element is inside the smallest sphere around the body, or
+        within 1/50 of a wavelength of it; if the body is over 16 wavelengths across; or for the
+        reasons listed in ``at.field_map``.
 
     Examples
     --------
@@ -77,15 +77,15 @@ def body_force(
             ball = isinstance(shape, Capsule) and shape.length == 0.0
             solver = SphereSeries() if alone and ball else FiniteElement()
 
-    # The smallest sphere around the middle of the body, from its farthest points in many directions
+    # Find the smallest sphere around the centre of the body, from its extent in many directions.
     ends = np.array([shape.farthest(way) for way in np.concatenate([np.eye(3), -np.eye(3)])])
     centre = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
     directions = lebedev_rule(17)[0].T
     tips = np.array([shape.farthest(way) for way in directions])
     smallest = np.linalg.norm(tips - centre, axis=1).max()
 
-    # The flux of the arriving sound cancels in the sum, so the sphere should be small. It stays
-    # clear of the other bodies, because the field is least exact at surfaces.
+    # The flux of the incident sound cancels in the sum, so the sphere should be small. However, it
+    # must keep away from other bodies, because the field is least accurate at surfaces.
     middle = centre[None]
     heights = [plane.height(middle)[0] for plane in scene.planes]
     nearest = np.linalg.norm(array.face_points.reshape(-1, 3) - centre, axis=1).min()
@@ -100,13 +100,13 @@ def body_force(
         )
     radius = smallest + min(0.5 * free, smallest, scene.wavelength / 8.0)
 
-    # The flux has twice the order of the field. Waves of order kr + 10 are below 1e-6; fewer points
-    # would alias the errors of panels.
+    # The flux is quadratic in the field, so it has twice the order. Waves above order kr + 10 are
+    # below 1e-6. With fewer points, errors of the panels would cause aliasing.
     needed = 2.0 * (scene.wavenumber.real * radius + 10.0)
     orders = [order for order in (17, 23, 29, 41, 53, 65, 83, 101, 131) if order >= needed]
     if not orders:
         raise InvalidInput(
-            f"the body needs a sphere with a radius of {1e3 * radius:.3g} mm, which is over 8 "
+            f"the body requires a sphere with a radius of {1e3 * radius:.3g} mm, which exceeds 8 "
             "wavelengths. Use a smaller body.",
             centre,
             code="out_of_range",

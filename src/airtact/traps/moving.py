@@ -1,4 +1,4 @@
-"""Sequences that carry a bead along a path."""
+"""Sequences of drives that carry a bead along a path."""
 
 from itertools import pairwise
 from typing import Literal
@@ -40,20 +40,21 @@ def path(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Sequence:
-    """Return the drives that carry a bead along straight lines between corners, and back.
+    """Return a sequence of drives that carries a bead along straight lines, and back.
 
-    A bead follows as long as the next trap is nearer than the distance at which its restoring force
-    peaks, an eighth of a wavelength in a standing wave. Each frame is checked: it must hold more
-    than the weight, and the bead at rest in the frame before must be on the rising side of the
-    force. Inertia and drag are not included.
+    A bead follows if the next trap is closer than the distance at which its restoring force peaks,
+    which is an eighth of a wavelength in a standing wave. Each frame is checked: its trap must be
+    able to hold more than the bead's weight, and the resting position of the previous frame must be
+    where the force still rises. Inertia and drag are not included.
 
     Parameters
     ----------
     scene, array, kind, axis, solver : as for ``hold``.
-    corners : (C, 3) corners of the path [m]. A sequence repeats, so the bead returns the same way
+    corners : (C, 3) corners of the path [m]. The sequence repeats, so the bead returns the same way
         unless the last corner equals the first.
     speed : largest mean speed of the bead [m/s].
-    share : largest step over the distance at which the force peaks, up to 0.9.
+    share : largest step between frames, as a share of the distance at which the restoring force
+        peaks; at most 0.9.
     radius, density, sound_speed : of the bead, as for ``force``.
 
     Raises
@@ -70,17 +71,17 @@ def path(
     12
     """
     bead = bead_of(scene, radius, density, sound_speed)
-    speed = within(speed, 0.0, 10.0, "the speed of a bead", "m/s", "Give m/s.")
-    share = within(share, 0.0, 0.9, "the share of a step", "", "It is below 1.")
+    speed = within(speed, 0.0, 10.0, "the speed of a bead", "m/s", "use metres per second.")
+    share = within(share, 0.0, 0.9, "the share of a step", "", "smaller steps are safer.")
     corners = points_of(corners, "the corners of a path")
     if np.ptp(corners, axis=0).max() < 1e-6:
-        raise InvalidInput("a path needs two different corners.", code="too_few")
+        raise InvalidInput("a path needs at least two different corners.", code="too_few")
     solver = solver or default_solver(scene)
     if np.linalg.norm(corners[-1] - corners[0]) > 1e-6:
         corners = np.concatenate([corners, corners[-2::-1]])
 
     def field_of(points: Float64[np.ndarray, "points 3"]) -> tuple[list[Drive], RadiatedField]:
-        """Solve for a trap at each point, each in its own excitation."""
+        """Solve for a trap at each point, each with its own excitation."""
         traps = [Trap(tuple(point), kind, axis) for point in points]
         lobes = np.array([trap.lobes(scene.wavelength) for trap in traps])
         target = Target(lobes.reshape(-1, 3))
@@ -92,7 +93,7 @@ def path(
         ]
         return drives, radiate_drives(scene, array, drives, solver, foci=points)
 
-    # Points on each line between two corners, without the last
+    # Divide each line between two corners into points, without the last one.
     _, field = field_of(corners)
     points = []
     for index, (start, end) in enumerate(pairwise(corners)):
@@ -115,7 +116,7 @@ def _reach(
     way: Float64[np.ndarray, "3"],
     excitation: int,
 ) -> float:
-    """Distance behind a trap at which the force along the way peaks first [m]."""
+    """Return the distance behind a trap at which the force along the path first peaks [m]."""
     way = way / max(np.linalg.norm(way), 1e-12)
     distances = field.scene.wavelength / 4.0 * np.linspace(0.05, 1.0, 20)
     behind = point - distances[:, None] * way
@@ -128,7 +129,7 @@ def _reach(
 def _check_followed(
     field: RadiatedField, bead: Bead, points: Float64[np.ndarray, "points 3"]
 ) -> None:
-    """Raise unless the bead follows from the equilibrium of each excitation to the next."""
+    """Raise ``InvalidInput`` unless the bead follows from each equilibrium to the next."""
     excitations = np.arange(len(points))
     sound = derivatives(field, points, bead, excitations)
     matrices = stiffness_of(sound, bead, field.scene)
@@ -139,14 +140,14 @@ def _check_followed(
     sound = derivatives(field, before, bead, excitations)
     restoring = np.einsum("pi,pi->p", force_of(sound, bead, field.scene), ways)
     linear = np.einsum("pi,pij,pj->p", ways, matrices, ways)
-    # The force of a standing wave, sin(2kx) K/(2k), peaks at K λ/(4π), 2/π of the linear force.
+    # In a standing wave, the force sin(2kx) K/(2k) peaks at K λ/(4π), 2/π of the linear force.
     holds = np.linalg.eigvalsh(matrices)[:, 0] * field.scene.wavelength / (4.0 * np.pi)
     lost = (holds <= 9.80665 * bead.mass) | (restoring < 2.0 / np.pi * linear)
     if lost.any():
         index = int(lost.argmax())
         raise InvalidInput(
-            f"the bead is lost on its way to {in_mm(points[index])}. Move the path, choose another "
-            "axis, or set a smaller share.",
+            f"the bead would be lost on its way to {in_mm(points[index])}. Move the path, choose "
+            "another axis, or set a smaller share.",
             points[index],
             code="misplaced",
         )

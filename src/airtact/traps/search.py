@@ -1,4 +1,4 @@
-"""Positions of traps, and a verdict on a trap with its reasons."""
+"""Positions of traps, and the verdict on whether a point is a trap."""
 
 from dataclasses import dataclass
 
@@ -22,18 +22,19 @@ from airtact.traps.gorkov import (
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """Verdict on whether a point traps a bead, with reasons.
+    """Verdict on whether a point traps a bead, with the reasons.
 
     Attributes
     ----------
-    point : (3,) centre of the bead [m].
-    force : (3,) force of the sound there [N].
+    point : (3,) position of the centre of the bead [m].
+    force : (3,) radiation force at the point [N].
     stiffness : (3, 3) stiffness matrix [N/m].
-    shift : (3,) estimated way from the point to the equilibrium [m], from force and stiffness.
-    holds : largest force that the trap exerts within a quarter of a wavelength, over the weight of
-        the bead, along the weakest of the six directions ±x, ±y, ±z.
-    excess : share by which Gor'kov's potential overestimates force and stiffness for this bead.
-    wavelength : of the sound [m].
+    shift : (3,) estimated vector from the point to the equilibrium [m], from force and stiffness.
+    holds : largest restoring force within a quarter of a wavelength, divided by the weight of the
+        bead, along the weakest of the six directions ±x, ±y and ±z.
+    excess : relative amount by which Gor'kov's potential overestimates force and stiffness for this
+        bead.
+    wavelength : wavelength of the sound [m].
     """
 
     point: Float64[np.ndarray, "3"]
@@ -49,17 +50,17 @@ class Verdict:
 
     @property
     def balanced(self) -> bool:
-        """Whether the equilibrium is within a twentieth of a wavelength."""
+        """Whether the equilibrium is within a twentieth of a wavelength of the point."""
         return bool(np.linalg.norm(self.shift) <= self.wavelength / 20.0)
 
     @property
     def stable(self) -> bool:
-        """Whether the force drives the bead back from any direction."""
+        """Whether the force pushes the bead back from every direction."""
         return bool(np.linalg.eigvalsh(self.stiffness).min() > 0.0)
 
     @property
     def is_trap(self) -> bool:
-        """Whether the point is balanced and stable, and can hold more than the weight."""
+        """Whether the point is balanced and stable, and holds more than the bead's weight."""
         return self.balanced and self.stable and self.holds > 1.0
 
     def __str__(self) -> str:
@@ -76,23 +77,23 @@ class Verdict:
         elif held:
             reasons.insert(0, f"stable along {' and '.join(held)}")
         else:
-            reasons.insert(0, "the force pushes the bead away on all sides")
+            reasons.insert(0, "the force pushes the bead away in all directions")
         if not self.stable and len(held) == 3:
-            # The axes do not show an instability between them.
+            # The axes do not reveal an instability in a direction between them.
             values, ways = np.linalg.eigh(self.stiffness)
             reasons.append(
                 f"along {np.round(ways[:, 0], 2).tolist()} the stiffness is {values[0]:.2g} N/m"
             )
         if not self.balanced:
-            # The estimate is linear, so it means nothing farther away.
+            # The estimate is linear, so it is meaningless farther away.
             distance = np.linalg.norm(self.shift)
             near = distance < self.wavelength / 4.0
             place = f"about {1e3 * distance:.2g} mm" if near else "over a quarter of a wavelength"
             reasons.append(f"the equilibrium is {place} away")
         if self.stable:
-            # Two digits without an exponent
+            # Write two digits without an exponent.
             holds = f"{float(f'{self.holds:.2g}'):g} times the weight of the bead"
-            enough = "holds" if self.holds > 1.0 else "too weak for the bead: holds only"
+            enough = "holds" if self.holds > 1.0 else "too weak for the bead: it only holds"
             reasons.append(f"{enough} {holds}")
         reasons.append(f"forces are overestimated by about {self.excess:.0%}")
         word = "trap" if self.is_trap else "no trap"
@@ -109,7 +110,7 @@ def verdict(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> list[Verdict]:
-    """Return whether each point traps a bead, and why; ``force`` describes the arguments.
+    """Return a verdict for each point on whether it traps a bead; see ``force`` for arguments.
 
     Examples
     --------
@@ -127,30 +128,30 @@ def verdict(
 def judge(
     field: RadiatedField, points: Float64[np.ndarray, "points 3"], bead: Bead
 ) -> list[Verdict]:
-    """Return the verdicts on points in the field of the first excitation."""
+    """Return verdicts for points in the field of the first excitation."""
     scene = field.scene
     sound = derivatives(field, points, bead)
     forces = force_of(sound, bead, scene)
     matrices = stiffness_of(sound, bead, scene)
     verdicts = []
     for point, pull, matrix in zip(points, forces, matrices, strict=True):
-        # The pseudo-inverse leaves out directions in which the force does not vary.
+        # The pseudo-inverse ignores directions in which the force does not vary.
         shift = np.linalg.pinv(matrix, rcond=1e-6) @ pull
         holds = _largest_hold(field, point, bead) / (9.80665 * bead.mass)  # standard gravity
-        # Measured against the exact force on polystyrene in air
+        # Fitted to the exact force on polystyrene in air.
         excess = 0.55 * (scene.wavenumber.real * bead.radius) ** 2
         verdicts.append(Verdict(point, pull, matrix, shift, holds, excess, scene.wavelength))
     return verdicts
 
 
 def settled(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: Bead) -> Verdict:
-    """Return the verdict on the equilibrium next to a point, or on the point if there is none."""
+    """Return the verdict on the equilibrium nearest a point, or on the point if there is none."""
     place = descend(field, point, bead)
     return judge(field, (point if np.isnan(place).any() else place)[None], bead)[0]
 
 
 def _largest_hold(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: Bead) -> float:
-    """Largest restoring force [N] along the weakest of six directions, 0 if there is none."""
+    """Return the largest restoring force [N] along the weakest of six directions; 0 if none."""
     distances = field.scene.wavelength / 4.0 * np.linspace(0.1, 1.0, 10)
     ways = np.concatenate([np.eye(3), -np.eye(3)])
     points = point + distances[:, None, None] * ways
@@ -176,7 +177,7 @@ def find(
     """Return the minimum of the potential near each point (P, 3) [m].
 
     A row is NaN if there is no minimum within half a wavelength. The weight of the bead is not
-    included: it lowers the bead by weight over stiffness.
+    included: it lowers the bead by its weight divided by the stiffness.
     """
     field, starts, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return np.stack([descend(field, start, bead) for start in starts])
@@ -185,7 +186,7 @@ def find(
 def descend(
     field: RadiatedField, start: Float64[np.ndarray, "3"], bead: Bead
 ) -> Float64[np.ndarray, "3"]:
-    """Return the minimum of the potential near a point, or NaN."""
+    """Return the minimum of the potential near a point (3,) [m], or NaN if there is none."""
     scene = field.scene
     point = np.array(start)
     for _ in range(100):
@@ -193,12 +194,12 @@ def descend(
         if far or clearances(field, point[None])[0] < bead.room(scene):
             break
         sound = derivatives(field, point[None], bead)
-        # Newton's method with the magnitudes of the curvatures goes downhill at saddles, too.
+        # With magnitudes of the curvatures, Newton's method also descends at saddles.
         curvatures, ways = np.linalg.eigh(stiffness_of(sound, bead, scene)[0])
         sizes = np.maximum(np.abs(curvatures), 1e-6 * np.abs(curvatures).max())
         step = ways @ (ways.T @ force_of(sound, bead, scene)[0] / sizes)
         length = np.linalg.norm(step)
-        # Steps of a twentieth of a wavelength do not jump over a minimum.
+        # Steps of a twentieth of a wavelength cannot skip a minimum.
         point += step * min(1.0, scene.wavelength / 20.0 / max(length, 1e-12))
         if length < 1e-8:
             return point if curvatures.min() > 0.0 else np.full(3, np.nan)

@@ -1,4 +1,4 @@
-"""Signatures, which convert the drive of a focus into the drive of a trap around it.
+"""Signatures, which convert the drive for a focus into the drive for a trap at the same point.
 
 Source: A. Marzo, S. A. Seah, B. W. Drinkwater, D. R. Sahoo, B. Long, S. Subramanian, "Holographic
 acoustic elements for manipulation of levitated objects", Nat. Commun. 6, 8661 (2015).
@@ -19,30 +19,31 @@ def signature(
     kind: Literal["twin", "vortex", "bottle"] = "twin",
     axis: Vector = (0, 1, 0),
 ) -> Drive:
-    """Return the drive of a focus with the signature of a trap, which cancels the pressure there.
+    """Add the signature of a trap to the drive for a focus, so that the pressure there is zero.
 
-    A signature only shifts phases. The signature divides the elements by their positions relative
-    to the mean position of the array.
+    A signature only shifts phases. It depends on the positions of the elements relative to the mean
+    position of the array.
 
     Parameters
     ----------
     array : the transducers.
-    drive : a drive that makes a focus at the trap.
-    kind : "twin" shifts the half of the elements towards ``axis`` by π. "vortex" adds to each phase
-        the angle of the element around the array's front direction. "bottle" shifts the elements
-        within a radius of that direction by π; they have about half of the total amplitude.
+    drive : drive that creates a focus at the position of the trap.
+    kind : "twin" shifts the half of the elements on the side of ``axis`` by π. "vortex" adds to
+        each phase the angle of the element around the array's front direction. "bottle" shifts
+        the elements within a radius of that direction by π; the radius is chosen so that they have
+        about half of the total amplitude.
     axis : (3,) direction of any length. If the array has no front direction, because its elements
         face each other, vortices and bottles are built around ``axis``.
 
     Returns
     -------
-    A drive with the same magnitudes.
+    A drive with the same amplitudes and shifted phases.
 
     Raises
     ------
     InvalidInput
-        If the drive has a different number of elements, the kind is unknown, the axis is zero, or
-        all elements lie on one side.
+        If the drive has a different number of elements than the array, the kind is unknown, the
+        axis is zero, or all elements lie on one side.
 
     Examples
     --------
@@ -70,16 +71,16 @@ def signature(
 
     if kind == "twin":
         height = offsets @ axis
-        # The elements of a flat board differ by rounding along its normal.
+        # Along its normal, positions of a flat board differ only by rounding.
         if np.ptp(height) < 1e-6:
             raise InvalidInput(
                 "the axis of a twin trap is perpendicular to the array, so it does not divide the "
-                "elements. Use an axis along the array.",
+                "elements. Choose an axis in the plane of the array.",
                 code="misplaced",
             )
         return Drive(drive.amplitudes * np.where(height > 0.0, -1.0, 1.0))
 
-    # The mean unit normal is about 0 where elements face each other and 0.5 for a hemispherical
+    # The mean of the normals is close to 0 if elements face each other, and 0.5 for a hemispherical
     # bowl.
     front = array.normals.mean(axis=0)
     if np.linalg.norm(front) < 0.3:
@@ -93,13 +94,13 @@ def signature(
             code="misplaced",
         )
     if kind == "vortex":
-        # The angle starts at any direction across the front.
+        # The angle can start in any direction perpendicular to the front direction.
         start = np.cross(front, np.eye(3)[np.abs(front).argmin()])
         start = start / np.linalg.norm(start)
         angle = np.arctan2(across @ np.cross(front, start), across @ start)
         return Drive(drive.amplitudes * np.exp(1j * angle))
-    # The radius through an element that divides the amplitude most evenly. Elements at equal
-    # distances, which differ by rounding, stay together.
+    # Find the element at whose radius the amplitude is divided most evenly. Elements at equal
+    # distances, apart from rounding, stay together.
     inside = distance <= distance[:, None] + 1e-6
     halves = np.abs(inside @ drive.magnitudes - 0.5 * drive.magnitudes.sum())
     return Drive(drive.amplitudes * np.where(inside[halves.argmin()], -1.0, 1.0))

@@ -1,4 +1,4 @@
-"""The phases that make the weakest trap stiffest."""
+"""Phases that maximise the stiffness of the weakest trap."""
 
 from typing import Literal
 
@@ -36,10 +36,10 @@ def stiffest(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Drive:
-    """Return the drive whose weakest trap is stiffest along its weakest direction.
+    """Return the drive that maximises the smallest stiffness of the weakest trap.
 
-    All elements are at full scale. L-BFGS improves the phases of ``hold`` up to a local maximum. It
-    also keeps the force at the points small, so that the beads rest there.
+    All elements are at full scale. Starting from ``hold``, L-BFGS improves the phases to a local
+    maximum. It also keeps the force at the points small, so that the beads rest there.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def stiffest(
     Raises
     ------
     InvalidInput
-        If a point is within a sixth of a wavelength of a body; or for the reasons listed in
+        If a point is within a sixth of a wavelength of a body, or for the reasons listed in
         ``hold`` and ``force``.
 
     Examples
@@ -68,7 +68,7 @@ def stiffest(
     start = hold(scene, array, points, kind, axis, solver=solver)
     solver = solver or default_solver(scene)
     wavenumber = scene.wavenumber
-    # Derivatives at the traps by every element, from beacons on spheres around the traps
+    # Compute derivatives at the traps for every element, from beacons on spheres around the traps.
     size = 1.0 / wavenumber.real
     target = Target((points[:, None] + size * DIRECTIONS).reshape(-1, 3))
     check_outside(scene, target.points, "point around a trap")
@@ -78,7 +78,7 @@ def stiffest(
     pressure = transfer.matrix.reshape(traps, -1, elements).transpose(0, 2, 1)
     pressure = pressure.reshape(traps * elements, -1)
     waves = derivatives_inside(pressure, np.full(len(pressure), size), wavenumber)
-    # One row per derivative: the pressure, 3 first, 9 second and 27 third
+    # Stack one row per derivative: 1 pressure, 3 first, 9 second and 27 third derivatives.
     parts = (waves.pressure, waves.first, waves.second, waves.third)
     rows = np.concatenate([part.reshape(traps, elements, -1) for part in parts], axis=2)
     a, b = bead.factors(scene)
@@ -95,12 +95,12 @@ def stiffest(
     sound = sound_of(start.at_full_scale().amplitudes)
     values, ways = np.linalg.eigh(stiffness_of(sound, bead, scene))
     scale = np.abs(values).min()
-    # A shift by a thirtieth of a wavelength costs as much as the stiffness of the start.
+    # A shift of λ/30 costs as much as the stiffness at the start.
     sizes = np.maximum(np.abs(values), 1e-3 * np.abs(values).max())
     shifts = np.einsum("tik,tk,tjk->tij", ways, 30.0 / (scene.wavelength * sizes), ways)
 
     def loss(phases: Float64[np.ndarray, "elements"]) -> tuple[float, np.ndarray]:
-        """Return the smooth maximum of the negative stiffnesses, and its gradient by phase."""
+        """Return the smooth maximum of the negative stiffness, and its gradient by the phases."""
         amplitudes = np.exp(1j * phases)
         sound = sound_of(amplitudes)
         values, ways = np.linalg.eigh(stiffness_of(sound, bead, scene))
@@ -110,10 +110,10 @@ def stiffest(
         shares = np.exp(-sharpness * (values - least) / scale)
         total = shares.sum()
         cost = np.log(total) / sharpness - least / scale + np.sum(push**2)
-        # Derivatives of the cost by stiffness matrices and forces
+        # Derivatives of the cost by the stiffness matrices and forces.
         weight = -np.einsum("tik,tk,tjk->tij", ways, shares / total, ways) / scale
         pull = 2.0 * np.einsum("tij,tj->ti", shifts, push)
-        # And by the conjugates of the values in ``sound``, from the formulas of both
+        # Derivatives by the conjugates of the values in ``sound``, from both formulas.
         p = sound.pressure
         g = sound.first
         h = sound.second
