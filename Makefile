@@ -1,6 +1,6 @@
 # `make run` shows the main job, `make test` proves it. Everything is installed into .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run live test slow check format docs reproduce reproduce-quick bench wheels clean
+.PHONY: help run live test quick slow check format docs reproduce reproduce-quick bench wheels clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -52,7 +52,11 @@ check: $(VENV)/installed-for-tests
 # starts a second. A file's tests share what was solved for them, so they stay together, but where one takes minutes.
 PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q
 
-test: check
+# The checks take one core for half a minute, so they run beside the tests.
+test: $(VENV)/installed-for-tests
+	$(MAKE) --jobs=2 check quick
+
+quick: $(VENV)/installed-for-tests
 	$(PYTEST) -n 4 --dist loadfile
 
 slow: $(VENV)/installed-for-tests

@@ -58,7 +58,7 @@ def test_there_are_pages() -> None:
 def test_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     # Each drive that `airtact live --verify` judges takes a solve of more than a second.
-    monkeypatch.setattr(at.live, "verify_session", partial(at.live.verify_session, drives=2))
+    monkeypatch.setattr(at.live, "verify_session", partial(at.live.verify_session, drives=1))
     names: dict = {"__name__": page.stem}
     for block, shown in expected_output(blocks(page)):
         capsys.readouterr()

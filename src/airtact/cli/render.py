@@ -1,7 +1,9 @@
 """``airtact render``: compute the drive and the field of a scene, and write a report."""
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -56,6 +58,9 @@ def render(
             setup = replace(setup, method=method)
         writable_folder(folder)
         files: list[Path] = []
+        if pictures:
+            # Import Matplotlib while the kernels compute; it takes half a second.
+            Thread(target=import_module, args=["mpl_toolkits.mplot3d.art3d"], daemon=True).start()
         try:
             result = at.render(setup, store=store, progress=report_step)
             files += result.save(folder)

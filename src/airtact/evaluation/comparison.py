@@ -36,14 +36,18 @@ class Comparison:
     target : the foci.
     pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each
         focus [Pa].
-    field : the field of 2 D excitations: all drives with their strongest element at full scale,
-        followed by the phases of all drives alone; ``column`` returns the index of a drive.
+    field : the field of all drives with their strongest element at full scale, followed by the
+        phases alone of those drives whose elements differ in amplitude.
+    phase_columns : index of the excitation of ``field`` that has the phases of each drive alone.
+    at_foci : (F, S) complex pressure of each excitation of ``field`` at the foci [Pa].
     """
 
     names: tuple[str, ...]
     target: Target
     pressures: Mapping[str, Float64[np.ndarray, "drives foci"]]
     field: RadiatedField
+    phase_columns: tuple[int, ...]
+    at_foci: Complex128[np.ndarray, "foci excitations"]
 
     def __repr__(self) -> str:
         pressure, name = self._strongest()
@@ -68,8 +72,7 @@ class Comparison:
     def steepening(self, name: str) -> Steepening:
         """Effect of real air at the foci for a drive with its strongest element at full scale."""
         column = self.column(name)
-        points = self.target.points
-        return steepening(self.field, points, self.field.at(points)[:, column], column)
+        return steepening(self.field, self.target.points, self.at_foci[:, column], column)
 
     def column(self, name: str, phase_only: bool = False) -> int:
         """Return the excitation of ``field`` that belongs to a drive, or to its phases alone.
@@ -81,8 +84,8 @@ class Comparison:
                 f"there is no drive {name!r}. Use one of {', '.join(self.names)}.",
                 code="unknown_name",
             )
-        # All drives come first, then their phases alone.
-        return self.names.index(name) + len(self.names) * phase_only
+        index = self.names.index(name)
+        return self.phase_columns[index] if phase_only else index
 
     def at(
         self, points: Real[np.ndarray, "points 3"]
@@ -245,10 +248,20 @@ def compare(
         if drive.peak == 0.0:
             raise InvalidInput(f"drive {name!r} is silent: all amplitudes are 0.", code="all_zero")
     strongest = [drive.at_full_scale() for drive in drives.values()]
-    excitations = [*strongest, *(drive.phase_only() for drive in strongest)]
+    excitations = list(strongest)
+    phase_columns = []
+    for index, drive in enumerate(strongest):
+        phases = drive.phase_only()
+        # A drive whose elements all emit at full scale is solved only once.
+        if np.allclose(drive.amplitudes, phases.amplitudes, rtol=0.0, atol=1e-9):
+            phase_columns.append(index)
+        else:
+            phase_columns.append(len(excitations))
+            excitations.append(phases)
     field = radiate_drives(scene, array, excitations, solver, foci=target.points, progress=progress)
     # Drives on the first axis, so that each drive's pressures are contiguous.
-    magnitudes = np.abs(np.ascontiguousarray(field.at(target.points).T))
+    at_foci = field.at(target.points)
+    magnitudes = np.abs(np.ascontiguousarray(at_foci.T))
     equal_peak = magnitudes[: len(drives)]
     # The drive of lowest energy sets the energy that all drives can reach without exceeding full
     # scale. The field is linear in the drive, so equal energy needs no further solve.
@@ -257,6 +270,6 @@ def compare(
     pressures = {
         "equal peak": equal_peak,
         "equal energy": equal_peak * factors[:, None],
-        "phase only": magnitudes[len(drives) :],
+        "phase only": magnitudes[phase_columns],
     }
-    return Comparison(tuple(drives), target, pressures, field)
+    return Comparison(tuple(drives), target, pressures, field, tuple(phase_columns), at_foci)

@@ -8,7 +8,9 @@ from jaxtyping import Complex128, Float64, Inexact, Int64, Real
 
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.errors import in_short
-from airtact.evaluation.windows import Window
+from airtact.evaluation.windows import Box, Window
+from airtact.geometry.mesh.quadratic_triangles import with_middles
+from airtact.geometry.mesh.remeshing import with_short_edges
 from airtact.geometry.surface import Surface
 
 # Largest number of points at which the field is evaluated for all planes together
@@ -30,6 +32,8 @@ class Slices:
     pressures : (planes, rows, columns, S) peak pressure [Pa], continued into hard bodies.
     depth : (planes, rows, columns) depth in a body [m], negative outside.
     any_axis : whether the planes are close enough for sections along all three axes.
+    samples : complex pressure [Pa] at the evaluated points, on the same axes as ``pressures`` but
+        with fewer points.
     """
 
     corner: Float64[np.ndarray, "3"]
@@ -38,6 +42,7 @@ class Slices:
     pressures: Float64[np.ndarray, "planes rows columns excitations"]
     depth: Float64[np.ndarray, "planes rows columns"]
     any_axis: bool
+    samples: Complex128[np.ndarray, "sampled_planes sampled_rows sampled_columns excitations"]
 
     __repr__ = in_short
 
@@ -90,7 +95,7 @@ def slices_around(
     pressures = np.stack([np.abs(_finer(part, fine)) for part in excitations], axis=-1)
     steps = (highest - lowest) / (np.array(pressures.shape[2::-1]) - 1)
     depth = np.real(_finer(np.clip(depth, -wavelength, wavelength), fine))
-    return Slices(lowest @ axes, axes, steps, pressures, depth, any_axis)
+    return Slices(lowest @ axes, axes, steps, pressures, depth, any_axis, pressure)
 
 
 def _counts(size: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
@@ -120,6 +125,44 @@ def _finer(
             spline = make_interp_spline(np.arange(count), out, k=3, axis=axis)
             out = spline(np.linspace(0.0, count - 1.0, more))
     return out
+
+
+def box_pressure(
+    field: RadiatedField, slices: Slices, excitation: int, box: Box
+) -> Complex128[np.ndarray, "points"]:
+    """Pressure of an excitation at the points of a box, from slices along any axis.
+
+    The samples of the slices are interpolated by cubic splines, except within 0.35 wavelengths of
+    bodies and planes, where the field is evaluated. The error is 0.5 to 1.5 % (rms).
+
+    Parameters
+    ----------
+    field : the field of the slices.
+    slices : slices with ``any_axis``.
+    excitation : index of the excitation in the field and the slices.
+    box : a box inside the slices.
+
+    Returns
+    -------
+    (P,) complex pressure [Pa], NaN in bodies and behind planes.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    def at_box(values: np.ndarray) -> np.ndarray:
+        for index, direction in enumerate(directions):
+            first = slices.corner[direction]
+            last = first + slices.steps[2 - index] * (slices.depth.shape[index] - 1)
+            samples = np.linspace(first, last, values.shape[index])
+            along = box.origin[direction] + box.step * np.arange(box.counts[direction])
+            values = make_interp_spline(samples, values, k=3, axis=index)(along)
+        return values.transpose(np.argsort(directions)).ravel(order="F")
+
+    # Planes, rows and columns each lie along one axis of the frame.
+    directions = slices.axes[::-1].argmax(axis=1)
+    pressure = at_box(slices.samples[..., excitation])
+    near = at_box(slices.depth) > -0.35 * field.scene.wavelength
+    pressure[near] = field.for_pictures.at(box.points[near])[:, excitation]
+    return pressure
 
 
 def window_pressure(
@@ -225,10 +268,24 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
     """
     if not field.scene.obstacles:
         return None
-    surfaces = [obstacle.surface for obstacle in field.scene.obstacles]
-    points, triangles, _ = fine_meshes(surfaces, 0.3 * field.scene.wavelength)
+    vertices = []
+    triangles = []
+    count = 0
+    for obstacle in field.scene.obstacles:
+        surface = obstacle.surface
+        # Importing Trimesh, which ``fine_meshes`` needs, would take 0.3 s.
+        fine = with_short_edges(
+            with_middles(surface.corners),
+            surface.triangles,
+            sharp=np.zeros(surface.triangles.shape, dtype=bool),
+            longest=0.3 * field.scene.wavelength,
+        )
+        vertices.append(fine.vertices)
+        triangles.append(fine.triangles + count)
+        count += len(fine.vertices)
+    points = np.concatenate(vertices)
     pressure = pressure_on_surfaces(field, points)[:, list(columns)]
-    return SurfacePressure(points, triangles, np.abs(pressure))
+    return SurfacePressure(points, np.concatenate(triangles), np.abs(pressure))
 
 
 def fine_meshes(

@@ -222,8 +222,8 @@ def _cut_where_it_helps(
     finished = []
     # Neighbours share the nodes of ``on_surface``, so that cut panels leave no holes between them.
     panels = mesh.levelled(on_surface)
+    deviation = mesh.deviation(panels)
     for _ in range(4):
-        deviation = mesh.deviation(panels)
         steep = (_bending(panels) > 1.4) & (longest_edges(panels) > 0.4 * edge)
         rough = steep | (deviation > min(too_far, away))
         if not rough.any():
@@ -235,11 +235,12 @@ def _cut_where_it_helps(
         # on a rough one. Divisions are kept if they reduce the deviation to a half for panels that
         # are too far off, and to a fifth for panels that only exceed ``away``.
         enough = np.where(deviation[rough] > too_far, 0.5, 0.2) * deviation[rough]
-        mean_square = np.mean(mesh.deviation(levelled).reshape(-1, 4) ** 2, axis=1)
-        better = (np.sqrt(mean_square) < enough) | steep[rough]
+        of_pieces = mesh.deviation(levelled).reshape(-1, 4)
+        better = (np.sqrt(np.mean(of_pieces**2, axis=1)) < enough) | steep[rough]
         finished += [panels[~rough], panels[rough][~better]]
         on_surface = pieces.reshape(-1, 4, 6, 3)[better].reshape(-1, 6, 3)
         panels = levelled.reshape(-1, 4, 6, 3)[better].reshape(-1, 6, 3)
+        deviation = of_pieces[better].ravel()
     return np.concatenate([*finished, panels])
 
 

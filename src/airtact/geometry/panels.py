@@ -70,7 +70,47 @@ def panels_of(
     walls: Sequence[int] = (),
     close: float = 0.0,
 ) -> Panels:
-    """Cover bodies with panels no larger than equilateral triangles of a given edge length.
+    """Cover bodies with panels, and measure the distances of the panels from their surfaces.
+
+    The parameters are those of ``covers``.
+    """
+    refined = covers(shapes, edge, near, smallest, bend, away, image, walls, close)
+    # Distances are measured at the nodes, the centre and the middles between them.
+    weights = np.concatenate(
+        [np.eye(3), 1 - np.eye(3), 2 - np.eye(3), np.ones((1, 3)), 1 + 3 * np.eye(3)]
+    )
+    probe_shape = shape_functions((weights / weights.sum(axis=1, keepdims=True))[:, 1:])
+    deviation = []
+    farthest = []
+    mean_distance = []
+    for panels, shape in zip(refined, shapes, strict=True):
+        probes = (probe_shape @ panels).reshape(-1, 3)
+        deviation.append(np.abs(shape.depth(probes)).reshape(len(panels), -1).max(axis=1))
+        distance = shape.off_triangles(probes).reshape(len(panels), -1)
+        farthest.append(float(distance.max()))
+        areas = panel_areas(panels)
+        mean_distance.append(float(areas @ distance.mean(axis=1) / areas.sum()))
+    return Panels(
+        quadratic_triangles=np.concatenate(refined),
+        body=np.repeat(np.arange(len(refined)), [len(panels) for panels in refined]),
+        deviation=np.concatenate(deviation),
+        farthest=np.array(farthest),
+        mean_distance=np.array(mean_distance),
+    )
+
+
+def covers(
+    shapes: Sequence[Shape],
+    edge: float,
+    near: Points,
+    smallest: float,
+    bend: float = BEND,
+    away: float = np.inf,
+    image: Callable[[Points], Points] | None = None,
+    walls: Sequence[int] = (),
+    close: float = 0.0,
+) -> list[Pieces]:
+    """Cover each body with panels no larger than equilateral triangles of a given edge length.
 
     Parameters
     ----------
@@ -111,33 +151,10 @@ def panels_of(
         panels if shape.thinnest else _halved_in_corners(panels)
         for panels, shape in zip(bodies, shapes, strict=True)
     ]
-    refined = [
+    return [
         _refined(bodies[index], shape, near, opposite(index), smallest)
         for index, shape in enumerate(shapes)
     ]
-
-    # Distances are measured at the nodes, the centre and the points midway between them.
-    weights = np.concatenate(
-        [np.eye(3), 1 - np.eye(3), 2 - np.eye(3), np.ones((1, 3)), 1 + 3 * np.eye(3)]
-    )
-    probe_shape = shape_functions((weights / weights.sum(axis=1, keepdims=True))[:, 1:])
-    deviation = []
-    farthest = []
-    mean_distance = []
-    for panels, shape in zip(refined, shapes, strict=True):
-        probes = (probe_shape @ panels).reshape(-1, 3)
-        deviation.append(np.abs(shape.depth(probes)).reshape(len(panels), -1).max(axis=1))
-        distance = shape.off_triangles(probes).reshape(len(panels), -1)
-        farthest.append(float(distance.max()))
-        areas = panel_areas(panels)
-        mean_distance.append(float(areas @ distance.mean(axis=1) / areas.sum()))
-    return Panels(
-        quadratic_triangles=np.concatenate(refined),
-        body=np.repeat(np.arange(len(refined)), [len(panels) for panels in refined]),
-        deviation=np.concatenate(deviation),
-        farthest=np.array(farthest),
-        mean_distance=np.array(mean_distance),
-    )
 
 
 def _refined(

@@ -32,7 +32,9 @@ def write_methods_page(
         cut = Cut(window, pressures, solid_depth(setup.scene, window.points))
     with clock.step("3-D scene", "computing the fields in the 3-D scene"):
         as_emitted = "the levels that they emit"
-        view = scene_view(setup, contest.field, emitted, [1.0] * len(emitted), window, as_emitted)
+        at_foci = contest.field.at(setup.target.points)
+        scales = [1.0] * len(emitted)
+        view = scene_view(setup, contest.field, at_foci, emitted, scales, window, as_emitted)
     progress("drawing the page")
     best = contest.best
     unit = "Pa" if setup.target.shares is None else "Pa / requested share"

@@ -1,6 +1,7 @@
 """The page of a run: drive, fields, pressures at the foci, and how they were computed."""
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from airtact.drives.reach import fraction
 from airtact.errors import counted, in_mm
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.metrics import not_modelled, pascals
-from airtact.evaluation.slices import window_pressure
+from airtact.evaluation.slices import box_pressure, window_pressure
 from airtact.evaluation.windows import box_around, plane_of_scene
 from airtact.reports.array_figures import draw_phases, draw_scene, is_uniform
 from airtact.reports.field_figure import (
@@ -27,7 +28,6 @@ from airtact.reports.trap_figures import trap_pictures
 from airtact.reports.viewer import (
     SceneView,
     scene_view,
-    viewer_alternative,
     viewer_values,
 )
 from airtact.setup.exports import write_field
@@ -46,25 +46,37 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
     setup = run.setup
     scene = setup.scene
     files = (folder / "field.vtkhdf", folder / "report.html")
-    with clock.step("field", "computing the field around the foci"):
-        box = box_around(setup.target.points, scene.wavelength)
-        # The drive is the first excitation.
-        pressure = run.drive.peak * run.verification.field.for_pictures.at(box.points)[:, 0]
-        write_field(files[0], box, pressure, [obstacle.surface for obstacle in scene.obstacles])
-    cut, view = fields_of(run, clock)
-    progress("drawing the report")
-    write_page(
-        files[1],
-        "report.html.j2",
-        title=f"airtact: {setup.title}",
-        run=run,
-        **_summary(run),
-        fields=_fields(run, cut, view),
-        **_pictures(run, view),
-        **_foci(run),
-        **_how(run, {**run.seconds, **clock.seconds}),
-        space=viewer_values(view),
-    )
+    # Matplotlib draws in a second thread, while the compiled kernels compute in this one.
+    with ThreadPoolExecutor(1) as painter:
+        pictures = painter.submit(_pictures, run)
+        cut, view = fields_of(run, clock)
+        fields = painter.submit(_fields, run, cut, view, _error_of_cut(run, cut))
+        with clock.step("field", "writing the field around the foci"):
+            # The drive is the first excitation.
+            field = run.verification.field
+            if view.slices.any_axis:
+                box = box_around(setup.target.points, scene.wavelength)
+                pressure = box_pressure(field, view.slices, 0, box)
+            else:
+                # The planes are too far apart to interpolate between them.
+                box = box_around(setup.target.points, scene.wavelength, max_points=36_000)
+                pressure = field.for_pictures.at(box.points)[:, 0]
+            pressure *= run.drive.peak
+            write_field(files[0], box, pressure, [obstacle.surface for obstacle in scene.obstacles])
+        progress("drawing the report")
+        space = viewer_values(view)
+        write_page(
+            files[1],
+            "report.html.j2",
+            title=f"airtact: {setup.title}",
+            run=run,
+            **_summary(run),
+            fields=fields.result(),
+            **pictures.result(),
+            **_foci(run),
+            **_how(run, {**run.seconds, **clock.seconds}),
+            space=space,
+        )
     return files
 
 
@@ -82,7 +94,9 @@ def fields_of(run: Rendering, clock: Clock) -> tuple[Cut, SceneView]:
         cut = Cut(plane, pressures, solid_depth(setup.scene, plane.points))
     with clock.step("3-D scene", "computing the field in the 3-D scene"):
         field = run.verification.field
-        view = scene_view(setup, field, run.drives, scales, plane, "equal energy")
+        view = scene_view(
+            setup, field, run.verification.at_foci, run.drives, scales, plane, "equal energy"
+        )
     return cut, view
 
 
@@ -103,7 +117,7 @@ def _summary(run: Rendering) -> dict[str, Any]:
     }
 
 
-def _pictures(run: Rendering, view: SceneView) -> dict[str, Any]:
+def _pictures(run: Rendering) -> dict[str, Any]:
     array = run.setup.array
     exact = np.abs(run.transfer.pressure(run.drive))[: len(run.setup.foci)]
     rounded = np.abs(run.transfer.pressure(run.frame.drive()))[: len(run.setup.foci)]
@@ -135,7 +149,7 @@ def _pictures(run: Rendering, view: SceneView) -> dict[str, Any]:
         ),
         "Transducers are coloured by phase, bodies are grey, and foci are orange. Transducers that "
         "face away from the viewer are faint rings.",
-        viewer_alternative(view),
+        f"{counted(len(array), 'transducer', 'transducers')}, bodies and foci in space",
     )
     return {"phases": phases, "still": still, "doubt": _doubt(run)}
 
@@ -160,23 +174,29 @@ def _doubt(run: Rendering) -> Markup:
     )
 
 
-def _fields(run: Rendering, cut: Cut, view: SceneView) -> list[Markup]:
-    names = run.verification.names
-    peak = view.peak
-    points = run.setup.target.points
-    got = view.reached
+def _error_of_cut(run: Rendering, cut: Cut) -> float:
+    """Relative error of the pictured pressure; 0 if the solver estimates none."""
     outside = np.flatnonzero(cut.depth < 0.0)
-    # At most about 300 points, which limits the time for the estimate.
-    sample = outside[:: max(1, len(outside) // 300)]
+    # At most about 100 points, which limits the time for the estimate.
+    sample = outside[:: max(1, len(outside) // 100)]
     field = run.verification.field
     error = float(np.max(field.error_at(cut.window.points[sample]), initial=0.0))
     if error > 0.0:
         # The pictured pressure is less exact than the field.
-        scale = run.drives[names[0]].factor_to_match(run.drive)
+        name = run.verification.names[0]
+        scale = run.drives[name].factor_to_match(run.drive)
         exact = scale * field.at(cut.window.points[sample])[:, 0]
-        gap = cut.pressures[names[0]][sample] - exact
+        gap = cut.pressures[name][sample] - exact
         known = np.isfinite(gap)
         error = float(np.hypot(error, np.linalg.norm(gap[known]) / np.linalg.norm(exact[known])))
+    return error
+
+
+def _fields(run: Rendering, cut: Cut, view: SceneView, error: float) -> list[Markup]:
+    names = run.verification.names
+    peak = view.peak
+    points = run.setup.target.points
+    got = view.reached
     estimate = f" Their estimated error is {100 * error:.1g} %." if error > 0.0 else ""
     # Foci of more than two pads rarely lie in one plane.
     off = 1e3 * np.abs(cut.window.height_of(points)).max()

@@ -85,6 +85,7 @@ def off_one_plane(setup: Setup) -> bool:
 def scene_view(
     setup: Setup,
     field: RadiatedField,
+    at_foci: Complex[np.ndarray, "foci excitations"],
     drives: Mapping[str, Drive],
     scales: Sequence[float],
     window: Window,
@@ -95,6 +96,7 @@ def scene_view(
     Parameters
     ----------
     field : solved field, whose first excitations are the drives.
+    at_foci : its pressure at the foci [Pa].
     drives : drives by name, as solved.
     scales : (D,) factor by which each drive is multiplied for the picture.
     window : the plane of the foci.
@@ -111,7 +113,7 @@ def scene_view(
             name: scale * drive.amplitudes
             for (name, drive), scale in zip(drives.items(), scales, strict=True)
         },
-        reached=np.abs(field.at(setup.target.points)[:, columns]) * scales,
+        reached=np.abs(at_foci[:, columns]) * scales,
         surfaces=surfaces,
         slices=replace(slices, pressures=slices.pressures * scales),
         held_equal=held_equal,

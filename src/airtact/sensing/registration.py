@@ -7,7 +7,7 @@ minimum. If the resulting pose does not match the echoes, other initial poses ar
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -237,12 +237,17 @@ def locate(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Measured echoes and their model, for fixed bodies or for a family."""
+    """Measured echoes and their model, for fixed bodies or for a family.
+
+    ``known`` stores what was computed for each vector of unknowns: SciPy evaluates the first and
+    the last one twice.
+    """
 
     model: EchoModel
     measured: Received
     noise: float
     family: ScatteringFamily | None = None
+    known: dict[tuple[str, bytes], np.ndarray] = field(default_factory=dict)
 
     def best(self) -> OptimizeResult:
         """Minimise from the initial pose, and from other poses if this fails."""
@@ -264,13 +269,19 @@ class _Fit:
 
     def residual(self, unknowns: Unknowns) -> Float64[np.ndarray, "parts"]:
         """Real and imaginary parts of modelled minus measured echoes [Pa]."""
-        model = self.model
-        if self.family is not None:
-            model = replace(model, scattering=self.family.at(self.family.start + unknowns[6]))
-        return _parts(model.echoes(unknowns[:6]) - self.measured)
+        key = "residual", unknowns.tobytes()
+        if key not in self.known:
+            model = self.model
+            if self.family is not None:
+                model = replace(model, scattering=self.family.at(self.family.start + unknowns[6]))
+            self.known[key] = _parts(model.echoes(unknowns[:6]) - self.measured)
+        return self.known[key]
 
     def derivatives(self, unknowns: Unknowns) -> Float64[np.ndarray, "parts unknowns"]:
         """Differentiate the residual with respect to motions [Pa/m], [Pa/rad] and opening."""
+        key = "derivatives", unknowns.tobytes()
+        if key in self.known:
+            return self.known[key]
         twist = unknowns[:6]
         if self.family is None:
             by = self.model.derivatives(twist)
@@ -279,13 +290,14 @@ class _Fit:
             model = replace(self.model, scattering=self.family.at(opening))
             changed = replace(self.model, scattering=self.family.derivative(opening))
             by = np.concatenate([model.derivatives(twist), changed.echoes(twist)[None]])
-        return np.stack([_parts(part) for part in by], axis=1)
+        self.known[key] = np.stack([_parts(part) for part in by], axis=1)
+        return self.known[key]
 
     def follow(self, unknowns: Unknowns, flat: float = 1e-7) -> OptimizeResult:
         """Minimise the residual from a pose and an opening, to a relative tolerance ``flat``."""
 
         def jacobian(unknowns: Unknowns) -> Float64[np.ndarray, "parts unknowns"]:
-            by = self.derivatives(unknowns)
+            by = self.derivatives(unknowns).copy()
             by[:, :6] = by[:, :6] @ further_motion(unknowns[:6])
             return by
 

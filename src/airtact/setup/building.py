@@ -46,7 +46,6 @@ from airtact.transducers.known import KNOWN_ARRAYS, known_array
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.traps.holding import Trap, check_free
 
 # Distance of a focus from the surface of its body [m]
 DEFAULT_OFFSET = 0.5e-3
@@ -114,7 +113,7 @@ def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
             "traps cannot be combined with contacts with objects: add [[foci]] beside [[traps]].",
             code="options_clash",
         )
-    traps = tuple(built(Trap, table) for table in file.traps)
+    traps = tuple(built(at.traps.Trap, table) for table in file.traps)
     # Reflecting boards are bodies of the scene too, so warnings and reports need their names.
     bodies += ["boards"] if len(plates) == 1 else [f"board {index}" for index in range(len(plates))]
     scene = Scene(medium, [*obstacles, *plates], frequency=file.frequency, planes=planes)
@@ -124,7 +123,10 @@ def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
     target, foci = _target(
         file, points, surfaces, path.parent, contacts, traps=traps, wavelength=scene.wavelength
     )
-    check_free(traps, scene)
+    if traps:
+        from airtact.traps.holding import check_free
+
+        check_free(traps, scene)
     with about("solver"):
         solver = _solver(file, scene)
     with about("tracker"):
@@ -276,7 +278,7 @@ def _target(
     folder: Path,
     contacts: "at.touch.Contacts | None",
     *,
-    traps: tuple[Trap, ...],
+    traps: "tuple[at.traps.Trap, ...]",
     wavelength: float,
 ) -> tuple[Target, tuple[str, ...]]:
     """Build the target from the foci or the contacts, and return a name for each focus."""

@@ -123,7 +123,7 @@ class Rendering:
     def evaluation(self) -> Evaluation:
         """The pressures of the emitted drive, without its field."""
         target = self.setup.target
-        pressures = self.drive.peak * self.verification.field.at(target.points)[:, 0]
+        pressures = self.drive.peak * self.verification.at_foci[:, 0]
         report = self.verification.report
         return Evaluation(target, pressures, report, steepening=self.steepening)
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64
@@ -56,7 +56,7 @@ from airtact.acoustics.solvers.problem import (
 )
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, counted, number, points_of
-from airtact.geometry.panels import Panels, panels_of
+from airtact.geometry.panels import Panels, covers, panels_of
 from airtact.timing import Clock, Progress
 
 CITATIONS = (
@@ -159,7 +159,7 @@ class BoundaryElement(Solver):
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
         """Return the number of nodes (unknowns) of a solve, computed from its panels alone."""
-        return 6 * len(self._panels(scene, sources.refined_positions).quadratic_triangles)
+        return 6 * sum(map(len, covers(**self._covering(scene, sources.refined_positions))))
 
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField | BoardField:
         """Solve the scene for the monopoles.
@@ -519,25 +519,29 @@ class BoundaryElement(Solver):
         return dual_surface(nodes, scene.wavenumber, near_rule, self.precision, thickness)
 
     def _panels(self, scene: Scene, refined: Points) -> Panels:
+        return panels_of(**self._covering(scene, refined))
+
+    def _covering(self, scene: Scene, refined: Points) -> dict[str, Any]:
+        """Arguments of ``panels_of`` and ``covers``."""
         smallest = self._smallest_edge(scene)
         # Panels around the circumference of a round body.
         table = ((0.025, 7), (0.02, 8), (0.0125, 9), (0.0, 11))
         around = next(panels for least, panels in table if self.accuracy >= least)
         if not self.estimate and self.accuracy >= 0.06:
             around = 6  # enough for drives
-        return panels_of(
-            [obstacle.surface.shape for obstacle in scene.obstacles],
-            edge=2 * smallest,
-            near=refined[scene.depth(refined) > -2 * smallest],
-            smallest=smallest,
-            bend=2 * np.pi / around,
+        return {
+            "shapes": [obstacle.surface.shape for obstacle in scene.obstacles],
+            "edge": 2 * smallest,
+            "near": refined[scene.depth(refined) > -2 * smallest],
+            "smallest": smallest,
+            "bend": 2 * np.pi / around,
             # Moving a surface by d changes the phase of the reflected sound by 2 k d.
-            away=self.accuracy / (2 * scene.wavenumber.real),
-            image=scene.planes[0].image if scene.planes else None,
-            walls=scene.boards,
+            "away": self.accuracy / (2 * scene.wavenumber.real),
+            "image": scene.planes[0].image if scene.planes else None,
+            "walls": scene.boards,
             # Needed between the bodies; the sound far from them is accurate without it.
-            close=scene.wavelength if self.estimate else 0.0,
-        )
+            "close": scene.wavelength if self.estimate else 0.0,
+        }
 
     def panel_edge(self, wavelength: float) -> float:
         """Return the edge length of equilateral panels away from sources [m], for hard bodies."""
