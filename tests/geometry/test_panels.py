@@ -1,5 +1,7 @@
 """Curved panels: their sizes are those asked for; surface, volume and edges are kept."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import trimesh
@@ -235,3 +237,28 @@ def test_panels_of_a_bent_wall_are_about_two_thicknesses_long_and_flat_ones_long
     assert longest_edges(bowl.panelled(3e-3).quadratic_triangles).max() < 2.2 * wall
     plate = at.Surface(*box_mesh(high=(0.02, 0.02, wall))).panelled(3e-3).quadratic_triangles
     assert 2.5 * wall < longest_edges(plate).max() < 4.01 * wall
+
+
+def test_a_ball_with_a_bore_takes_no_more_panels_at_a_coarser_accuracy() -> None:
+    """The bore decides the panels; coarsening the mesh first would distort it."""
+    angle = np.linspace(np.arcsin(3 / 8), np.pi - np.arcsin(3 / 8), 21)
+    arc = 8e-3 * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+    ball = trimesh.creation.revolve(np.concatenate([arc, arc[:1]]), sections=40)
+    scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(surface_of(ball))], frequency=40e3)
+    source = at.Monopoles(np.array([[0.0, 0.0, 0.2]]), np.ones(1))
+    counts = [
+        at.BoundaryElement(accuracy=accuracy).unknowns(scene, source)
+        for accuracy in (0.005, 0.01, 0.02, 0.03, 0.1)
+    ]
+    assert all(coarse <= 1.02 * fine for fine, coarse in pairwise(counts))
+    assert counts[3] < 1200  # 1,776 where the mouth of the bore counted as a thin wall
+
+
+def test_a_box_with_rounded_corners_keeps_panels_as_large_as_asked() -> None:
+    """The limit by roundness must not follow small round corners."""
+    box = trimesh.creation.box((20.0, 20.0, 20.0)).subdivide().subdivide().subdivide()
+    core = np.clip(box.vertices, -9.0, 9.0)
+    away = box.vertices - core
+    box.vertices = core + away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    panels = surface_of(box.apply_scale(1e-3)).panelled(5e-3)
+    assert len(panels.quadratic_triangles) < 20 * wanted(2.4e-3, 5e-3)

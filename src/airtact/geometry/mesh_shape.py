@@ -20,6 +20,8 @@ from airtact.geometry.mesh.arrays import (
 from airtact.geometry.mesh.edge_limits import (
     MAX_EDGE_TO_WALL,
     bend_sizes,
+    is_smooth,
+    round_size,
     strip_sizes,
     tip_sizes,
     wall_sizes,
@@ -142,7 +144,10 @@ def covered(
     where the surface is smooth, are divided into four.
     """
     extent = float(np.ptp(mesh.vertices, axis=0).max())
-    shorter = min(edge, 0.5 * extent)
+    ridges = edge_ends(mesh.triangles)[mesh.sharp]
+    # Longer edges than the body's roundness allows would only make the tolerances coarser.
+    limit = round_size(mesh.vertices, mesh.triangles, ridges, bend)
+    shorter = min(edge, 0.49 * extent, limit)
     fault = None
     # A part smaller than the edge may vanish. If the volume is wrong, a shorter edge is tried. The
     # first steps are small, so that a coarse accuracy does not need more panels than a fine one.
@@ -171,7 +176,9 @@ def _new_panels(mesh: QuadraticMesh, edge: float, bend: float, away: float) -> Q
     thickness = float(np.quantile(walls, 0.01)) / MAX_EDGE_TO_WALL
     wall = max(thickness, MIN_EDGE * edge / MAX_EDGE_TO_WALL)
     wall = wall if MAX_EDGE_TO_WALL * wall < largest else np.inf
-    base = coarsened(fine, edge, wall)
+    # A smooth mesh needs no coarsening, which would distort its small details.
+    fraction = 0.15 if is_smooth(fine.vertices, fine.triangles, fine.ridges) else 0.25
+    base = coarsened(fine, edge, wall, fraction)
     # Panels that turn by a radian deviate by 0.00125 of the edge. The deviation is proportional to
     # the third power of the edge.
     bend_share = min(1.0, away / (0.00125 * edge)) ** (1 / 3)

@@ -92,19 +92,51 @@ def tip_sizes(
     and the roughness of a scan cancels in this sum. Bends in one direction, such as creases, have
     no angle defects. Defects at sharp edges (``ridges``) are ignored.
     """
+    defect, area = _angle_defects(vertices, triangles, ridges)
     count = len(vertices)
-    corners = vertices[triangles]
-    along = unit(np.roll(corners, -1, axis=1) - corners)
     start = triangles.ravel()
     end = np.roll(triangles, -1, axis=1).ravel()
-    defect = 2 * np.pi - np.bincount(start, corner_angles(along).ravel(), count)
-    defect[ridges] = 0.0
-    thirds = np.linalg.norm(area_vectors(corners), axis=1) / 6
-    area = np.bincount(start, np.repeat(thirds, 3), count)
     # The mean over a vertex and its neighbours is smoother than the value at the vertex.
     defect += np.bincount(start, defect[end], count)
     area += np.bincount(start, area[end], count)
     return np.minimum(largest, turn * np.sqrt(area / np.maximum(defect, 1e-9)))
+
+
+def round_size(vertices: Vertices, triangles: Triangles, ridges: Ridges, turn: float) -> float:
+    """Edge length [m] over which the sphere that is as round as the body turns by ``turn`` [rad].
+
+    The sphere has as much area per angle defect as the body outside its sharp edges (``ridges``).
+    The result is infinite for bodies of flat faces.
+    """
+    defect, area = _angle_defects(vertices, triangles, ridges)
+    total_defect = float(defect.sum())
+    if total_defect < 1e-3:
+        return np.inf
+    # The walls of a bore do not count; in a box with rounded corners the flat faces do.
+    round_area = area[np.abs(defect) > 1e-5].sum()
+    total_area = area.sum()
+    counted = round_area if round_area > 0.5 * total_area else total_area
+    return turn * float(np.sqrt(counted / total_defect))
+
+
+def is_smooth(vertices: Vertices, triangles: Triangles, ridges: Ridges) -> bool:
+    """Whether the angle defects at vertices are those of a smooth surface, not of a rough scan."""
+    defect, _ = _angle_defects(vertices, triangles, ridges)
+    # Roughness has defects of both signs.
+    return float(np.abs(defect).sum()) < 3 * 4 * np.pi
+
+
+def _angle_defects(
+    vertices: Vertices, triangles: Triangles, ridges: Ridges
+) -> tuple[VertexSizes, VertexSizes]:
+    """2π − Σ angles [rad] at each vertex, 0 on sharp edges, and a third of the area around [m²]."""
+    corners = vertices[triangles]
+    along = unit(np.roll(corners, -1, axis=1) - corners)
+    start = triangles.ravel()
+    defect = 2 * np.pi - np.bincount(start, corner_angles(along).ravel(), len(vertices))
+    defect[ridges] = 0.0
+    thirds = np.linalg.norm(area_vectors(corners), axis=1) / 6
+    return defect, np.bincount(start, np.repeat(thirds, 3), len(vertices))
 
 
 def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> VertexSizes:
@@ -122,8 +154,10 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
     met = np.flatnonzero(distance < reach)
     across = vertices[met] - vertices[np.asarray(opposite)[met]]
     thickness = np.einsum("nd,nd->n", across, normals[met])
-    # Negative values are gaps of air between two parts of the body.
-    solid = thickness > 0.0
+    # Negative values are gaps of air between two parts of the body. Sides over 30 degrees from
+    # parallel are a wedge, such as around the mouth of a bore.
+    cosine = np.einsum("nd,nd->n", normals[met], normals[np.asarray(opposite)[met]])
+    solid = (thickness > 0.0) & (cosine < -np.cos(np.radians(30.0)))
     sizes = np.full(len(vertices), largest)
     sizes[met[solid]] = np.minimum(largest, MAX_EDGE_TO_WALL * thickness[solid])
     return sizes

@@ -42,18 +42,19 @@ class RidgedMesh:
     ridges: Ridges
 
 
-def coarsened(mesh: RidgedMesh, edge: float, wall: float = np.inf) -> RidgedMesh:
-    """Coarsen a mesh whose edges are far shorter than ``edge`` [m].
+def coarsened(
+    mesh: RidgedMesh, edge: float, wall: float = np.inf, fraction: float = 0.25
+) -> RidgedMesh:
+    """Coarsen a mesh whose edges are on average shorter than a fraction of ``edge`` [m].
 
     This removes the roughness of scans, which MMG would treat as bends. ``wall`` is the thickness
     of the thinnest wall [m], which limits the deviation so that the rim of the wall remains.
     """
-    fine = 0.25  # ratio of the mean edge to ``edge``, for a mesh to coarsen and for the result
-    if edge_lengths(mesh.vertices[mesh.triangles]).mean() > fine * edge:
+    if edge_lengths(mesh.vertices[mesh.triangles]).mean() > fraction * edge:
         return mesh
     # The roughness of a scan is about 0.06 of the edge length.
     deviation = min(0.06, 0.1 * wall / edge)
-    return _mmg(mesh, np.full(len(mesh.vertices), fine), edge, deviation)
+    return _mmg(mesh, np.full(len(mesh.vertices), 0.25), edge, deviation)
 
 
 def remeshed(

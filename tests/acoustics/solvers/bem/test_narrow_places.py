@@ -96,3 +96,18 @@ def test_the_gap_of_two_capsules_before_a_plane_is_as_accurate_as_asked() -> Non
     assert (
         relative(at.BoundaryElement(accuracy=0.03).radiate(scene, source).at(points), true) < 0.03
     )
+
+
+def test_the_estimate_in_the_gap_of_a_ball_and_a_plane_is_near_the_error() -> None:
+    """Points of the estimate must not be moved into the image behind the plane."""
+    gap = 0.8e-3
+    ball = at.sphere(6e-3, 3e-3, centre=(0.0, 0.0, 6e-3 + gap))
+    scene = at.Scene(AIR, [at.sound_hard(ball)], planes=[at.plane((0, 0, 0), (0, 0, 1))])
+    points = np.array([[x, 0.0, 0.5 * gap] for x in (-1e-3, 0.0, 1e-3)])
+    true = at.BoundaryElement(accuracy=0.002).radiate(scene, at.Monopoles(SOURCE, np.eye(1)))
+    field = at.BoundaryElement(accuracy=0.03).radiate(scene, at.Monopoles(SOURCE, np.eye(1)))
+    error = relative(field.at(points), true.at(points))
+    report = field.report_at(points)
+    assert error < 0.03
+    assert report.estimated_error < 0.04
+    assert not report.warnings
