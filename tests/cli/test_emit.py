@@ -87,11 +87,11 @@ def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
         capsys, "emit", drive, "--board", "autd3", "--link", "audit", "--yes", "--seconds", "0.1"
     )
     assert "4 AUTD3, 996 transducers, through audit" in printed
-    level = re.search(r"up to (\d+) dB SPL, 0\.5 m off", printed)
+    level = re.search(r"up to (\d+) dB SPL, 0\.5 m from", printed)
     assert level
     assert 100 < int(level[1]) <= 110
     assert re.search(r"cap of 0\.0\d+ .* to 110 dB. --full-scale emits up to 139 dB", printed)
-    assert "Skin hardly feels a constant force" in printed
+    assert "skin hardly feels a constant force" in printed
     assert "--modulate am:200" in printed
     assert "This is not a safety assessment" in printed
     assert "9 frames were sent; the last was silence, and confirmed." in printed
@@ -160,7 +160,7 @@ def test_a_drive_is_modulated_as_its_file_or_the_command_says(capsys, tmp_path) 
     assert "The modulated drive was played at 4000 frames/s" in printed
     printed, _ = done(capsys, "emit", path, *AUDIT, *BRIEFLY, "--modulate", "none")
     assert "was played at" not in printed
-    assert "Skin hardly feels a constant force" in printed
+    assert "skin hardly feels a constant force" in printed
 
 
 def test_boards_that_cannot_be_turned_down_ask_for_full_scale(capsys, tmp_path) -> None:
@@ -258,19 +258,19 @@ FAULTS = {
         lambda path: change(path, positions=None, normals=None),
         AUDIT,
         "data_missing",
-        "drive.h5: the file has no positions",
+        "drive.h5: the file contains no positions",
     ),
     "996 to nano": (
         lambda path: path,
         ("--board", "nano16", "--link", "serial", "--port", "x", "--yes"),
         "too_many",
-        "996 elements need 83 nano16 boards",
+        "996 elements require 83 nano16 boards",
     ),
     "996 to sonicsurface": (
         lambda path: path,
         ("--board", "sonicsurface", "--link", "serial", "--port", "x", "--yes"),
         "sizes_differ",
-        "boards of 256: use a drive for 512",
+        "which have 256 elements each: use a drive for 512",
     ),
     "wrong link": (
         lambda path: path,
@@ -343,7 +343,7 @@ def test_what_cannot_be_emitted_is_rejected(
 @pytest.mark.parametrize(
     ("frames", "rate", "sentence"),
     [
-        (4, 70.0, r"nearest that AUTD3 plays is 70\.05254"),
+        (4, 70.0, r"nearest rate that AUTD3 can play is 70\.05254"),
         (1100, 100.0, r"2 to 1024 frames, not 1100"),
     ],
 )

@@ -28,7 +28,7 @@ point = [0.0, 0.0, {height}]
             "flat_boards",
             0.1,
             "pressure = 1e6",
-            ("focus 1 has a request of 1,000,000 Pa", "in open air"),
+            ("the requested pressure of focus 1 is 1,000,000 Pa", "in open air"),
         ),
         ("flat_boards", 0.2, "pressure = 5e3", ()),
     ],

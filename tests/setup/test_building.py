@@ -336,7 +336,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_missing",
             [MEDIUM, ARRAY, BALL, FOCUS, FOCUS, "pressure = 5.0\n"],
-            "foci: 1 of 2 have a pressure",
+            "foci: only 1 of 2 tables set a pressure",
         ),
         (
             "out_of_range",

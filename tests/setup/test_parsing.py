@@ -52,7 +52,7 @@ def test_the_least_file_has_the_defaults_of_the_design():
         ),
         (
             "[drive]\nqqqq = 1",
-            "drive.qqqq is not a key of a scene file; there is drive.levels, drive.method, drive.modulation.",
+            "drive.qqqq is not a key of a scene file; use one of drive.levels, drive.method, drive.modulation.",
         ),
     ],
 )

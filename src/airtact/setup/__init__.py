@@ -1,4 +1,4 @@
-"""Scene files, setups and renderings: the way from a TOML file to a verified drive."""
+"""Scene files, setups and rendering: the steps from a TOML file to a verified drive."""
 
 from airtact.lazy import attached
 

@@ -1,4 +1,4 @@
-"""The bodies of a scene file, which are built from their tables, named, and optionally merged."""
+"""The bodies of a scene file: built from their tables, named, and merged if requested."""
 
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -20,16 +20,16 @@ from airtact.setup.tables import MediumTable, ObstacleTable, PoseTable, SceneFil
 
 Made = TypeVar("Made")
 
-# Named points of bodies, the outward normals there, and the distances to the next body [m]
+# Named points of bodies, with the outward normal there and the distance to the next body [m]
 NamedPoints = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
 
 
-# Surfaces by name, named points, and the hands that are bodies or that name points on them
+# Surfaces by name, named points, and the hands that are bodies or define named points on them
 Bodies = tuple[dict[str, Surface], NamedPoints, "list[at.Hand]"]
 
 
 def built(function: Callable[..., Made], table: Table, *leave_out: str) -> Made:
-    """Call a function with the keys of a table as keyword arguments and its lists as arrays."""
+    """Call a function with the keys of a table as keyword arguments; lists become arrays."""
     return function(
         **{
             key: np.array(value) if isinstance(value, list | tuple) else value
@@ -42,10 +42,14 @@ def built(function: Callable[..., Made], table: Table, *leave_out: str) -> Made:
 def bodies_of(
     file: SceneFile, folder: Path, medium: Callable[[MediumTable], Medium]
 ) -> "tuple[list[str], list[Obstacle], NamedPoints, dict[str, at.Hand]]":
-    """Build the bodies of a scene file: names, obstacles, named points, and hands by body.
+    """Build the bodies of a scene file.
 
-    Paths of surfaces and hands are relative to the folder. ``medium`` builds the fluid inside a
-    body.
+    Paths of surfaces and hands are relative to ``folder``. ``medium`` is a function that builds the
+    fluid inside a body.
+
+    Returns
+    -------
+    Names and obstacles in the same order, named points, and hands by the name of their body.
     """
     obstacles: list[Obstacle] = []
     names: list[str] = []
@@ -73,7 +77,7 @@ def bodies_of(
                 else:
                     obstacles.append(sound_hard(surface))
                 names.append(f"{name} {index + 1}" if name in names else name)
-            # A place of a hand has two names: "palm", and with two hands "left.palm".
+            # A place on a hand has one name such as "palm"; with two hands, also "left.palm".
             side = f"{of_table[0].side}." if of_table else ""
             if side:
                 places |= {f"{side}{name}": place for name, place in places.items()}
@@ -81,7 +85,7 @@ def bodies_of(
                 by_side = side and not name.startswith(side)
                 advice = f'at = "{side}{name}"' if by_side else "point = [x, y, z] instead of at"
                 raise InvalidInput(
-                    f"{name} is a named point of two bodies; use {advice}.", code="given_twice"
+                    f"{name} is a named point on two bodies; use {advice}.", code="given_twice"
                 )
             points |= places
             if of_table:  # such a table defines a single body
@@ -93,19 +97,19 @@ def bodies_of(
 
 
 def unsided(name: str) -> str:
-    """Return the name of a place without the side, such as "palm" for "left.palm"."""
+    """Return the name of a place without its side, such as "palm" for "left.palm"."""
     return name.removeprefix("left.").removeprefix("right.")
 
 
 def pose_of(table: PoseTable) -> Pose:
-    """Build the rigid motion of a table."""
+    """Build the pose that a table describes."""
     translation = np.array(table.translation)
     with about("pose"):
         if table.rotation is not None:
             return Pose(np.array(table.rotation), translation)
         if table.axis is None or table.degrees is None:
             return Pose(np.eye(3), translation)
-        # Whole turns are removed in degrees, where the subtraction is exact.
+        # Remove whole turns in degrees, because the remainder is exact there.
         angle = math.radians(math.fmod(table.degrees, 360.0))
         return Pose.turn(np.array(table.axis), angle, translation)
 
@@ -123,12 +127,12 @@ def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
         return {"capsule": built(at.capsule, table.capsule)}, {}, []
     if table.sphere is not None:
         return {"sphere": built(at.sphere, table.sphere)}, {}, []
-    # Importing hands takes time, so only scenes with hands import them.
+    # Importing hands takes time, so only do it for scenes with hands.
     from airtact.hands.files import ROOM
 
     if table.hand is not None:
         hand = at.load_hand(folder / table.hand, table.gap)
-        # A place where fingers touch lies inside the body, which matters only to a focus there.
+        # Where fingers touch, a place lies inside the body; this only matters if a focus is there.
         places = {
             name: hand.place(name) if {name, f"{hand.side}.{name}"} & used else place
             for name, place in hand.places.items()
@@ -150,7 +154,7 @@ def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
 
 
 def _scanned_hand(table: ObstacleTable, folder: Path, used: Collection[str]) -> "at.Hand | None":
-    # Read the joints of a scanned hand; None if it has none or no focus needs them.
+    # Read the joints of a scanned hand. Return None if it has no joints or no focus needs them.
     if table.joints is not None:  # the key takes precedence over a rig in the file
         return at.load_hand(folder / table.joints)
     if not used:
@@ -169,12 +173,12 @@ def _merged(
 ) -> tuple[list[str], list[Obstacle]]:
     """Merge sound-hard bodies that overlap, touch or are less than ``NEAREST`` [m] apart.
 
-    The names of merged bodies are joined by " + ". Groups are in the order of their first bodies.
+    The names of merged bodies are joined by " + ". Groups are ordered by their first body.
     """
     from scipy.cluster.hierarchy import DisjointSet
 
     groups = DisjointSet(range(len(obstacles)))
-    # An impedance or a medium belongs to one body, so only sound-hard bodies are merged.
+    # An impedance or a medium belongs to a single body, so only sound-hard bodies are merged.
     hard = [index for index, obstacle in enumerate(obstacles) if obstacle.boundary == "sound_hard"]
     for first, second in combinations(hard, 2):
         surfaces = (obstacles[first].surface, obstacles[second].surface)

@@ -47,7 +47,7 @@ from airtact.transducers.layout import PhasedArray, board_array, flat_boards, su
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
 
-# Distance of a focus from the surface of its body [m]
+# Default distance of a focus from the surface of its body [m]
 DEFAULT_OFFSET = 0.5e-3
 
 
@@ -58,27 +58,27 @@ def read_scene(
 
     Parameters
     ----------
-    path : the TOML file, or the name of an example such as "pinch". Surfaces, hands, drawings and
-        array files that it names are searched in the same folder.
-    changes : values that replace those in the file, by the paths of their keys, such as
-        ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``; None removes a key. ``hand`` names the only
-        obstacle of that kind.
+    path : TOML file, or the name of an example such as "pinch". Surfaces, hands, drawings and array
+        files named in it must be in the same folder.
+    changes : values that replace those in the file, by the path of the key, such as
+        ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``. None removes a key. ``hand`` refers to the
+        only obstacle of that kind.
 
-    moving : whether the bodies will move, so that contacts may be missing at first. Without foci
-    and contacts, the target is then the skin nearest to an object.
+    moving : whether the bodies will move later, so that contacts may be missing at first. A scene
+        without foci and contacts then has one focus, at the skin nearest to an object.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, has a wrong key or value, or describes an impossible scene, or
-        if a path in ``changes`` names no key. The message begins with the names of the file and the
-        table at fault.
+        If the file cannot be read, has an invalid key or value, or describes an impossible scene,
+        or if a path in ``changes`` does not exist. The message begins with the names of the file
+        and the table.
     """
     path = file_or_example(path)
     if path.suffix.lower() == ".json":
         raise InvalidInput(
             f'{path.name} is not a scene file (.toml). To use it, write hand = "{path.name}" under '
-            "[[obstacles]] of a scene; airtact hand shows it.",
+            "[[obstacles]] of a scene file; airtact hand displays it.",
             code="unknown_format",
         )
     text = text_of(path, LARGEST_SCENE_FILE)
@@ -102,7 +102,7 @@ def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
     with about("array"):
         array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
         plates = at.reflecting_boards(array) if file.array.reflects else ()
-    # Applications may ask for foci on a hand that is tracked.
+    # Applications may request foci on a tracked hand.
     if not (file.foci or file.objects or file.traps or (moving and hands)):
         raise InvalidInput(
             "the key foci is missing: add [[foci]] or [[objects]].", code="key_missing"
@@ -110,7 +110,7 @@ def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
     objects, contacts = touched(file, path.parent, bodies, obstacles, hands, moving)
     if file.traps and contacts is not None:
         raise InvalidInput(
-            "traps cannot be combined with contacts with objects: add [[foci]] beside [[traps]].",
+            "traps cannot be combined with contacts with objects: add [[foci]] to define the foci.",
             code="options_clash",
         )
     traps = tuple(built(at.traps.Trap, table) for table in file.traps)
@@ -186,12 +186,12 @@ def _modulation(
         return built(AmplitudeModulation, table, "kind")
     from airtact.drives.motion import Motion
 
-    # The defaults of missing keys depend on kind and path, so ``Motion`` sets them.
+    # The defaults of missing keys depend on kind and path, so leave them to ``Motion``.
     size = table.length if table.path == "line" else table.radius
     motion = Motion(table.kind, table.path, size, table.frequency, table.frames, table.along)
     if motion.path == "points" and foci < 2:
         raise InvalidInput(
-            f'path = "points" needs 2 or more points, but there is {foci}.',
+            f'path = "points" requires 2 or more points, but there is {foci}.',
             code="too_few",
         )
     return motion
@@ -212,7 +212,7 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary == "filled":
             raise InvalidInput(
-                f"{name} cannot solve for body {index}, which is filled: set "
+                f"{name} cannot solve for body {index}, because it is filled: set "
                 'name = "finite_element".',
                 code="not_supported",
             )
@@ -223,10 +223,10 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
     listed = table.layout.endswith(".csv")
     unknown_make = listed or table.layout in KNOWN_ARRAYS
     board = None if unknown_make else table.board or "autd3"
-    # Most arrays of unknown make use transducers by Murata.
+    # Most arrays of unknown make consist of Murata transducers.
     radius = table.piston_radius or (MURATA_RADIUS if board is None else board_named(board).radius)
     sensitivity = table.sensitivity or DEFAULT_SENSITIVITY
-    # The far-field pattern of a larger piston needs more points.
+    # The far-field pattern of a larger piston requires more points.
     points = 12 if wavenumber * radius <= MAX_PISTON_SIZE[12] else 19
     if table.source == "monopole":
         element = monopole(sensitivity)
@@ -244,7 +244,7 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
             names = ("x", "y", "z", "nx", "ny", "nz")
             file.require(*names)
             if not file.rows:
-                raise InvalidInput(f"{table.layout} has no transducers.", code="empty")
+                raise InvalidInput(f"{table.layout} contains no transducers.", code="empty")
             columns = np.stack([file.numbers(name) for name in names], axis=1)
             orders = [file.order(name) for name in ("index", "element") if name in file.names]
             if len(orders) == 2 and not np.array_equal(orders[0], orders[1]):
@@ -281,18 +281,18 @@ def _target(
     traps: "tuple[at.traps.Trap, ...]",
     wavelength: float,
 ) -> tuple[Target, tuple[str, ...]]:
-    """Build the target from the foci or the contacts, and return a name for each focus."""
+    """Build the target from the foci or contacts; return it with a name for each focus."""
 
     def check_total(count: int) -> None:
         if count > file.most_points:
             raise InvalidInput(
-                f"there are at least {count:,} foci and suppression points, but most_points is "
-                f"{file.most_points:,}: use fewer, or raise most_points at the top of the file.",
+                f"there are at least {count:,} foci and suppression points, more than most_points "
+                f"({file.most_points:,}): use fewer, or raise most_points at the top of the file.",
                 code="too_many",
             )
 
-    # A table defines one or more points. Shapes may have thousands, so the total is checked again
-    # after each table, before memory runs out.
+    # Each table defines one or more points. Shapes may have thousands, so the total is checked
+    # again after each table, before memory runs out.
     check_total(len(file.traps) + len(file.foci) + len(file.suppression))
     total = 0
     points = []
@@ -345,15 +345,15 @@ def _target(
 
 
 def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "foci"]]:
-    # Return the pressures or shares of all foci; an empty mapping if no table gives any.
+    # Return the pressures or shares of all foci, or an empty mapping if no table sets any.
     values: dict[str, Any] = {}
     if not file.foci:
         return values
     if file.traps:
-        # Lobes have the share 1.
+        # Lobes of traps have a share of 1.
         if any(table.pressure or table.phase_degrees for table in file.foci):
             raise InvalidInput(
-                "beside traps, set a share for the foci instead of pressure or phase_degrees.",
+                "with traps, set a share for the foci instead of pressure or phase_degrees.",
                 code="options_clash",
             )
         shares = [1.0 if table.share is None else table.share for table in file.foci]
@@ -363,19 +363,19 @@ def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "fo
         missing = of_tables.count(None)
         if 0 < missing < len(of_tables):
             raise InvalidInput(
-                f"{len(of_tables) - missing} of {len(of_tables)} have a {key}: set it for all or "
-                "none.",
+                f"only {len(of_tables) - missing} of {len(of_tables)} tables set a {key}: set it "
+                "in all or none.",
                 code="key_missing",
             )
         if not missing:
             values[key] = np.repeat(np.array(of_tables, dtype=np.float64), counts)
     if "pressure" in values and "share" in values:
         raise InvalidInput(
-            "the foci have pressures and shares: set only one of them.", code="options_clash"
+            "the foci have both pressures and shares: set only one of them.", code="options_clash"
         )
     if not values:
         return {}
-    # The phases of a Target are those of complex pressures or shares.
+    # Phases enter a Target as those of complex pressures or shares.
     degrees = values.get("phase_degrees")
     phased = 1.0 if degrees is None else np.exp(1j * np.radians(degrees))
     if "pressure" in values:
@@ -407,7 +407,7 @@ def _foci(
         return at.acoustics.onto_surface(points, _body(table.onto, bodies, "onto"), offset)
     if table.at not in named:
         hint = (
-            'no body has named points: use point = [x, y, z], or joints = "FILE.json" beside the '
+            'no body has named points: use point = [x, y, z], or set joints = "FILE.json" for the '
             "mesh of a hand."
         )
         if named:
@@ -416,7 +416,7 @@ def _foci(
             f'at = "{table.at}" is not a named point of a body; {hint}', code="unknown_name"
         )
     point, normal, room = named[table.at]
-    # An offset in millimetres would put the focus beyond the next body.
+    # An offset given in millimetres would put the focus beyond the next body.
     if offset >= room:
         raise InvalidInput(
             f"offset = {offset:g} m exceeds the gap of {1e3 * room:g} mm in front of {table.at}: "
@@ -427,7 +427,7 @@ def _foci(
 
 
 def _points(table: Shape, folder: Path) -> Points:
-    """Return a point, or the points of a shape."""
+    """Return a single point, or the points of a shape."""
     if table.point is not None:
         return np.array([table.point], dtype=np.float64)
     if table.svg is not None:
@@ -444,6 +444,6 @@ def _points(table: Shape, folder: Path) -> Points:
 
 def _body(name: str, bodies: Mapping[str, Surface], key: str) -> Surface:
     if name not in bodies:
-        hint = nearest(name, bodies) if bodies else "there is no body."
+        hint = nearest(name, bodies) if bodies else "the scene has no body."
         raise InvalidInput(f'{key} = "{name}" is not a body; {hint}', code="unknown_name")
     return bodies[name]

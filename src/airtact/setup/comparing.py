@@ -1,4 +1,4 @@
-"""Comparison of drives, or of all methods for a setup, in one solve."""
+"""Comparison of drives, or of all methods for a setup, with a single solve."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -44,18 +44,18 @@ from airtact.transducers.layout import PhasedArray
 
 @dataclass(frozen=True, eq=False)
 class Contender:
-    """A method and its drive.
+    """A method and the drive that it computed.
 
     Attributes
     ----------
     name : name of the method.
     drive : drive computed by the method.
-    emitted : the drive rounded to the levels of the setup; the pressures are those of this drive.
-    pressures : (F,) peak pressure at the foci [Pa].
-    suppression_points : (Q,) peak pressure at the suppression points [Pa].
+    emitted : the drive rounded to the levels of the setup; ``pressures`` are those of this drive.
+    pressures : (F,) peak pressure at each focus [Pa].
+    suppression_points : (Q,) peak pressure at each suppression point [Pa].
     seconds : computing time of the method [s].
-    kept : pressure [Pa] that the weakest focus exceeds in 9 of 10 samples of the uncertainty, or
-        None without uncertainty.
+    kept : pressure [Pa] that the weakest focus exceeds in 9 of 10 samples of the uncertainty; None
+        without uncertainty.
     """
 
     name: str
@@ -68,12 +68,12 @@ class Contender:
 
     @property
     def energy(self) -> float:
-        """Mean of |d|² over the elements; 1 if all are at full scale."""
+        """Mean of |d|² over the elements; 1 if all elements are at full scale."""
         return self.drive.energy / len(self.drive)
 
     @property
     def suppression_level(self) -> float:
-        """Mean p² at the suppression points relative to the foci [dB]; NaN if there are none."""
+        """Mean p² at the suppression points relative to the foci [dB]; NaN without such points."""
         if not len(self.suppression_points):
             return float("nan")
         ratio = np.mean(self.suppression_points**2) / np.mean(self.pressures**2)
@@ -88,13 +88,13 @@ class MethodComparison:
     ----------
     setup : the scene, array and target.
     default : name of the default method.
-    contenders : the methods that returned a drive, ending with the control.
-    warnings : warnings of the setup, of methods that returned no drive or stopped early, and of the
-        verification.
-    transfer : transfer matrix of the drives.
-    beacons : report of the solve behind the transfer matrix.
-    bound : upper bound of pressure divided by weight at the worst focus, within full scale [Pa].
-    field : verification solve, one excitation for each contender.
+    contenders : the methods that returned a drive, followed by the control.
+    warnings : warnings about the setup, about methods that returned no drive or stopped early, and
+        about the verification.
+    transfer : transfer matrix from which the drives were computed.
+    beacons : report of the solve for the transfer matrix.
+    bound : upper bound within full scale of the smallest ratio of pressure to weight [Pa].
+    field : verified field, with one excitation for each contender.
     seconds : wall time by step [s].
     """
 
@@ -119,12 +119,12 @@ class MethodComparison:
 
     @property
     def tolerance(self) -> float:
-        """Relative difference below which methods count as equal: the error, or 1 % if larger."""
+        """Relative difference below which methods count as equal: the error, but at least 1 %."""
         return max(self.report.estimated_error, 0.01)
 
     @property
     def equally_good(self) -> list[Contender]:
-        """The methods with a weakest focus at full scale within ``tolerance`` of the best."""
+        """The methods whose weakest focus at full scale is within ``tolerance`` of the best."""
         largest = max(map(self.of_the_bound, self.contenders))
         return [
             contender
@@ -139,7 +139,7 @@ class MethodComparison:
 
     @property
     def ranked(self) -> list[Contender]:
-        """The contenders from best to worst; the default method is the first of its equals."""
+        """The contenders from best to worst; among equals, the default method comes first."""
         equal = self.equally_good
 
         def rank(contender: Contender) -> tuple[bool, bool, float]:
@@ -149,13 +149,13 @@ class MethodComparison:
         return sorted(self.contenders, key=rank)
 
     def worst(self, contender: Contender) -> float:
-        """Return the smallest ratio of pressure to weight over foci with a weight above 0 [Pa]."""
+        """Return the smallest ratio of pressure to weight over foci with weight above 0 [Pa]."""
         weights = self.setup.target.weights
         requested = weights > 0.0
         return float((contender.pressures[requested] / weights[requested]).min())
 
     def of_the_bound(self, contender: Contender) -> float:
-        """Return the ratio of the pressure at the worst focus at full scale to the bound."""
+        """Return the pressure at the worst focus at full scale as a fraction of the bound."""
         return self.worst(contender) / contender.emitted.peak / self.bound
 
     def label(self, contender: Contender) -> str:
@@ -163,7 +163,7 @@ class MethodComparison:
         return f"{contender.name} (default)" if contender.name == self.default else contender.name
 
     def save(self, folder: str | Path) -> Path:
-        """Write methods.csv and the drives (.h5) into a folder; return the path of the table."""
+        """Write methods.csv and the drives (.h5) to a folder; return the path of methods.csv."""
         folder = Path(folder)
         drives = writable_folder(folder / "drives")
         for contender in self.contenders:
@@ -222,28 +222,29 @@ def compare(
     store: str | Path | None = None,
     progress: Progress | None = None,
 ) -> MethodComparison | Comparison:
-    """Compare all methods for a setup, or compare drives.
+    """Compare all methods for a setup, or compare given drives.
 
     With a setup, every method computes a drive from the same transfer matrix, and a more accurate
-    solve verifies all drives. The method of the setup is ignored.
+    solve verifies all drives. The method chosen in the setup is ignored.
 
-    With a setup and drives, for example from another program, the drives are compared with "best",
-    and each also with a mended drive (``nearest_drive``): its phases are changed as little as
-    possible so that the weakest focus gets 95 % of the upper bound.
+    With a setup and drives, for example from another program, the drives are compared with "best".
+    Each drive is also compared with a mended version (see ``nearest_drive``), whose phases differ
+    as little as possible but whose weakest focus reaches 95 % of the upper bound.
 
-    With a scene, an array, drives, a target and a solver, the function is ``evaluation.compare``.
+    With a scene, an array, drives, a target and a solver, this function is ``evaluation.compare``.
 
     Parameters
     ----------
     scene : a setup or a scene.
-    array, target, solver : needed with a scene only; see ``evaluation.compare``.
-    drives : drives by name; needed with a scene, optional with a setup.
+    array, target, solver : only used with a scene; see ``evaluation.compare``.
+    drives : drives by name; required with a scene, optional with a setup.
     store : folder in which solved fields of a setup are stored and reused.
     progress : called with a description of each step as it begins.
 
     Returns
     -------
-    The drives with their verified pressures.
+    The drives with their verified pressures: a ``MethodComparison`` for a setup, else a
+    ``Comparison``.
 
     Raises
     ------
@@ -251,7 +252,7 @@ def compare(
         If no method returns a drive for the setup; or for the reasons listed in
         ``evaluation.compare``.
     NotConverged
-        If a solver stopped early.
+        If a solver stopped before it converged.
     """
     if isinstance(scene, Setup):
         folder = None if store is None else Path(store)
@@ -263,16 +264,16 @@ def _compare_methods(
     setup: Setup, store: Path | None, clock: Clock, given: Mapping[str, Drive]
 ) -> MethodComparison:
     for name, drive in given.items():
-        of_kind(drive, Drive, f"the drive {name!r}", "a Drive such as that of load_drive")
+        of_kind(drive, Drive, f"the drive {name!r}", "a Drive, such as one returned by load_drive")
         if len(drive) != len(setup.array):
             raise InvalidInput(
                 f"{name} has {len(drive)} elements, but the array of the scene has "
-                f"{len(setup.array)}; use the array that the drive was made for.",
+                f"{len(setup.array)}; use the array for which the drive was computed.",
                 code="sizes_differ",
             )
     beacons = solve_beacons(setup, clock, store)
     transfer, report = transfer_to_array(setup, beacons, clock)
-    # "best" selects one of the other methods. Methods for samples need an uncertainty.
+    # "best" just selects another method. Methods for samples require an uncertainty.
     methods = [
         name
         for name in METHODS
@@ -291,7 +292,7 @@ def _compare_methods(
                 with times.step(words):
                     drives[words], stalled = synthesise(setup.maker(method), transfer, setup.target)
                 warnings += stalled
-            # A method may fail, for instance on foci that are too close, without stopping the rest.
+            # If a method fails, for instance because foci are too close, continue with the rest.
             except InvalidInput as fault:
                 warnings.append(f"{words} returned no drive: {fault}")
         for name, drive in given.items():
@@ -303,7 +304,7 @@ def _compare_methods(
                 drives[f"{name}, mended"] = mended
             warnings += _conjugated(name, drive, transfer, setup.target)
         if not drives:
-            raise InvalidInput(f"no method returns a drive; {warnings[0]}", code="empty")
+            raise InvalidInput(f"no method returned a drive; {warnings[0]}", code="empty")
         name = drive_names(setup.bodies)[-1]
         # The control is the best drive that ignores the bodies.
         with times.step(name):
@@ -311,11 +312,11 @@ def _compare_methods(
         if control is not None:
             drives[name] = control
         bound = upper_bound(transfer, setup.target).worst
-    # Boards emit rounded drives, so the rounded drives are verified and compared.
+    # Boards emit rounded drives, so verify and compare those.
     emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
     with clock.step(
         "verify",
-        f"verifying {len(drives)} drives by a more accurate solve with all transducers as sources",
+        f"verifying {len(drives)} drives in a more accurate solve with all transducers as sources",
     ):
         field = radiate_drives(
             setup.scene,
@@ -368,7 +369,7 @@ def _compare_methods(
 
 
 def _conjugated(name: str, drive: Drive, transfer: TransferMatrix, target: Target) -> list[str]:
-    """Warn if a drive was probably computed for the opposite sign of phases."""
+    """Warn if a drive was probably computed with the opposite sign of the phases."""
     asked = target.weights > 0.0
     pressures = [
         float((np.abs(transfer.pressure(one)[: len(asked)][asked]) / target.weights[asked]).min())
@@ -377,7 +378,7 @@ def _conjugated(name: str, drive: Drive, transfer: TransferMatrix, target: Targe
     if pressures[1] < 2.0 * pressures[0]:
         return []
     return [
-        f"with the opposite sign of all phases {name} would bring {pressures[1]:,.0f} Pa to its "
-        f"weakest focus instead of {pressures[0]:,.0f} Pa: its program may use e^(+jωt); conjugate "
-        "its amplitudes."
+        f"with the opposite sign of all phases, {name} would produce {pressures[1]:,.0f} Pa at "
+        f"its weakest focus instead of {pressures[0]:,.0f} Pa. Its program may use e^(+jωt): "
+        "conjugate its amplitudes."
     ]

@@ -1,4 +1,4 @@
-"""Export of fields, bodies and panels, as VTKHDF 2.2 for ParaView or as flat triangles.
+"""Export of fields, bodies and panels as VTKHDF 2.2 for ParaView or as flat triangles.
 
 See https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format.
 """
@@ -20,7 +20,7 @@ from airtact.geometry.mesh.topology import components, edge_twins
 from airtact.geometry.surface import Surface
 
 CURVED = ".vtkhdf"
-# File name endings for flat triangles, in metres
+# File name endings for flat triangles, whose coordinates are in metres
 FLAT = (".stl", ".ply", ".glb")
 
 
@@ -29,8 +29,8 @@ def write_field(
 ) -> None:
     """Write the pressure [Pa] at the points of a box as image data, and the bodies as polygons.
 
-    The point data are pressure_real and pressure_imag, NaN inside bodies. The cell data ``body`` is
-    the index of the body.
+    The point data are pressure_real and pressure_imag; both are NaN inside bodies. The cell data
+    ``body`` are the indices of the bodies.
     """
     with whole_hdf5(path) as file:
         root = _group(file, "VTKHDF", "PartitionedDataSetCollection")
@@ -40,23 +40,23 @@ def write_field(
             _write_polygons(_block(root, "bodies", 1, "PolyData"), bodies)
             names.append("bodies")
         assembly = root.create_group("Assembly", track_order=True)
-        # ParaView shows the assembly as a tree, whose leaves must be links to the blocks.
+        # ParaView displays the assembly as a tree, whose leaves must be links to the blocks.
         for name in names:
             assembly.create_group(name, track_order=True)[name] = h5py.SoftLink(f"/VTKHDF/{name}")
 
 
 def check_output(path: Path, *sources: Path) -> None:
-    """Raise an error if panels cannot be written to a file or would overwrite their source."""
+    """Raise an error if panels cannot be written to a file or would overwrite a source file."""
     if path.suffix.lower() not in (CURVED, *FLAT):
         raise InvalidInput(
-            f"{path.name} ends in {path.suffix!r}, but panels are written to "
+            f"{path.name} ends in {path.suffix!r}, but panels can only be written to "
             f"{', '.join((CURVED, *FLAT))}.",
             code="unknown_format",
         )
     for source in sources:
         if path.resolve() == source.resolve():
             raise InvalidInput(
-                f"the output would overwrite the input {source.name}: choose another file.",
+                f"the output would overwrite the input {source.name}: choose another file name.",
                 code="would_overwrite",
             )
 
@@ -66,10 +66,10 @@ def write_triangles(
     quadratic_triangles: QuadraticTriangles,
     cells: Mapping[str, Real[np.ndarray, "panels"]] | None = None,
 ) -> int:
-    """Write quadratic triangles [m] in the format that the file name's ending selects.
+    """Write quadratic triangles [m] in the format given by the file name's ending.
 
     A .vtkhdf file also contains ``cells``. Return the number of open edges of the flat triangles.
-    They occur between panels of different sizes; the number is 0 for curved panels.
+    These occur between panels of different sizes. The number is 0 for curved panels.
     """
     check_output(path)
     if path.suffix.lower() == CURVED:
@@ -87,16 +87,16 @@ def write_triangles(
 
 
 def flat_triangles(quadratic_triangles: QuadraticTriangles) -> tuple[Vertices, Triangles]:
-    """Divide each panel into four flat triangles, and merge the nodes of neighbours.
+    """Divide each panel into four flat triangles, and merge the nodes of neighbouring panels.
 
-    Panels are projected onto the surface separately, so nodes of neighbours differ by micrometres.
-    Where panels of two sizes meet, the smaller ones have nodes that the larger ones lack.
+    Each panel is projected onto the surface separately, so the nodes of neighbours differ by
+    micrometres. Where panels of two sizes meet, the smaller ones have additional nodes.
     """
     nodes = quadratic_triangles.reshape(-1, 3)
     shortest = np.repeat(edge_lengths(quadratic_triangles).min(axis=1), 6)
     pairs = KDTree(nodes).query_pairs(0.1 * shortest.max(), output_type="ndarray")
     apart = np.linalg.norm(nodes[pairs[:, 0]] - nodes[pairs[:, 1]], axis=1)
-    # The nodes of a panel are half an edge apart, so they never merge.
+    # The nodes of a single panel are half an edge apart, so they are never merged.
     pairs = pairs[apart <= 0.1 * shortest[pairs].min(axis=1)]
     vertex = components(pairs[:, 0], pairs[:, 1], len(nodes))
     vertices = np.stack([np.bincount(vertex, weights=axis) for axis in nodes.T], axis=1)
@@ -112,8 +112,8 @@ def _write_vtkhdf(
 ) -> None:
     """Write curved panels as an unstructured grid of quadratic triangles.
 
-    The panels share no points. The cell data are ``smallest_angle``
-    [degrees], ``area`` [m²] and ``cells``.
+    The panels share no points. The cell data are ``smallest_angle`` [degrees], ``area`` [m²] and
+    ``cells``.
     """
     count = len(quadratic_triangles)
     numbers = {
@@ -131,7 +131,7 @@ def _write_vtkhdf(
         root.create_dataset("Points", data=quadratic_triangles.reshape(-1, 3))
         root.create_dataset("Connectivity", data=np.arange(6 * count))
         root.create_dataset("Offsets", data=6 * np.arange(count + 1))
-        # Type 22 is a triangle of six nodes: the corners, then the middles of edges 01, 12, 20.
+        # Type 22 is a triangle with six nodes: the corners, then the midpoints of 01, 12 and 20.
         root.create_dataset("Types", data=np.full(count, 22, dtype=np.uint8))
         data = root.create_group("CellData")
         for name, values in (numbers | dict(cells)).items():
@@ -141,7 +141,7 @@ def _write_vtkhdf(
 def _group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
     group = parent.create_group(name, track_order=True)
     group.attrs["Version"] = np.array([2, 2])
-    # The reader needs a fixed-length ASCII string, but h5py writes str as variable-length UTF-8.
+    # The reader requires a fixed-length ASCII string, but h5py writes variable-length UTF-8.
     group.attrs["Type"] = np.bytes_(kind)
     return group
 
@@ -153,7 +153,7 @@ def _block(root: h5py.Group, name: str, index: int, kind: str) -> h5py.Group:
 
 
 def _write_image(group: h5py.Group, box: Box, pressure: Complex[np.ndarray, "points"]) -> None:
-    # The axes of the arrays are z, y, x, and an extent includes both ends.
+    # The axes of the arrays are z, y, x, and the extent includes both ends.
     across, along, deep = box.counts
     group.attrs["WholeExtent"] = np.array([0, across - 1, 0, along - 1, 0, deep - 1])
     group.attrs["Origin"] = box.origin
@@ -177,7 +177,7 @@ def _write_polygons(group: h5py.Group, bodies: Sequence[Surface]) -> None:
     )
     group.create_dataset("NumberOfPoints", data=np.array([len(vertices)]))
     group.create_dataset("Points", data=vertices)
-    # The reader needs all four kinds of cells, even if they are empty.
+    # The reader requires all four kinds of cells, even if they are empty.
     for name in ("Vertices", "Lines", "Polygons", "Strips"):
         cells = triangles if name == "Polygons" else np.empty((0, 3), dtype=np.int64)
         part = group.create_group(name)

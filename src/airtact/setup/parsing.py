@@ -19,7 +19,7 @@ from airtact.errors import (
 )
 from airtact.setup.tables import ObstacleTable, SceneFile, Table
 
-# Value to which a key may be set; None removes the key
+# New value of a key; None removes the key
 Value = str | float | int | bool | None
 
 
@@ -29,14 +29,14 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
     Parameters
     ----------
     text : text of the file, in TOML.
-    changes : values that replace those in the file, see ``with_changes``.
+    changes : values that replace those in the file; see ``with_changes``.
 
     Raises
     ------
     InvalidInput
-        If the text is not TOML, too large or too deeply nested; a key is unknown, missing, in
-        conflict with another, or not the only one of a group; or a value has the wrong kind, is not
-        finite or out of range, or is not a known name.
+        If the text is not TOML, too large or too deeply nested; if a key is unknown, missing, in
+        conflict with another, or not the only one of its group; or if a value has the wrong type,
+        is not finite, is out of range or is not a known name.
 
     Examples
     --------
@@ -57,7 +57,7 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
         ) from None
     except InvalidInput:
         raise
-    except ValueError as error:  # also for numbers with thousands of digits
+    except ValueError as error:  # also raised for numbers with thousands of digits
         words = str(error)
         place = re.search(r"at line (\d+)", words)
         line = f": {text.split(chr(10))[int(place[1]) - 1].strip()}" if place else "."
@@ -74,12 +74,12 @@ def _check_text(text: str) -> None:
     try:
         size = len(text.encode())
     except UnicodeEncodeError as error:
-        sentence = f"the text is not Unicode: character {error.start} is half of a pair."
+        sentence = f"the text is not Unicode: character {error.start} is an unpaired surrogate."
         raise InvalidInput(sentence, code="file_unreadable") from None
     if size > LARGEST_SCENE_FILE:
         sentence = f"the text has {size:,} bytes, more than {LARGEST_SCENE_FILE:,}."
         raise InvalidInput(sentence, code="file_too_large")
-    # The decoder takes minutes for keys with thousands of parts.
+    # The decoder needs minutes for keys with thousands of parts.
     parts = 0
     for word in text.split("."):
         parts = 0 if re.search(r"[\n=,\[\]{}]", word) else parts + 1
@@ -90,7 +90,7 @@ def _check_text(text: str) -> None:
 
 
 def _check_numbers(data: object, path: str) -> None:
-    # Products of numbers beyond these limits could overflow or underflow later.
+    # Products of numbers beyond these limits might overflow or underflow later.
     if isinstance(data, dict):
         for key, value in data.items():
             _check_numbers(value, _joined(path, key))
@@ -101,17 +101,17 @@ def _check_numbers(data: object, path: str) -> None:
         if not abs(data) < math.inf:  # also NaN
             raise InvalidInput(f"{path} is {data}, but it must be finite.", code="not_finite")
         if 0 < abs(data) < SMALLEST_NUMBER or abs(data) > LARGEST_NUMBER:
-            # Formatting as a float fails for the largest integers.
+            # The largest integers cannot be formatted as floats.
             number = f"{data:.3g}" if abs(data) < 1e300 else "too large"
             raise InvalidInput(
-                f"{path} is {number}, but its magnitude must be 0, or between {SMALLEST_NUMBER:g} "
+                f"{path} is {number}, but its magnitude must be 0 or between {SMALLEST_NUMBER:g} "
                 f"and {LARGEST_NUMBER:g}.",
                 code="out_of_range",
             )
 
 
 def nearest(word: str, names: Iterable[str], prefix: str = "") -> str:
-    """Suggest the most similar of several names, or list all names.
+    """Suggest the most similar name, or list all names if none is similar.
 
     >>> nearest("finite_elemant", ["boundary_element", "finite_element"])
     'did you mean finite_element?'
@@ -121,12 +121,12 @@ def nearest(word: str, names: Iterable[str], prefix: str = "") -> str:
     close = difflib.get_close_matches(word[:50], names, n=1)
     if close:
         return f"did you mean {prefix}{close[0]}?"
-    return f"there is {', '.join(prefix + name for name in names)}."
+    return f"use one of {', '.join(prefix + name for name in names)}."
 
 
 def _explained(error: msgspec.ValidationError, data: Any) -> InvalidInput:
     fault, _, path = str(error).rpartition(" - at `$")
-    fault = fault or path  # at the top level there is no path
+    fault = fault or path  # at the top level, there is no path
     path = "" if fault is path else path.strip("`.")
     if isinstance(error.__cause__, InvalidInput):
         cause = error.__cause__
@@ -157,7 +157,7 @@ def _explained(error: msgspec.ValidationError, data: Any) -> InvalidInput:
     of_tables = any(isinstance(kind, type) and issubclass(kind, Table) for kind in kinds)
     if of_tables and re.fullmatch(r"Expected `array( \| null)?`, got `object`", fault):
         return InvalidInput(
-            f"{path} is a table, but it must be a list of tables: write [[{path}]] with two "
+            f"{path} is a table, but it must be a list of tables: write [[{path}]] with double "
             "brackets.",
             code="wrong_kind",
         )
@@ -184,7 +184,7 @@ def _table_of(kinds: Iterable[Any]) -> type[Table]:
 
 
 def _plain_types(match: re.Match[str]) -> str:
-    # Users of TOML may not know the names of types in Python and JSON.
+    # Authors of TOML files may not know the type names of Python and JSON.
     words = {
         "array": "a list",
         "bool": "true or false",
@@ -205,16 +205,16 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
 
     Parameters
     ----------
-    data : tables, lists and values of a scene file; not modified.
-    changes : values by paths such as ``foci[0].offset``; None removes a key. ``hand.gap`` is short
-        for the key of the only obstacle that is a hand, and likewise for other kinds of bodies.
-        Missing keys are added.
+    data : tables, lists and values of a scene file; they are not modified.
+    changes : values by paths, such as ``foci[0].offset``. None removes a key, and missing keys are
+        added. ``hand.gap`` is short for the key of the only obstacle that is a hand, and likewise
+        for other kinds of bodies.
 
     Raises
     ------
     InvalidInput
-        If a path names no key (the message lists the existing keys), or two paths name the same
-        key.
+        If a path does not lead to a key (the message lists the existing keys), or two paths lead
+        to the same key.
 
     Examples
     --------
@@ -226,11 +226,11 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
     for path, value in changes.items():
         steps = _steps(path, changed)
         if steps in seen:
-            raise InvalidInput(f"{path} is set twice; set it once.", code="given_twice")
+            raise InvalidInput(f"{path} is set twice; set it only once.", code="given_twice")
         seen.add(steps)
         inner: Any = changed
         for step, following in pairwise(steps):
-            # Missing tables, and a missing translation, are added.
+            # Add missing tables, and a missing translation.
             if isinstance(inner, dict) and isinstance(following, str):
                 inner.setdefault(step, {})
             elif isinstance(inner, dict) and step == "translation":
@@ -247,10 +247,10 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
 
 
 def _steps(path: str, data: Mapping[str, Any]) -> tuple[str | int, ...]:
-    # Split a path into keys and indices, and replace the kind of a body by its index.
+    # Split a path into keys and indices, and replace the kind of a body with its index.
     if not re.fullmatch(r"[\w-]+(\.[\w-]+|\[\d+\])*", path):
         raise InvalidInput(
-            f"{path!r} is not the path of a key: write tables and key such as foci[0].offset, "
+            f"{path!r} is not the path of a key: use one such as foci[0].offset, "
             "where 0 is the first of several tables.",
             code="unknown_key",
         )
@@ -261,12 +261,12 @@ def _steps(path: str, data: Mapping[str, Any]) -> tuple[str | int, ...]:
     indices = [index for index, body in enumerate(bodies) if kind in body]
     if len(indices) != 1 or kind not in ObstacleTable.one_of:
         raise InvalidInput(
-            f"{path}: {len(indices)} bodies are named {kind!r}; a path begins with "
-            f"{', '.join(sorted(data))}, or the only {' or '.join(ObstacleTable.one_of)}, and "
+            f"{path}: {len(indices)} bodies are of the kind {kind!r}. A path must begin with "
+            f"{', '.join(sorted(data))}, or with the only {' or '.join(ObstacleTable.one_of)}; "
             "obstacles[0] is the first body.",
             code="unknown_key",
         )
-    # Keys of the body are in a table of its kind or next to it.
+    # Keys of a body are either in the table of its kind or next to that table.
     if isinstance(bodies[indices[0]][kind], dict) and keys[:1] not in (["pose"], ["boundary"]):
         keys = [kind, *keys]
     return ("obstacles", indices[0], *keys)
@@ -282,5 +282,5 @@ def _entry(inner: Any, step: str | int, path: str) -> Any:
     if isinstance(inner, dict):
         hint = nearest(str(step), inner)
     elif isinstance(inner, list):
-        hint = f"there are {len(inner)}, from [0]."
+        hint = f"there are {len(inner)} entries, starting from [0]."
     raise InvalidInput(f"{path}: {step} is not in the scene file; {hint}", code="unknown_key")

@@ -56,27 +56,27 @@ from airtact.transducers.modulation import AmplitudeModulation
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rendering:
-    """The drive of a setup, verified by a more accurate solve.
+    """The drive of a setup, verified in a more accurate solve.
 
     Attributes
     ----------
     setup : scene, array, target and settings.
-    transfer : transfer matrix of the drive.
-    beacons : report of the solve behind the transfer matrix.
+    transfer : transfer matrix from which the drive was computed.
+    beacons : report of the solve for the transfer matrix.
     drive : amplitude and phase of each transducer.
-    pressures : (F,) peak pressure at each focus under the drive, from the verification [Pa].
+    pressures : (F,) verified peak pressure at each focus [Pa].
     steepening : effect of real air on these pressures.
     verification : comparison of the drive with its control, which the same method computes without
         the bodies. In open air there is no control.
-    drives : drives of the verification, each with its strongest element at full scale.
-    sequence : drives of moving foci, or None.
-    robustness : pressures of the drive on other samples of the uncertainty; None without
-        uncertainty.
-    traps : verdict on the equilibrium next to each trap.
+    drives : the drives that were verified, each with its strongest element at full scale.
+    sequence : drives for moving foci, or None.
+    robustness : pressures of the drive for samples of the uncertainty that were not used to compute
+        it; None without uncertainty.
+    traps : verdict on the equilibrium nearest to each trap.
     headline : sentence with the pressure at the weakest focus, with and without the hand.
     remarks : sentences on requests that were not met, and on the share of the upper bound.
-    sensation : sentences on the foci and the tactile threshold.
-    warnings : warnings of the setup, of the method and of both solves.
+    sensation : sentences that compare the foci with the tactile threshold.
+    warnings : warnings about the setup, the method and both solves.
     seconds : wall time by step [s].
     """
 
@@ -106,7 +106,7 @@ class Rendering:
 
     @property
     def method(self) -> str:
-        """Name of the method; for ``best``, the name of the method it selects."""
+        """Name of the method; for ``best``, the name of the method that it selects."""
         return method_words(self.setup)
 
     @property
@@ -116,7 +116,7 @@ class Rendering:
 
     @property
     def estimated_error(self) -> float:
-        """Relative error of the pressures, estimated by the verification solve."""
+        """Relative error of the pressures, as estimated by the verification solve."""
         return self.verification.report.estimated_error
 
     @cached_property
@@ -129,9 +129,9 @@ class Rendering:
 
     @property
     def control_pressures(self) -> Float64[np.ndarray, "foci"] | None:
-        """(F,) peak pressure at each focus under the control at the drive's energy [Pa].
+        """(F,) peak pressure at each focus for the control with the energy of the drive [Pa].
 
-        None in open air.
+        The value is None in open air.
         """
         if len(self.drives) == 1:
             return None
@@ -139,7 +139,7 @@ class Rendering:
         return self.verification.pressures["equal peak"][1] * control.factor_to_match(self.drive)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write drive.csv, drive.h5 and, for moving foci, sequence.h5; return the files."""
+        """Write drive.csv, drive.h5 and, for moving foci, sequence.h5; return their paths."""
         folder = writable_folder(Path(folder))
         files = [folder / name for name in ("drive.csv", "drive.h5")]
         for file in files:
@@ -156,7 +156,7 @@ class Rendering:
 def save_drive(
     file: Path, drive: Drive, setup: Setup, transfer: TransferMatrix, report: SolveReport
 ) -> None:
-    """Write a drive with all data that its emission needs, the scene and the solver's report."""
+    """Write a drive with the scene, the solver's report, and all data required to emit it."""
     modulation = setup.modulation
     drive.save(
         file,
@@ -185,13 +185,13 @@ def focus(
     array : the transducers.
     points : (F, 3) foci in the array's frame [m], or (3,) for a single focus.
     hand : a hand, the surface of another body, or a list of them, in the same frame.
-    pressures : (F,) requested peak pressures [Pa], or one number for all foci; by default as strong
+    pressures : (F,) requested peak pressures [Pa], or one number for all foci; by default, as high
         as possible.
-    medium : the fluid; by default air at 20 °C.
+    medium : fluid around the bodies; by default, air at 20 °C.
 
     Returns
     -------
-    The drive and the pressures at the foci, verified as by ``render``.
+    The drive and the pressures at the foci, verified as in ``render``.
 
     Raises
     ------
@@ -215,7 +215,7 @@ def focus(
 def render(
     setup: Setup, *, store: str | Path | None = None, progress: Progress | None = None
 ) -> Rendering:
-    """Compute the drive of a setup and verify it by a more accurate solve.
+    """Compute the drive of a setup, and verify it with a more accurate solve.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def render(
     InvalidInput
         If the method returns no drive for the setup, or the solver does not support the setup.
     NotConverged
-        If a solver stopped early.
+        If a solver stopped before it converged.
 
     Examples
     --------
@@ -258,7 +258,7 @@ def render(
     if control is not None:
         drives[names[1]] = control
     with clock.step(
-        "verify", "verifying it by a more accurate solve with all transducers as sources"
+        "verify", "verifying it with a more accurate solve with all transducers as sources"
     ):
         comparison = compare_drives(
             setup.scene,
@@ -267,7 +267,7 @@ def render(
             setup.target,
             solver=stored(verification_solver(setup), store),
         )
-    # The verification compares drives at full scale, but requested pressures may need less.
+    # The verification compares drives at full scale, but requested pressures may require less.
     at_full_scale = comparison.pressures["equal peak"][0]
     # Scale the drive so that the weakest focus reaches its requested pressure, up to full scale.
     peak = drive.peak
@@ -295,7 +295,7 @@ def render(
 
         with clock.step("doubt", "evaluating the drive on other samples of the uncertainty"):
             compared = {setup.method.replace("_", " "): drive}
-            # Compare it with the method for samples and with the simplest method.
+            # Compare the drive with the method for samples and with the simplest method.
             if setup.method not in FOR_SAMPLES:
                 compared["robust"] = at.robust(transfer, setup.target)
             if setup.method != "time_reversal":
@@ -322,7 +322,7 @@ def render(
             share_of_bound(setup, transfer, drive),
             *in_real_air(pressures, steepening),
         ),
-        # Where the estimate is invalid, the linear pressure is far above the threshold.
+        # The steepening estimate is only invalid far above the threshold, where it is not needed.
         sensation=sensations(
             setup,
             np.fmin(pressures, pressures * steepening.kept),

@@ -1,4 +1,4 @@
-"""Plans for emitting a drive at a safe level, with a cap that limits the level."""
+"""Plans for emitting a drive at a safe level, by limiting the amplitude of all elements."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,21 +24,21 @@ from airtact.transducers.boards import Board, board_named, boards_needed, poses_
 from airtact.transducers.element import DEFAULT_SENSITIVITY
 from airtact.transducers.modulation import AmplitudeModulation
 
-# Frequency that all boards emit [Hz]
+# Frequency emitted by all boards [Hz]
 FREQUENCY = 40e3
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A drive or sequence for boards of one kind, and the level of its emission.
+    """A drive or sequence for boards of one kind, with the level at which it is emitted.
 
     Attributes
     ----------
-    stored : the drive or sequence.
+    stored : file with the drive or sequence.
     board : kind of board.
-    modulation : variation of a drive's amplitude; None for a sequence or a constant drive.
+    modulation : amplitude modulation of a drive; None for a sequence or a constant drive.
     cap : largest amplitude of an element, as a share of full scale.
-    limited : whether the cap was chosen to keep the level at a head below the limit.
+    limited : whether the cap was chosen to keep the level at a head under the limit.
     """
 
     stored: DriveFile
@@ -62,12 +62,12 @@ class Plan:
 
     @property
     def constant(self) -> bool:
-        """Whether the force is constant."""
+        """Whether the drive is emitted without modulation."""
         return self.rate is None and self.modulation is None
 
     @cached_property
     def head(self) -> HeadLevel:
-        """Largest level at a head anywhere 0.5 m from the array."""
+        """Largest level at a head 0.5 m from the array, in any direction."""
         stored = self.stored
         assert stored.positions is not None
         factors = (1.0,)
@@ -85,7 +85,7 @@ class Plan:
 
     @cached_property
     def weakest(self) -> float | None:
-        """Pressure at the weakest focus [Pa]; None without a transfer matrix in the file."""
+        """Peak pressure at the weakest focus [Pa]; None if the file has no transfer matrix."""
         stored = self.stored
         matrix = stored.transfer_matrix
         if matrix is None or matrix.shape[1] != stored.drives.shape[1]:
@@ -94,12 +94,12 @@ class Plan:
         share = share_under_cap(stored.drives, levels, self.cap)
         frames = [frame_at(row, levels, share).drive().amplitudes for row in stored.drives]
         foci = len(matrix) if stored.foci is None else len(stored.foci)
-        # In a sequence, each focus counts only in the frame computed for it.
+        # In a sequence, each focus only counts in the frame that was computed for it.
         pressures = np.abs(matrix[:foci] @ np.stack(frames, axis=1))
         return float(pressures.max(axis=1).min())
 
     def facts(self, link: str) -> list[tuple[str, str]]:
-        """Describe the emission through a link as pairs of name and fact."""
+        """Describe the emission through a link as pairs of a name and a fact."""
         drives = self.stored.drives
         board = self.board
         words = f"{len(self.poses)} {board.title}, {drives.shape[1]} transducers, through {link}"
@@ -117,11 +117,11 @@ class Plan:
             facts.append(("weakest focus", f"{self.weakest:,.0f} Pa, peak"))
         peak, average = self.head.at(self.cap)
         words = "" if self.constant else f", {average:.0f} dB on average"
-        words = f"up to {peak:.0f} dB SPL{words}, 0.5 m off the array in open air"
+        words = f"up to {peak:.0f} dB SPL{words}, 0.5 m from the array in open air"
         return [*facts, ("at a head", words)]
 
     def notes(self) -> list[str]:
-        """Sentences on the level, and on whether the drive can be felt."""
+        """Sentences about the level, and about whether the drive can be felt."""
         notes = []
         if self.limited:
             notes.append(
@@ -143,23 +143,23 @@ def plan(
     modulation: AmplitudeModulation | None = None,
     constant: bool = False,
 ) -> Plan:
-    """Read a drive for boards of one kind, and choose the cap.
+    """Read a drive for boards of one kind, and choose its cap.
 
     Parameters
     ----------
-    path : file of a drive or a sequence.
+    path : file with a drive or a sequence.
     board : name of the kind of board.
-    cap : largest amplitude of an element, as a share of full scale. By default the largest that
-        keeps the level at a head below the limit.
-    modulation : modulation that replaces the one in the file.
-    constant : whether to play the drive without the file's modulation.
+    cap : largest amplitude of an element, as a share of full scale. By default, the largest cap
+        that keeps the level at a head under the limit.
+    modulation : modulation to use instead of that in the file.
+    constant : whether to play the drive without any modulation.
 
     Raises
     ------
     InvalidInput
-        If the file has no drive for such boards, a modulation is given for a sequence, the cap is
-        not above 0 and at most 1 or silences all elements, or boards that only switch their
-        elements on and off cannot stay below the limit.
+        If the file contains no drive for such boards; if a modulation is given for a sequence; if
+        the cap is not above 0 and at most 1, or silences all elements; or if the boards can only
+        switch elements on and off, and full scale exceeds the limit.
     """
     kind = board_named(board)
     stored = read_drive_file(path)
@@ -168,18 +168,18 @@ def plan(
         boards_needed(kind, stored.drives.shape[1])
         if stored.positions is None or stored.normals is None:
             raise InvalidInput(
-                "the file has no positions of transducers: save the drive with its array.",
+                "the file contains no positions of transducers: save the drive with its array.",
                 code="data_missing",
             )
         if not stored.drives.any():
             raise InvalidInput(
-                "the drive is silent: all amplitudes are 0, so nothing would be emitted.",
+                "all amplitudes of the drive are 0, so nothing would be emitted.",
                 code="all_zero",
             )
         if modulation is not None and rate is not None:
             raise InvalidInput(
-                f"the file is a sequence of {len(stored.drives)} frames at {rate:g} frames/s, "
-                "which cannot be modulated further: omit the modulation.",
+                f"the file contains a sequence of {len(stored.drives)} frames at {rate:g} "
+                "frames/s, which cannot also be modulated: omit the modulation.",
                 code="options_clash",
             )
         modulation = (modulation or stored.modulation) if rate is None and not constant else None
@@ -189,7 +189,7 @@ def plan(
     chosen = head.safe_cap() if cap is None else cap
     if not np.isfinite(head.at(chosen)[0]):
         raise InvalidInput(
-            f"at a cap of {chosen:g} all elements round to level 0, so nothing would be emitted: "
+            f"at a cap of {chosen:g}, all elements round to level 0, so nothing would be emitted: "
             "use a larger cap.",
             code="all_zero",
         )
@@ -199,18 +199,18 @@ def plan(
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
     """Return the largest cap that keeps a head below the limit, and the level at full scale [dB].
 
-    Raise ``InvalidInput`` if the level of the boards cannot be reduced that far.
+    Raise ``InvalidInput`` if the boards cannot be reduced to that level.
     """
     head = Plan(stored, board_named(board), stored.modulation).head
     return head.safe_cap(), head.full
 
 
 def sound_speed_of(stored: DriveFile) -> float:
-    """Return the speed of sound of a drive; that of air at 20 °C if the file has none."""
+    """Return the speed of sound for a drive; that of air at 20 °C if the file contains none."""
     if stored.frequency is not None and abs(stored.frequency - FREQUENCY) > 1.0:
         raise InvalidInput(
-            f"the drive is for {stored.frequency:g} Hz, but boards emit {FREQUENCY:g} Hz: compute "
-            "it for that frequency.",
+            f"the drive is for {stored.frequency:g} Hz, but the boards emit {FREQUENCY:g} Hz: "
+            "compute it for that frequency.",
             code="does_not_match",
         )
     return (stored.medium or air()).sound_speed
@@ -236,21 +236,22 @@ def emit(
 
     Parameters
     ----------
-    log : file that receives a line for each event, see ``Emission``.
+    log : file to which a line is written for each event; see ``Emission``.
 
     Returns
     -------
-    How the frames were played; None for a constant drive.
+    Report of how the frames were played; None for a constant drive.
 
     Raises
     ------
     InvalidInput
-        If the link cannot be opened, or the boards cannot play the sequence. Nothing was emitted.
+        If the link cannot be opened, or the boards cannot play the sequence. In both cases,
+        nothing has been emitted.
     LinkFailed
-        If the link failed; the message states what was sent last.
+        If the link fails; the message states what was sent last.
     """
     stored = made.stored
-    # Check this before the link is opened, so that nothing is emitted if the boards cannot play it.
+    # Check before opening the link, so that nothing is emitted if the boards cannot play it.
     played = None
     if made.rate is not None:
         link.check_sequence(len(stored.drives), made.rate)

@@ -1,4 +1,4 @@
-"""Locate the hand of a scene file from echoes, or calibrate its array from echoes or scans."""
+"""Locate the hand of a scene file from echoes; calibrate its array from echoes or scans."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -40,20 +40,21 @@ from airtact.setup.solving import emitted_drive, stored, synthesise
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transducers.layout import PhasedArray, join
 
-# Largest difference between the gap of a pinch and that in the scene file [m]
+# Largest difference of a pinch's gap from that in the scene file [m]
 GAP_RANGE = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A hand displaced in a random direction from the pose in the scene file.
+    """A simulated hand, displaced in a random direction from the pose in the scene file.
 
     Attributes
     ----------
     noise : signal-to-noise ratio of the echoes [dB].
-    position, degrees : offset [m] and rotation [°] of the hand.
-    seed : seed of the noise and the directions.
-    opened : increase of the gap of a pinch over that in the scene file [m].
+    position : distance by which the hand is displaced [m].
+    degrees : angle by which the hand is rotated [°].
+    seed : seed of the noise and of the directions.
+    opened : difference of the pinch's gap from that in the scene file [m].
     """
 
     noise: float
@@ -65,20 +66,22 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """Pose of the hand relative to the scene file, and the pressures under a corrected drive.
+    """Pose of the hand relative to the scene file, and the effect of correcting the drive.
 
     Attributes
     ----------
-    setup, fitted : the scene file, and the same with the estimated gap.
-    located : the estimated pose, from the obstacles of the scene file to the actual obstacles, in
+    setup, fitted : the setup of the scene file, and the same setup with the estimated gap.
+    located : estimated pose. It transforms the obstacles of the scene file to the actual ones, in
         the same frame.
     echoes : the echoes from which the pose was estimated.
-    shifts : translation of the bodies' middle [m] and rotation [rad] of the estimated pose relative
-        to the pose in the scene file; for simulated echoes also relative to the true pose.
-    before, after : (F,) pressure at each focus of the actual hand [Pa], under the drive for the
-        scene file's pose and under the drive for the estimated pose.
-    unexplained : (2, R) residual at each receiver for both poses, divided by the echoes' rms.
-    gap, true_gap : gaps of the scene file's pinch and of the simulated pinch [m], or None. The
+    shifts : (1 or 2, 6) translation of the bodies' centre [m] and rotation [rad] of the estimated
+        pose relative to the pose in the scene file, and for simulated echoes also relative to the
+        true pose.
+    before, after : (F,) pressure at each focus on the actual hand [Pa], for the drive computed for
+        the scene file's pose and for that computed for the estimated pose.
+    unexplained : (2, R) ratio of the residual to the echoes (both rms) at each receiver for these
+        two poses.
+    gap, true_gap : gap of the pinch in the scene file and of the simulated pinch [m], or None. The
         estimated gap is ``located.opening``.
     seconds : wall time by step [s].
     """
@@ -97,12 +100,12 @@ class Sensed:
 
     @property
     def sizes(self) -> list[tuple[float, float]]:
-        """Distance [m] and angle [rad] of each of ``shifts``."""
+        """Distance [m] and angle [rad] of each row of ``shifts``."""
         norms = np.linalg.norm(self.shifts.reshape(-1, 2, 3), axis=2)
         return [(float(distance), float(angle)) for distance, angle in norms]
 
     def record(self) -> dict[str, Any]:
-        """Return pose, uncertainty and pressures for JSON, in metres, radians and pascals."""
+        """Return the pose, its uncertainty and the pressures for JSON, in SI units."""
         located = self.located
         return {
             "rotation": located.pose.rotation.tolist(),
@@ -129,12 +132,12 @@ def sense(
 ) -> Sensed:
     """Locate the hand of a scene file from echoes, and compare the drives for both poses.
 
-    The search starts at the pose in the scene file. The gap of a pinch is fitted as well.
+    The search starts from the pose in the scene file. For a pinch, the gap is fitted as well.
 
     Parameters
     ----------
     setup : setup of a scene file.
-    echoes : measured echoes, or the hand to simulate.
+    echoes : measured echoes, or a description of the hand to simulate.
     store : folder in which solved fields are stored and reused.
 
     Raises
@@ -145,7 +148,7 @@ def sense(
     clock = Clock(progress)
     tables = parse_scene(setup.text).obstacles
     gaps = [table.pinch.gap for table in tables if table.pinch is not None]
-    gap = gaps[0] if len(gaps) == 1 else None  # gaps of several pinches cannot be fitted
+    gap = gaps[0] if len(gaps) == 1 else None  # gaps of more than one pinch cannot be fitted
     with clock.step("scattering", "solving the bodies for spherical waves"):
         solver = stored(BoundaryElement(accuracy=0.02, estimate=False), store).reporting(progress)
         if gap is None:
@@ -156,12 +159,12 @@ def sense(
             def opened(value: float) -> Scene:
                 return _with_gap(setup, value).scene
 
-            # Fingers that touch scatter as one body, so the family ends at a larger gap.
+            # Touching fingers scatter as one body, so the smallest gap of the family is larger.
             narrowest = max(gap - GAP_RANGE, min(5e-4, 0.5 * gap))
             model = scattering_family(solver, opened, narrowest, gap + GAP_RANGE, start=gap)
             scattering = model.at(model.start)
-    # The simulation uses smaller panels than the model, so that the fit does not benefit from
-    # common errors.
+    # The simulation uses smaller panels than the model. Otherwise both would share their errors,
+    # and the fit would seem too accurate.
     true = None
     true_gap = None
     actual_setup = setup
@@ -196,15 +199,15 @@ def sense(
                 f", or its gap is not between {1e3 * model.low:.3g} and {1e3 * model.high:.3g} mm"
             )
         raise NotConverged(
-            f"no pose near that of the scene {setup.title} explains the echoes: the best leaves "
-            f"{located.misfit:.2g} of them unexplained beyond noise. The hand differs from the "
-            f"scene's, or is more than 5 mm away{reach}.",
+            f"no pose near that of the scene {setup.title} explains the echoes: the best one "
+            f"leaves {located.misfit:.2g} of them unexplained, beyond noise. The hand differs from "
+            f"that of the scene, or is more than 5 mm away{reach}.",
             code="pose_not_found",
         )
     fitted = setup if located.opening is None else _with_gap(setup, located.opening)
     with clock.step("drives", "computing the drives for both poses"):
 
-        @cache  # without a gap all setups have the same scene
+        @cache  # without a gap, both setups have the same scene
         def waves(setup: Setup) -> RadiatedField:
             return multipole_expansion(
                 stored(setup.solver, store).radiate(
@@ -215,7 +218,7 @@ def sense(
         def transfer(setup: Setup, pose: Pose) -> TransferMatrix:
             return transfer_matrix(waves(setup), setup.array.seen_from(pose))
 
-        # Without a simulated true pose, the estimated pose is used instead.
+        # If there is no simulated true pose, use the estimated one.
         actual = transfer(fitted, located.pose) if true is None else transfer(actual_setup, true)
 
         def pressures(setup: Setup, pose: Pose) -> Float64[np.ndarray, "foci"]:
@@ -227,13 +230,13 @@ def sense(
     with clock.step("residual", "comparing echoes at each receiver"):
         final = scattering
         if isinstance(model, ScatteringFamily):
-            assert located.opening is not None  # a family has an opening
+            assert located.opening is not None  # because it was fitted with a family
             final = model.at(located.opening)
         left = [
             unexplained(echoes, scattering, setup.array, Pose.identity()),
             unexplained(echoes, final, setup.array, located.pose),
         ]
-    # Shifts refer to the centre of the bodies; at the origin a rotation would add a shift.
+    # Shifts refer to the centre of the bodies; about the origin, a rotation would add a shift.
     centre = scattering.centre[None]
     pose = located.pose
     shifts = []
@@ -271,14 +274,14 @@ def calibrate_array(
 
     Returns
     -------
-    The calibration; for simulated transmissions also the errors of the worst board [m] and of the
-    sound speed [m/s], otherwise None.
+    The calibration; and for simulated transmissions the error of the worst board [m] and that of
+    the speed of sound [m/s], otherwise None.
 
     Raises
     ------
     InvalidInput
-        If a file is invalid, or not exactly one of file and noise is set; or for the reasons
-        listed in ``calibrate``.
+        If a file is invalid, if neither or both of the file and the noise are given, or for the
+        reasons listed in ``calibrate``.
     NotConverged
         If no positions of the boards explain the transmissions.
     """
@@ -305,15 +308,15 @@ def calibrate_array(
     if not calibrated.converged:
         raise NotConverged(
             f"no positions of the boards near those of the scene {setup.title} explain the "
-            f"transmissions: the best leave {calibrated.misfit:.2g} of them unexplained beyond "
-            "noise. Likely causes: an object between the boards, direct sound subtracted, other "
-            "codes or another order of the elements, or boards more than 2 mm off.",
+            f"transmissions: the best ones leave {calibrated.misfit:.2g} of them unexplained, "
+            "beyond noise. Likely causes: an object between the boards, direct sound that was "
+            "subtracted, other codes or another order of the elements, or boards over 2 mm off.",
             code="pose_not_found",
         )
     if true is None:
         return calibrated, None
     true_array, true_medium = true
-    # The position of a board is the position of its middle.
+    # The position of a board is that of its centre.
     middles = [
         np.stack([board.positions.mean(axis=0) for board in boards_of(each)])
         for each in (calibrated.array, true_array)
@@ -330,31 +333,31 @@ def calibrate_from_files(
     microphone: Microphone,
     progress: Progress = no_progress,
 ) -> ScanCalibration:
-    """Calibrate the array of a scene from scans of its field without the bodies.
+    """Calibrate the array of a scene from scans of its field without bodies.
 
     Parameters
     ----------
     setup : scene whose array was scanned.
-    scan_files : the scans.
-    elements : the element that emitted at full scale in each scan; empty if whole drives were
-        emitted.
-    drive_files : the drive emitted in each scan, or one drive for all scans; if both lists are
-        empty, the drive of the scene.
-    microphone : the microphone of the scans.
+    scan_files : files with the scans.
+    elements : index of the element that emitted at full scale during each scan; empty if whole
+        drives were emitted.
+    drive_files : file of the drive emitted during each scan, or a single file for all scans. If
+        ``elements`` is empty as well, the drive of the scene is used.
+    microphone : microphone used for the scans.
     progress : called with a description of each step as it begins.
 
     Returns
     -------
-    The calibrated array, its sensitivity and the pose of the scans, each with its deviation.
+    The calibrated array, its sensitivity and the pose of the scans, each with its standard error.
 
     Raises
     ------
     InvalidInput
-        If elements and drives are both given, their number differs from that of the scans, or an
-        element does not exist; or as for ``load_scan``, ``read_drive_file`` and
-        ``calibrate_from_scans``.
+        If both elements and drives are given, if their number differs from that of the scans, if
+        an element does not exist, or for the reasons listed in ``load_scan``, ``read_drive_file``
+        and ``calibrate_from_scans``.
     NotConverged
-        As for ``calibrate_from_scans``.
+        For the reasons listed in ``calibrate_from_scans``.
     """
     if elements and drive_files:
         raise InvalidInput("use either --element or --drive.", code="options_clash")
@@ -385,12 +388,12 @@ def calibrate_from_files(
 
 
 def _simulated_array(array: PhasedArray, medium: Medium, seed: int) -> tuple[PhasedArray, Medium]:
-    # Return an array and air with random errors: 0.5 mm, 5 mrad, 1 m/s, and gains.
+    # Return an array and air with random errors: 0.5 mm, 5 mrad, 1 m/s, and random gains.
     random = np.random.default_rng([seed, 2])
     boards = boards_of(array)
     motions = random.normal(size=(len(boards), 6)) * np.repeat([5e-4, 5e-3], 3)
     motions[0] = 0.0  # the first board defines the frame
-    # Log magnitude and phase [rad] of the gains
+    # Logarithm of the magnitude, and phase [rad], of the gains
     logarithm = random.normal(size=(2, len(array))) * np.array([0.1, 0.2])[:, None]
     true = join([moved(board, motion) for board, motion in zip(boards, motions, strict=True)])
     return true.calibrated(np.exp(logarithm[0] + 1j * logarithm[1])), Medium(

@@ -1,4 +1,4 @@
-"""Sentences about a setup and its drive: warnings before the solve, and remarks after it."""
+"""Sentences about a setup and its drive: warnings before the solve and remarks after it."""
 
 from collections.abc import Iterator, Sequence
 
@@ -25,12 +25,12 @@ from airtact.transducers.placement import (
     strongest_open_air,
 )
 
-# Largest distance from a body at which skin can feel a focus [m]: somewhat over a wavelength.
+# Largest distance from a body at which a focus can be felt [m], slightly over a wavelength.
 MAX_SKIN_DISTANCE = 10e-3
 
 
 def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
-    """Return whether skin may be at each focus: near a body, or anywhere in open air."""
+    """Return whether there may be skin at each focus: near a body, or anywhere in open air."""
     points = setup.target.points
     skin = np.arange(len(points)) >= setup.lobes
     if setup.scene.obstacles:
@@ -39,7 +39,7 @@ def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
 
 
 def touches(setup: Setup) -> tuple[str, ...]:
-    """State the contacts of bodies with virtual objects: place, depth and strength."""
+    """Describe the contacts of bodies with virtual objects: place, depth and strength."""
     if setup.contacts is None:
         return ()
     contacts = setup.contacts
@@ -54,14 +54,14 @@ def touches(setup: Setup) -> tuple[str, ...]:
         strongest = contacts.foci(wavelength=setup.scene.wavelength).strengths.max()
         if strongest < 0.995:
             sentences.append(
-                f"At this depth the strongest touch has {strongest:.0%} of full strength: scale "
-                "the drive by it."
+                f"At this depth, the strongest touch has {strongest:.0%} of full strength: scale "
+                "the drive by that share."
             )
     return tuple(sentences)
 
 
 def trap_sentences(setup: Setup, verdicts: "Sequence[at.traps.Verdict]") -> Iterator[str]:
-    """State the verdict on each trap, and its distance from the request if that is large."""
+    """State the verdict on each trap, and how far it is from the requested point if that is far."""
     for index, (trap, verdict) in enumerate(zip(setup.traps, verdicts, strict=True), 1):
         away = float(np.linalg.norm(verdict.point - trap.point))
         moved = ""
@@ -71,19 +71,19 @@ def trap_sentences(setup: Setup, verdicts: "Sequence[at.traps.Verdict]") -> Iter
 
 
 def reach_cautions(setup: Setup) -> tuple[str, ...]:
-    """Warn about foci that are hard to reach, to separate or to feel, before the solve."""
+    """Warn before the solve about foci that are hard to reach, to separate or to feel."""
     scene = setup.scene
     points = setup.target.points
     cautions = [
         f"the plane {1e3 * plane.height(setup.array.positions).min():.3g} mm behind the boards is "
-        "left out: the boards radiate forwards only, so no sound reaches it."
+        "ignored: the boards only radiate forwards, so no sound reaches it."
         for plane in setup.left_out
     ]
     if setup.objects and setup.contacts is None:
         names = ", ".join(item.name for item in setup.objects)
         cautions.append(
-            f"the scene defines its foci, so the virtual objects ({names}) are only drawn; sound "
-            "passes through them. Bodies that reflect sound belong in [[obstacles]]."
+            f"the scene defines its foci, so its virtual objects ({names}) are only displayed. "
+            "Bodies that reflect sound belong in [[obstacles]]."
         )
     overlap = overlapping_boards(setup.array)
     if overlap is not None:
@@ -99,7 +99,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     if setup.contacts is not None and not setup.contacts.runs:
         note = setup.contacts.foci(wavelength=scene.wavelength).note
         cautions += [f"{note}."] if note else []
-    # A focus in mid-air may be intentional, so this is no error.
+    # A focus in mid-air may be intended, so it is not an error.
     bare = int(np.count_nonzero(~with_skin(setup))) - setup.lobes
     if bare:
         away = -scene.depth(points)
@@ -110,21 +110,21 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
             more = f", and {foci} over {1e3 * MAX_SKIN_DISTANCE:g} mm"
         cautions.append(
             f"{setup.foci[int(away.argmax())]} is {1e3 * away.max():.2g} mm from the nearest "
-            f"body{more}: no skin is modelled there, so its level above the tactile threshold is "
-            "meaningless."
+            f"body{more}: there is no skin at that point, so comparing it with the tactile "
+            "threshold is meaningless."
         )
     if len(points) > 1:
         first, second, apart = nearest_foci(points)
         if apart < MIN_FOCUS_DISTANCE * scene.wavelength:
             cautions.append(
                 f"{setup.foci[first]} and {setup.foci[second]} are {1e3 * apart:.2g} mm apart, "
-                "under a tenth of the wavelength. Most methods cannot separate them and return no "
-                "drive: remove one."
+                "less than a tenth of the wavelength. Most methods cannot separate them and return "
+                "no drive: remove one of them."
             )
     bounds = open_air_bound(setup.array, points, scene.wavenumber.real)
     strongest = strongest_open_air(setup.array, scene.wavenumber.real)
-    # A hard surface doubles the pressure of a plane wave, and a plane doubles it as well. There is
-    # no such bound for reflecting boards.
+    # A hard surface doubles the pressure of a plane wave, and so does a plane. For reflecting
+    # boards, there is no such bound.
     gain = (2.0 if scene.obstacles else 1.0) * (2.0 if scene.planes else 1.0)
     gain = np.inf if scene.boards else gain
     pressures = setup.target.pressures
@@ -132,28 +132,29 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     for name, bound, pressure in zip(setup.foci, bounds, requested, strict=True):
         if bound < 0.1 * strongest:  # a tenth of the pressure is a hundredth of the force
             cautions.append(
-                f"{name} is out of the array's reach: all elements give {bound / strongest:.1%} of "
-                f"the {strongest:,.0f} Pa at their strongest point in open air, under 10%. Move "
-                "the focus or the array."
+                f"{name} is out of the array's reach: all elements together produce "
+                f"{bound / strongest:.1%} of the {strongest:,.0f} Pa that they reach at their "
+                "strongest point in open air, under 10%. Move the focus or the array."
             )
         if 0.0 < pressure < 50.0:
             cautions.append(
-                f"{name} has a request of {pressure:.3g} Pa, too little to be felt: is it in "
-                "kilopascal? Use pascals."
+                f"the requested pressure of {name} is {pressure:.3g} Pa, too little to be felt: is "
+                "it in kilopascal? Use pascals."
             )
         if pressure > gain * bound:
             words = {1.0: "", 2.0: ", and at most about twice that on a hard surface"}.get(
                 gain, ", and at most about four times that on a hard surface beside a plane"
             )
             cautions.append(
-                f"{name} has a request of {pressure:,.0f} Pa, but all elements at full scale give "
-                f"{bound:,.0f} Pa in open air{words}. Request less, or use more boards."
+                f"the requested pressure of {name} is {pressure:,.0f} Pa, but all elements at full "
+                f"scale produce {bound:,.0f} Pa in open air{words}. Request less, or use more "
+                "boards."
             )
     return tuple(cautions)
 
 
 def facing_away(setup: Setup) -> Iterator[str]:
-    """Warn about foci on skin that faces away from all transducers, before the solve."""
+    """Warn before the solve about foci on skin that faces away from all transducers."""
     scene = setup.scene
     if not scene.obstacles or scene.boards:
         return
@@ -162,13 +163,13 @@ def facing_away(setup: Setup) -> Iterator[str]:
     depths = np.stack([obstacle.surface.depth(points) for obstacle in scene.obstacles])
     skin = with_skin(setup)
     for index, (name, point) in enumerate(zip(setup.foci, points, strict=True)):
-        # On an open hand the bound on such skin is a fifth of that on skin that faces the array.
+        # On an open hand, the bound on such skin is a fifth of that on skin facing the array.
         if skin[index] and ((setup.array.positions - point) @ normals[index] < 0.0).all():
             body = setup.bodies[int(depths[:, index].argmax())]
             yield (
                 f"{name} faces away from all transducers, so it is in the shadow of {body}: turn "
-                f"{body}, or move boards to the side that {name} faces (airtact place). airtact "
-                "reach maps the skin that the array reaches."
+                f"{body}, or move boards to the side that {name} faces (see airtact place). "
+                "airtact reach shows which skin the array reaches."
             )
 
 
@@ -179,15 +180,15 @@ def sensations(
 ) -> tuple[str, ...]:
     """Compare the foci, or the weakest focus of a sequence, with the tactile threshold.
 
-    Foci away from every body are ignored. If this is true of all foci, the sentence says so.
+    Foci away from all bodies are ignored. If all foci are, the sentence says so.
     """
     if setup.traps:
         foci = len(setup.target.points) > setup.lobes
-        return ("Skin hardly feels the foci: beside traps their force is constant.",) * foci
+        return ("Skin hardly feels the foci: with traps, their force is constant.",) * foci
     skin = with_skin(setup)
     if not skin.any():
         return (
-            f"No body is within {1e3 * MAX_SKIN_DISTANCE:g} mm of a focus, so no skin is modelled "
+            f"No focus is within {1e3 * MAX_SKIN_DISTANCE:g} mm of a body, so there is no skin "
             "that could feel it.",
         )
     if moving is not None:
@@ -208,25 +209,25 @@ def sensations(
 
 def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
     """Compare the drive with the certified upper bound, before and after rounding."""
-    # A bound certified within 1 % suffices for a sentence in whole per cent.
+    # The sentence states whole per cent, so it is enough to certify the bound within 1 %.
     frame = quantise(drive, setup.levels)
     levels = (
         f"{len(frame.levels.amplitudes)} levels of amplitude and {frame.levels.phases} of phase"
     )
     if not np.any(frame.drive().amplitudes):
-        return f"Rounded to {levels} this drive is silent: request higher pressures."
+        return f"Rounded to {levels}, this drive is silent: request higher pressures."
     bound = upper_bound(transfer, setup.target, tolerance=1e-2)
     exact = bound.reached(transfer, setup.target, drive)
     rounded = bound.reached(transfer, setup.target, frame.drive())
     if not drive.is_full_scale:
         words = (
-            f"At full scale no drive exceeds {1.0 / exact:.1f} times that. Rounding to {levels} "
+            f"At full scale, no drive exceeds {1.0 / exact:.1f} times that. Rounding to {levels} "
             f"keeps {rounded / exact:.1%} of it."
         )
     else:
         words = (
-            f"That is {exact:.0%} of the upper bound for any drive, {rounded:.0%} rounded to "
-            f"{levels}."
+            f"That is {exact:.0%} of the upper bound for any drive, or {rounded:.0%} when rounded "
+            f"to {levels}."
         )
     return words.replace("%", " %")
 
@@ -241,7 +242,7 @@ def shadows(setup: Setup, transfer: TransferMatrix) -> Iterator[str]:
     for name, pressure, bound in zip(setup.foci, attainable, open_air, strict=True):
         if pressure < 0.2 * bound:
             yield (
-                f"{name} is in the shadow of {' and '.join(setup.bodies)}: it can get "
+                f"{name} is in the shadow of {' and '.join(setup.bodies)}: it can reach at most "
                 f"{pascals(pressure)}, {pressure / bound:.0%} of the pressure in open air. Turn "
                 "the body, or move the array to the other side."
             )
@@ -251,8 +252,8 @@ def disagreement(
     setup: Setup, transfer: TransferMatrix, drive: Drive, pressures: Float64[np.ndarray, "foci"]
 ) -> Iterator[str]:
     """Warn if the two solutions differ by more than 1.5 times the requested accuracy."""
-    # The drive comes from the transposed solution, and a forward solution with finer panels
-    # verifies it. A difference within the accuracy excludes faults of panels and solver.
+    # The drive comes from the transposed solution. A forward solution with finer panels verifies
+    # it. If both agree within the accuracy, panels and solver are not at fault.
     predicted = np.abs(transfer.pressure(drive))[: len(pressures)]
     apart = np.abs(predicted / pressures - 1.0)
     worst = int(np.argmax(apart))

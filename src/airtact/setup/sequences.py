@@ -19,14 +19,14 @@ from airtact.timing import Clock
 
 @dataclass(frozen=True, eq=False)
 class MovingDrive:
-    """A sequence for moving foci.
+    """A sequence of drives for moving foci.
 
     Attributes
     ----------
     sequence : the sequence of drives.
-    transfer, target : transfer matrix and target of all positions of the foci.
+    transfer, target : transfer matrix and target for all positions of the foci.
     weakest : (frames,) pressure at the weakest focus in each frame [Pa].
-    warnings : warnings of a method that stopped early.
+    warnings : warnings of methods that stopped early.
     """
 
     sequence: Sequence
@@ -36,7 +36,7 @@ class MovingDrive:
     warnings: tuple[str, ...]
 
     def save(self, path: Path, setup: Setup) -> None:
-        """Write the sequence with all data that its emission needs."""
+        """Write the sequence together with all data required to emit it."""
         self.sequence.save(
             path,
             setup.array,
@@ -51,8 +51,8 @@ class MovingDrive:
 def moving_drive(
     setup: Setup, motion: Motion, transfer: TransferMatrix, clock: Clock, store: Path | None
 ) -> MovingDrive:
-    """Compute the sequence of a setup with moving foci; ``transfer`` is for foci at rest."""
-    # All positions are foci of the same transfer matrix, so the path needs only one solve.
+    """Compute the sequence for moving foci; ``transfer`` is the matrix for the foci at rest."""
+    # All positions are foci of one transfer matrix, so the whole path requires a single solve.
     target = setup.target
     paths = paths_of(setup)
     turns = motion.turns(paths)
@@ -79,7 +79,7 @@ def moving_drive(
     with clock.step("sequence", f"computing the drives of foci at {points} positions"):
         sequence = moving_foci(transfer, target, together, turns, method, clock=setup.frequency)
     pressures = np.abs(sequence.pressure(transfer))[:, :points]
-    # The foci of one position are `together` neighbouring columns.
+    # The foci at one position are `together` adjacent columns.
     positions = np.arange(len(sequence)) * (points // together) // len(sequence)
     weakest = [
         row[position * together : (position + 1) * together].min()
@@ -95,7 +95,7 @@ def moving_drive(
 
 
 def paths_of(setup: Setup) -> Float64[np.ndarray, "paths frames 3"]:
-    """Return the paths of moving foci [m]; the list is empty for foci at rest."""
+    """Return the paths of the moving foci [m]; an empty list if they do not move."""
     motion = setup.motion
     foci = setup.target.points
     if motion is None:

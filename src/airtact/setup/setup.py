@@ -1,4 +1,4 @@
-"""A setup: scene, array, target, and the settings of the drive."""
+"""A setup: scene, array, target, and the settings for computing the drive."""
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field, replace
@@ -26,38 +26,39 @@ from airtact.transducers.placement import check_placement, planes_behind
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Setup:
-    """A scene, an array and a target, with the settings of solver and drive.
+    """A scene, an array and a target, with the settings for solving and for the drive.
 
     ``read_scene`` builds a setup from a scene file, with the same defaults.
 
     Attributes
     ----------
-    scene : the bodies in their medium.
-    array : the transducers, in the obstacles' frame.
+    scene : the medium and the bodies in it.
+    array : transducers in the frame of the obstacles.
     target : the foci.
-    solver : solver of the fields; by default boundary elements, or the closed form in open air.
-    accuracy : requested relative error; by default that of the solver, or 0.01.
+    solver : solver for the fields; by default, boundary elements, or the closed form in open air.
+    accuracy : requested relative error; by default, that of the solver if it has one, else 0.01.
     method : name of the method that computes the drive, a key of ``drives.METHODS``.
     levels : amplitudes and phases to which the drive is rounded.
-    modulation : variation that makes the drive perceptible; None for a constant drive.
-    uncertainty : uncertainty of hand, air and transducers, or None.
-    samples, seed : number of samples of the uncertainty used for the drive, and their seed.
+    modulation : modulation that makes the drive perceptible; None for a constant drive.
+    uncertainty : uncertainty of the hand, the air and the transducers, or None.
+    samples, seed : number of samples of the uncertainty for computing the drive, and their seed.
     bodies, foci : a name for each body and each focus.
-    traps : traps whose lobes are the first points of the target.
-    board : kind of the boards of the array, or None.
-    hands : hands that are bodies or define named points, in the obstacles' frame.
-    riding : for each focus its named point and its distance from the surface [m], or None.
+    traps : traps, whose lobes are the first points of the target.
+    board : kind of the boards that make up the array, or None.
+    hands : hands that are bodies or define named points, in the frame of the obstacles.
+    riding : for each focus, the named point on which it lies and its distance from the surface
+        [m]; None if it lies on none.
     objects : virtual objects.
-    contacts : contacts of the bodies with the objects if they define the foci, or None.
-    tracker : pose of the tracker of a live hand, from its frame to the obstacles' frame.
-    left_out : planes behind the boards; no sound reaches them, so the scene omits them.
-    path, text : the scene file and its content, if the setup comes from one.
+    contacts : contacts of the bodies with the objects if they define the foci, else None.
+    tracker : pose of the tracker for a live hand, from its frame to that of the obstacles.
+    left_out : planes behind the boards, which the scene omits because no sound reaches them.
+    path, text : path and content of the scene file, if the setup was read from one.
 
     Raises
     ------
     InvalidInput
-        If a focus is inside a body, an element reaches into a body, the method is unknown, or two
-        settings conflict.
+        If a focus is inside a body, an element is too close to a body, the method is unknown, or
+        two settings contradict each other.
 
     Examples
     --------
@@ -84,7 +85,7 @@ class Setup:
     foci: tuple[str, ...] = ()
     traps: "tuple[at.traps.Trap, ...]" = ()
     board: str | None = None
-    hands: "tuple[at.Hand, ...]" = ()  # by this name, so that hands are imported when used
+    hands: "tuple[at.Hand, ...]" = ()  # written like this so that hands are only imported if used
     riding: tuple[tuple[str, float] | None, ...] = ()
     objects: "tuple[at.VirtualObject, ...]" = ()
     contacts: "at.touch.Contacts | None" = None
@@ -105,7 +106,7 @@ class Setup:
         accuracy = self.accuracy
         if accuracy is None:
             accuracy = getattr(self.solver, "accuracy", 0.01)
-        # The class is frozen, so its fields are set through `object`.
+        # The class is frozen, so its fields must be set through `object`.
         object.__setattr__(self, "accuracy", accuracy)
         if self.solver is None:
             object.__setattr__(self, "solver", default_solver(self.scene, accuracy))
@@ -123,8 +124,8 @@ class Setup:
         for name, things in (("bodies", self.scene.obstacles), ("foci", self.target.points)):
             if len(getattr(self, name)) != len(things):
                 raise InvalidInput(
-                    f"{name} has {len(getattr(self, name))} names for {len(things)} {name}: use "
-                    "one for each.",
+                    f"{name} contains {len(getattr(self, name))} names for {len(things)} {name}: "
+                    "use one name for each.",
                     code="sizes_differ",
                 )
         with about("foci"):
@@ -132,7 +133,7 @@ class Setup:
         if len(self.target.suppression_points):
             with about("suppression"):
                 check_outside(self.scene, self.target.suppression_points, "suppression point")
-        # The check needs the foci: a focus behind all elements is out of reach.
+        # The check requires the foci: a focus behind all elements is out of reach.
         with about("array"):
             beacons = self.target.beacons(suppression=True)
             check_placement(self.scene, self.array, beacons.positions)
@@ -145,14 +146,14 @@ class Setup:
                 )
             if self.method in FOR_SAMPLES and self.uncertainty is None:
                 raise InvalidInput(
-                    f'method = "{self.method}" needs an uncertainty: add a table [uncertainty], '
-                    "such as position = 1e-3 and rotation = 2.0.",
+                    f'method = "{self.method}" requires an uncertainty: add a table [uncertainty], '
+                    "for example with position = 1e-3 and rotation = 2.0.",
                     code="data_missing",
                 )
         if self.traps and (self.uncertainty is not None or self.modulation is not None):
             raise InvalidInput(
-                "a scene with traps cannot have [uncertainty] or [drive.modulation], because a "
-                "varying drive drops the bead. Remove them.",
+                "a scene with traps cannot contain [uncertainty] or [drive.modulation], because "
+                "the bead would drop. Remove them.",
                 code="options_clash",
             )
         if self.uncertainty is not None:
@@ -174,7 +175,7 @@ class Setup:
 
     @property
     def title(self) -> str:
-        """Title, from the name of the scene file."""
+        """Title, taken from the name of the scene file."""
         return "scene" if self.path is None else self.path.stem.replace("_", " ")
 
     @property
@@ -189,37 +190,37 @@ class Setup:
 
     @property
     def motion(self) -> "at.drives.Motion | None":
-        """Motion of the foci, or None for foci at rest."""
+        """Motion of the foci; None if they do not move."""
         if self.modulation is None or isinstance(self.modulation, AmplitudeModulation):
             return None
         return self.modulation
 
     @cached_property
     def poses(self) -> tuple[Pose, ...]:
-        """Pose of each board, from the board's frame to the obstacles'; empty without boards."""
+        """Pose of each board, from its own frame to that of the obstacles; empty without boards."""
         if self.board is None:
             return ()
         return tuple(poses_of_boards(self.board, self.array.positions, self.array.normals))
 
     @property
     def lobes(self) -> int:
-        """Number of points of the target that are lobes of traps."""
+        """Number of points in the target that are lobes of traps."""
         return sum(len(trap.phasing) for trap in self.traps)
 
     def check_no_traps(self, action: str) -> None:
         """Raise ``InvalidInput`` if the setup has traps, which only some functions support."""
         if self.traps:
             raise InvalidInput(
-                f"{action} supports foci only: leave [[traps]] out.", code="not_supported"
+                f"{action} only supports foci: remove [[traps]].", code="not_supported"
             )
 
     @property
     def synthesise(self) -> Callable[[TransferMatrix, Target], Drive]:
-        """Function that computes the drive."""
+        """Function that computes the drive from the transfer matrix and the target."""
         return self.maker(self.method)
 
     def maker(self, method: str) -> Callable[[TransferMatrix, Target], Drive]:
-        """Return the function of a method, which also computes the setup's traps."""
+        """Return the function for a method; it also computes the traps of the setup."""
         if not self.traps:
             return METHODS[method]
         from airtact.traps.holding import holding
@@ -228,7 +229,7 @@ class Setup:
 
 
 def default_solver(scene: Scene, accuracy: float) -> Solver:
-    """Return boundary elements of the given accuracy, or the closed form for open air."""
+    """Return boundary elements with the given accuracy, or the closed form for open air."""
     if not scene.obstacles:
         return at.FreeField()
     return at.BoundaryElement(accuracy=accuracy)

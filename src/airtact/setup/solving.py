@@ -26,17 +26,17 @@ from airtact.evaluation.headline import body_word
 from airtact.setup.setup import Setup
 from airtact.timing import Clock
 
-# Largest number of unknowns of a refined verification solve; its matrix takes 3 GB
+# Largest number of unknowns of the verification solve, whose matrix then takes 3 GB
 MOST_UNKNOWNS = 19_000
 
 
 def stored(solver: Solver, store: Path | None) -> Solver:
-    """Return a solver that stores its solutions in ``store``, unless ``store`` is None."""
+    """Return a solver that stores its solutions in ``store``; if that is None, the same solver."""
     return solver if store is None else at.Stored(solver, store)
 
 
 def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> RadiatedField:
-    """Solve for a beacon at each focus and suppression point; use multipoles if uncertain."""
+    """Solve for a beacon at each focus and suppression point; use multipoles for samples."""
     target = setup.target
     foci = f"focus ({len(target.points)})"
     if len(target.suppression_points):
@@ -47,27 +47,27 @@ def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> Radi
         beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
         if setup.uncertainty is None or not setup.scene.obstacles:
             return beacons
-        # Each sample evaluates the fields at a moved array; multipoles are far faster for this.
+        # Each sample evaluates the fields at a displaced array, which multipoles do far faster.
         return at.multipole_expansion(beacons)
 
 
 def transfer_to_array(
     setup: Setup, beacons: RadiatedField, clock: Clock
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Evaluate the beacons at the transducers, and if uncertain also at samples of them.
+    """Evaluate the beacons at the transducers, and also at samples of them if there are any.
 
     Returns
     -------
-    The transfer matrix, or the ensemble of the samples; and the report of the solve.
+    The transfer matrix, or the ensemble of all samples; and the report of the solve.
     """
     transducers = counted(len(setup.array), "transducer", "transducers")
     with clock.step("transfer", f"evaluating the beacons at {transducers}"):
-        # A warning about an inexact matrix becomes a sentence of the result.
+        # Turn a warning about an inexact matrix into a sentence of the result.
         with warnings.catch_warnings(record=True) as inexact:
             warnings.simplefilter("always")
-            # The setup has checked the placement of the array.
+            # The setup has already checked the placement of the array.
             transfer = transfer_to(beacons, setup.array)
-        # The matrix comes from the transposed solution, so warnings of the direct one do not apply.
+        # The matrix comes from the transposed solution, so omit warnings about the direct one.
         report = replace(
             beacons.report,
             warnings=(
@@ -98,7 +98,7 @@ def solve_foci(
 
 
 def solver_of_samples(setup: Setup) -> Solver | None:
-    """Return the solver for each sample, or None if samples need no separate solves."""
+    """Return the solver to use for each sample; None if samples need no solves of their own."""
     if not (setup.scene.planes and isinstance(setup.solver, BoundaryElement)):
         return None
     return replace(setup.solver, estimate=False)
@@ -108,7 +108,7 @@ def other_samples(setup: Setup, beacons: RadiatedField) -> "at.drives.TransferEn
     """Sample the uncertainty of a setup with a seed that was not used to compute the drive."""
     assert setup.uncertainty is not None
     solver = solver_of_samples(setup)
-    # In front of a plane each sample needs its own solve.
+    # In front of a plane, each sample requires its own solve.
     count = 256 if solver is None else 64
     return at.ensemble(
         beacons, setup.array, setup.uncertainty, count, setup.seed + 1, solver=solver
@@ -119,7 +119,7 @@ def synthesise(
     method: Callable[[TransferMatrix, Target], Drive], transfer: TransferMatrix, target: Target
 ) -> tuple[Drive, tuple[str, ...]]:
     """Compute a drive, and collect the warnings of a method that stopped early."""
-    # Warnings of the method become sentences of the result; other warnings are passed on.
+    # Turn warnings of the method into sentences of the result; pass other warnings on.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Stalled)
         drive = method(transfer, target)
@@ -135,14 +135,14 @@ def synthesise(
 
 
 def emitted_drive(setup: Setup, clock: Clock) -> tuple[Drive, tuple[str, ...]]:
-    """Return the drive of a setup rounded to its levels, as boards emit it, and its warnings."""
+    """Return the drive of a setup, rounded as boards emit it, and its warnings."""
     transfer, _ = solve_foci(setup, clock)
     drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
     return quantise(drive, setup.levels).drive(), stalled
 
 
 def method_words(setup: Setup) -> str:
-    """Return the name of the method; for ``best``, the name of the method it selects."""
+    """Return the name of the method; for ``best``, the name of the method that it selects."""
     words = setup.method.replace("_", " ")
     if setup.method != "best":
         return words
@@ -155,7 +155,7 @@ def method_words(setup: Setup) -> str:
 
 
 def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of a drive and its control, or only that of the drive in open air."""
+    """Return the names of a drive and its control; in open air, only that of the drive."""
     if not bodies:
         return ("drive",)
     word = body_word(bodies)
@@ -165,13 +165,13 @@ def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
 def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive]) -> Drive | None:
     """Compute the drive of the same method without the bodies; return None in open air.
 
-    Methods for samples use samples of the same uncertainty in open air.
+    Methods for samples are given samples of the same uncertainty in open air.
     """
     if not setup.scene.obstacles:
         return None
     open_air = open_air_matrix(setup.scene, setup.array, setup.target)
     if setup.uncertainty is not None and setup.method in FOR_SAMPLES:
-        # Without skin a focus cannot move along it; all other deviations remain.
+        # Without skin, a focus cannot move along it; all other deviations remain.
         beacons = FreeField().radiate(
             replace(setup.scene, obstacles=[]), setup.target.beacons(suppression=True)
         )
@@ -186,7 +186,7 @@ def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive
 
 
 def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
-    """Replace the indices of bodies in a solver's sentences by their names."""
+    """Replace the indices of bodies in a solver's sentences with their names."""
     return [
         re.sub(r"\bbody (\d+)\b", lambda match: bodies[int(match[1])], sentence)
         for sentence in sentences
@@ -194,10 +194,10 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 
 
 def verification_solver(setup: Setup) -> Solver:
-    """Choose a more accurate solver than that of the setup, to verify the drive.
+    """Choose a solver that is more accurate than that of the setup, to verify the drive.
 
-    Filled bodies use finite elements of the next order, other bodies boundary elements, and open
-    air the closed form. The solver warns of errors above the accuracy of the setup.
+    Filled bodies use finite elements of the next higher order, other bodies use boundary elements,
+    and open air uses the closed form. The solver warns if its error exceeds the setup's accuracy.
     """
     if not setup.scene.obstacles:
         return FreeField()
@@ -208,10 +208,10 @@ def verification_solver(setup: Setup) -> Solver:
 
 
 def _verification_accuracy(setup: Setup) -> float:
-    """Return an accuracy with at least 1.8 times the unknowns, up to ``MOST_UNKNOWNS``.
+    """Return an accuracy that needs at least 1.8 times the unknowns, up to ``MOST_UNKNOWNS``.
 
-    Smaller panels near foci are ignored, because the sources of the verification are the
-    transducers, far from the bodies.
+    Smaller panels near foci do not count, because the sources in the verification are the
+    transducers, which are far from the bodies.
     """
     finest = 1e-4  # limit of boundary elements
     emitting = Monopoles(setup.array.positions, np.ones(len(setup.array)))
@@ -219,11 +219,12 @@ def _verification_accuracy(setup: Setup) -> float:
     def unknowns(accuracy: float) -> int:
         return BoundaryElement(accuracy=accuracy).unknowns(setup.scene, emitting)
 
-    # Each count meshes all bodies, so few trials are better. The unknowns grow like
-    # accuracy^(−2/3) or slower, so a third of the error is usually right.
+        # Each trial meshes all bodies, so use as few as possible. The number of unknowns grows like
+        # accuracy^(−2/3) or more slowly, so a third of the error is usually right.
+
     enough = 1.8 * unknowns(setup.accuracy)
     if enough > MOST_UNKNOWNS:
-        # The finest step of 1.2 that surely stays below the limit, but at least one
+        # Use the finest of the steps by 1.2 that surely stays below the limit, but at least one.
         growth = MOST_UNKNOWNS / enough * 1.8
         steps = max(1, math.floor(1.5 * math.log(growth, 1.2)))
         return max(setup.accuracy / 1.2**steps, finest)
@@ -241,18 +242,18 @@ def _verification_accuracy(setup: Setup) -> float:
 def unknowns_of(
     solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]
 ) -> int:
-    """Return the number of unknowns for sources at points [m]; it is an estimate above 50,000."""
+    """Return the number of unknowns for sources at points [m]; above 50,000 it is an estimate."""
     area = sum(obstacle.surface.area for obstacle in scene.obstacles)
     estimate = round(solver.nodes_per_square_wavelength * area / scene.wavelength**2)
-    if estimate > 50_000:  # meshing the panels would take too long
+    if estimate > 50_000:  # meshing so many panels would take too long
         return estimate
     return solver.unknowns(scene, Monopoles(points, np.ones(len(points))))
 
 
 def memory_of_a_solve(unknowns: float, accuracy: float) -> float:
-    """Estimate the peak memory that a boundary-element solve for a few foci needs [bytes]."""
-    # The matrix is mostly low-rank, so memory grows slower than the square of the unknowns. The
-    # power law fits 10 solves of the examples, with 2,244 to 23,058 unknowns, within 20 %. A matrix
-    # in single precision instead of bfloat16 takes 1.9 times the memory.
+    """Estimate the peak memory that a boundary-element solve for a few foci requires [bytes]."""
+    # The matrix is mostly low-rank, so memory grows more slowly than the square of the unknowns.
+    # The power law fits 10 solves of the examples, with 2,244 to 23,058 unknowns, within 20 %. In
+    # single precision instead of bfloat16, the matrix takes 1.9 times the memory.
     per_unknown = 193.0 if accuracy >= BFLOAT16_ACCURACY else 1.9 * 193.0
     return 1.2e8 + per_unknown * unknowns**1.434

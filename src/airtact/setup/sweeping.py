@@ -50,13 +50,13 @@ from airtact.setup.tables import SceneFile
 from airtact.timing import Clock
 
 Row = dict[str, Value]
-# The function that a sweep evaluates at each point
+# Function that a sweep evaluates at each point
 Function = Callable[[Row], Mapping[str, Value]]
 
 # Largest number of points of a sweep
 MAX_POINTS = 1_000_000
 
-# Ending of the name of a file with the result of a point
+# Ending of the names of files that contain the result for one point
 SUFFIX = ".point.json"
 
 
@@ -68,36 +68,37 @@ def sweep(
     *,
     progress: Callable[[int, int, int], None] | None = None,
 ) -> list[Row]:
-    """Evaluate a function at many points, and return a row for each point in the same order.
+    """Evaluate a function at many points.
 
     Parameters
     ----------
-    function : a scene file or its setup, to compute the drive with other values of the file's keys
-        (see ``read_scene``). Or a function from a point to a mapping of names to numbers, text,
-        True, False or None. Processes import it, so it must be defined in a module, or be a
-        ``functools.partial`` of such a function. Call ``sweep`` in a script under
-        ``if __name__ == "__main__":``.
-    points : mappings of names to values; for a scene, the names are paths of keys, such as
+    function : a scene file, or a setup read from one, to compute the drive with changed values of
+        the file's keys (see ``read_scene``). Otherwise a function that maps a point to a mapping of
+        names to numbers, text, True, False or None. Processes import this function, so define it in
+        a module, or use a ``functools.partial`` of such a function. In a script, call ``sweep``
+        under ``if __name__ == "__main__":``.
+    points : mappings of names to values. For a scene, the names are paths of keys, such as
         ``"foci[0].offset"``.
-    executor : computes the points, such as ``ThreadPoolExecutor()`` or the ``get_executor()`` of
-        Dask's client; or the number of processes, each with one thread. By default one process per
-        processor, or as many as memory allows.
-    store : folder with one file per result, named by the point, the function, its arguments and
-        module, and airtact's version. Stored points are not computed again, so an interrupted sweep
-        can be resumed. Use another folder after changes to other modules that the function uses.
-    progress : called with the number of completed points, of all points and of failed points.
+    executor : executor that computes the points, such as ``ThreadPoolExecutor()`` or the
+        ``get_executor()`` of a Dask client; or the number of processes, each with a single thread.
+        By default, one process per processor, or as many as fit into memory.
+    store : folder with one file per result. The file name depends on the point, the function with
+        its arguments and module, and the version of airtact. Stored points are not computed again,
+        so an interrupted sweep can be resumed. Use another folder after changing other modules
+        that the function uses.
+    progress : called with the numbers of completed points, of all points, and of failed points.
 
     Returns
     -------
-    For each point a row with its values, then the results. ``"error"`` and ``"sentence"`` are empty
-    or hold the code and the message of an exception.
+    A row for each point, in the same order, with its values followed by the results. ``"error"``
+    and ``"sentence"`` are empty, or contain the code and the message of an exception.
 
     Raises
     ------
     InvalidInput
-        If the points are of the wrong kind, the function cannot be passed to a process or
-        identified in the store, the folder is not writable, or a process ended unexpectedly.
-        Exceptions of the function do not end the sweep.
+        If the points have the wrong type, the function cannot be passed to a process or identified
+        in the store, the folder is not writable, or a process ended unexpectedly. Exceptions in
+        the function do not end the sweep.
 
     Examples
     --------
@@ -116,7 +117,7 @@ def sweep(
             f"the function of a sweep is {function!r}, which is not callable.", code="wrong_kind"
         )
     rows = _checked_points(points)
-    # This also checks the paths of keys, so it comes before the folder is created.
+    # This also checks the paths of keys, so do it before creating the folder.
     memory = function.memory(rows) if isinstance(function, ScenePoints) else 0.0
     folder = None
     names = [str(index) for index in range(len(rows))]
@@ -138,7 +139,7 @@ def sweep(
     if progress is not None:
         progress(len(results), total, failed)
     for name, row in _computed(function, waiting, executor, memory):
-        # Transient errors are not stored; the next run retries their points.
+        # Do not store transient errors, so that the next run retries their points.
         transient = ("file_failed", "file_missing", "file_unreadable", "too_little_memory")
         if folder is not None and row["error"] not in transient:
             with whole_file(folder / (name + SUFFIX)) as partial_file:
@@ -161,7 +162,7 @@ def _checked_points(points: Sequence[Mapping[str, Value]]) -> list[Row]:
     taken = sorted({"error", "sentence"}.intersection(*[set().union(*rows)]))
     if taken:
         raise InvalidInput(
-            f"the names {', '.join(taken)} of the points are columns of the result; rename them.",
+            f"the names {', '.join(taken)} are reserved for the results; rename these values.",
             code="given_twice",
         )
     if not 1 <= len(rows) <= MAX_POINTS:
@@ -192,13 +193,13 @@ def _checked_row(values: Mapping[str, Any], label: str) -> Row:
 
 
 def _attempt(function: Function, point: Row) -> Row:
-    # An exception becomes a row with its code and message, so that the sweep goes on.
+    # Turn an exception into a row with its code and message, so that the sweep continues.
     try:
         result = _checked_row(function(dict(point)), "the result")
         taken = sorted({*point, "error", "sentence"} & result.keys())
         if taken:
             raise InvalidInput(
-                f"the columns {', '.join(taken)} of the result are taken.", code="given_twice"
+                f"the names {', '.join(taken)} of the result are already used.", code="given_twice"
             )
     except (InvalidInput, NotConverged) as fault:
         return {"error": fault.code, "sentence": str(fault)}
@@ -216,13 +217,13 @@ def _computed(
     if not waiting:
         return
     if executor is None or isinstance(executor, int):
-        # The error of a pool does not name the object that cannot be pickled.
+        # The error raised by a pool does not name the object that cannot be pickled.
         try:
             pickle.dumps(function)
         except Exception as fault:
             raise InvalidInput(
                 f"the function cannot be passed to a process ({fault}): define it in a module, or "
-                "pass an executor of threads.",
+                "use an executor with threads.",
                 code="wrong_kind",
             ) from None
         running = processes(process_count(len(waiting), executor, memory))
@@ -236,7 +237,7 @@ def _computed(
         except BrokenExecutor:
             raise InvalidInput(
                 f"a process ended unexpectedly with {len(futures)} of {len(waiting)} points left. "
-                "Likely causes: too little memory, or a script that calls sweep outside of "
+                "Likely causes: too little memory, or a script that calls sweep outside "
                 'if __name__ == "__main__". Stored points are kept.',
                 code="link_closed",
             ) from None
@@ -246,16 +247,16 @@ def _computed(
 
 
 def process_count(points: int, limit: int | None = None, memory: float = 0.0) -> int:
-    """Return the number of processes to use if each needs ``memory`` [bytes].
+    """Return the number of processes to use if each requires ``memory`` [bytes].
 
-    The number is ``limit``, or by default the number of processors. It exceeds neither the number
-    of points nor the number of processes that fit into 80 % of the available memory. Raise
+    This is ``limit``, or by default the number of processors, but not more than the number of
+    points or the number of processes that fit into 80 % of the available memory. Raise
     ``InvalidInput`` if not even one process fits.
     """
     free = available_memory()
     if memory > free:
         raise InvalidInput(
-            f"one point needs about {memory / 1e9:.2g} GB, but only {free / 1e9:.2g} GB are "
+            f"one point requires about {memory / 1e9:.2g} GB, but only {free / 1e9:.2g} GB are "
             "available: close other programs, or request less accuracy.",
             code="too_little_memory",
         )
@@ -265,13 +266,13 @@ def process_count(points: int, limit: int | None = None, memory: float = 0.0) ->
 
 @contextmanager
 def processes(count: int) -> Iterator[Executor]:
-    """Start a pool of single-threaded processes, which end with this program."""
-    # Until a process has the module search path of this one, it would import from the current
-    # folder, where a random.py may shadow Python's module.
+    """Start a pool of single-threaded processes, which end together with this program."""
+    # Before a process has the module search path of this one, it would import from the current
+    # folder, where a file random.py could hide Python's module.
     variable = "PYTHONSAFEPATH"
     before = os.environ.get(variable, "")
     os.environ[variable] = "1"
-    # A forked child inherits locks held by threads, and may hang.
+    # A forked child inherits locks that other threads hold, so it may hang.
     spawn = get_context("spawn")
     try:
         with ProcessPoolExecutor(count, spawn, _begin_process, ({variable: before},)) as pool:
@@ -282,7 +283,7 @@ def processes(count: int) -> Iterator[Executor]:
 
 def _begin_process(environment: dict[str, str]) -> None:
     os.environ.update(environment)
-    # Ctrl-C ends the process immediately, without a traceback.
+    # Let Ctrl-C end the process at once, without a traceback.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"  # for libraries that are loaded later
@@ -298,17 +299,17 @@ def _begin_process(environment: dict[str, str]) -> None:
 
 
 def names_of(function: Function, points: Iterable[Row]) -> list[str]:
-    """Name points by hashes of their values and the function, 40 hexadecimal digits each.
+    """Name points by hashes of their values and the function, with 40 hexadecimal digits each.
 
-    The name and the content of its module identify a function. A ``functools.partial`` is also
-    identified by its arguments, and a dataclass object by its compared fields.
+    A function is identified by its name and the content of its module. A ``functools.partial`` is
+    also identified by its arguments, and a dataclass object by its compared fields.
     """
     parts: list[Any] = []
     core: Any = function
     if isinstance(function, partial):
         core = function.func
         parts = [list(function.args), dict(function.keywords)]
-    # An edited module may return other results, so its content is part of the name.
+    # An edited module may return different results, so its content is part of the name.
     module = sys.modules.get(getattr(core, "__module__", None) or "")
     file = getattr(module, "__file__", None)
     parts.append(hashlib.blake2b(Path(file).read_bytes() if file else b"").hexdigest())
@@ -317,10 +318,10 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
         if "<" in core:
             raise InvalidInput(
                 f"the name {core} does not identify a function: define it in a module, and pass "
-                "what it needs by functools.partial.",
+                "further data by functools.partial.",
                 code="does_not_match",
             )
-    # The hash of the function includes airtact's version and code, see the store.
+    # The hash of the function includes airtact's version and code; see ``store``.
     function_name = name_of(core, *parts)
 
     texts = (json.dumps([function_name, sorted(point.items())]) for point in points)
@@ -329,12 +330,12 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
 
 @dataclass(frozen=True)
 class ScenePoints:
-    """Function of a sweep over a scene file; it maps values of keys to pressures at the foci.
+    """Function for sweeps over a scene file, which maps values of keys to pressures at the foci.
 
     Attributes
     ----------
-    scene : the file.
-    content : hashes of the file and of the files that it names. They identify results; the path
+    scene : path of the scene file.
+    content : hashes of this file and of the files named in it. They identify results; the path
         does not.
     """
 
@@ -347,7 +348,7 @@ class ScenePoints:
         transfer, report = solve_foci(setup, Clock())
         drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
         weights = setup.target.weights
-        # Foci of weight 0 request no pressure, so they are never the weakest.
+        # Foci of weight 0 request no pressure, so they never count as the weakest.
         requested = np.flatnonzero(weights > 0.0)
         pressures = np.abs(transfer.pressure(drive))[: len(weights)]
         weakest = requested[np.argmin(pressures[requested] / weights[requested])]
@@ -355,12 +356,12 @@ class ScenePoints:
         gain = None
         control = control_drive(setup, setup.synthesise)
         if control is not None:
-            # As in a rendering: compare at full scale if the drive is, otherwise at equal energy.
+            # As in ``render``, compare at full scale if the drive is, otherwise at equal energy.
             held_equal = "peak" if drive.is_full_scale else "energy"
             at_control = np.abs(transfer.pressure(control))[requested] / weights[requested]
             factor = control.factor_to_match(drive, held_equal)
             gain = float(pressures[weakest] / weights[weakest] / (factor * at_control.min()))
-        # Foci may share a name, but columns may not.
+        # Foci may have the same name, but columns may not.
         words = [name.replace(" ", "_") for name in setup.foci]
         columns = [
             f"{word}_{index + 1}" if words.count(word) > 1 else word
@@ -379,11 +380,11 @@ class ScenePoints:
         }
 
     def memory(self, points: Sequence[Mapping[str, Value]]) -> float:
-        """Estimate the memory that a solve needs, from the first, middle and last point [bytes].
+        """Estimate the memory of a solve from the first, middle and last point [bytes].
 
-        A wrong path raises its error; if no point can be built, the first point's error is raised.
+        The error of an invalid path is raised. If no point can be built, the first error is raised.
         """
-        needed = 1.2e8  # for a process that has imported airtact
+        needed = 1.2e8  # of a process that has imported airtact
         faults = []
         for index in sorted({0, len(points) // 2, len(points) - 1}):
             try:
@@ -401,29 +402,29 @@ class ScenePoints:
 
 
 def scene_points(scene: Setup | str | Path) -> ScenePoints:
-    """Return the function of a sweep over a scene file, or over the file of a setup.
+    """Return the function for a sweep over a scene file, or over the file of a setup.
 
     Raise ``InvalidInput`` if a file cannot be read, or the setup has no scene file.
     """
     if isinstance(scene, Setup):
         if scene.path is None:
             raise InvalidInput(
-                "a setup without a scene file has no keys to vary: pass a function instead.",
+                "a setup that was not read from a scene file has no keys to vary: pass a function.",
                 code="wrong_kind",
             )
         scene = scene.path
     scene = file_or_example(scene)
-    # Results are stored by content, so a moved or renamed file keeps its results.
+    # Results are stored by the content of files, so a moved or renamed file keeps its results.
     files = [scene, *_files_named(scene)]
     content = tuple(hashlib.blake2b(bytes_of(file), digest_size=20).hexdigest() for file in files)
     return ScenePoints(scene, content)
 
 
 def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
-    """Write the hand of each frame of a recording to a file, and return a point for each frame.
+    """Write the hand of each frame of a recording to a file; return a point for each frame.
 
-    A point sets the hand of the scene to the file, and removes the hand's gap and pose. The radii
-    are those of the scene's hand.
+    Each point sets the hand of the scene to its file, and removes the gap and the pose of the hand.
+    The radii are those of the scene's hand.
     """
     from airtact.hands.joints import joints_of
     from airtact.hands.tracking.recordings import load_recording
@@ -435,8 +436,8 @@ def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
     }
     if len(hands) != 1:
         raise InvalidInput(
-            f'{scene.name} has {len(hands)} obstacles with hand = "POSE.json", but a recording '
-            "needs exactly one.",
+            f'{scene.name} contains {len(hands)} obstacles with hand = "POSE.json", but a '
+            "recording requires exactly one.",
             code="unknown_key",
         )
     ((key, table),) = hands.items()
@@ -455,7 +456,7 @@ def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
             "side": frame.side,
         }
         pose = json.dumps(content).encode()
-        # Results are stored by the name of this file, so the name depends on the content.
+        # Results are stored by the name of this file, so the name must depend on its content.
         digest = hashlib.blake2b(pose, digest_size=4).hexdigest()
         file = folder / f"{frame.side}_{frame.sequence}_{digest}.json"
         with whole_file(file) as partial_file:
@@ -470,7 +471,7 @@ def _scene_file(scene: Path) -> SceneFile:
 
 
 def _files_named(scene: Path) -> Iterator[Path]:
-    # Any text in the scene file may be the name of a file.
+    # Any text in the scene file could be the name of a file.
     for word in dict.fromkeys(_words(msgspec.to_builtins(_scene_file(scene)))):
         file = scene.parent / word
         if "\0" not in word and len(word) <= 255 and file.is_file():

@@ -9,17 +9,18 @@ ENDINGS = (".csv", ".glb", ".json", ".jsonl", ".ply", ".toml")
 
 
 def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
-    """Return the path of a file that comes with airtact.
+    """Return the path of a file that is included in airtact.
 
     Parameters
     ----------
-    name : a scene, such as "pinch", or another file including its ending, such as "relaxed.json".
-    endings : accepted file name endings.
+    name : name of a scene, such as "pinch", or of another file with its ending, such as
+        "relaxed.json".
+    endings : file name endings that are accepted.
 
     Raises
     ------
     InvalidInput
-        If no example has this name; the message lists all names.
+        If no example has this name. The message lists all names.
 
     Examples
     --------
@@ -43,9 +44,9 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
 
 
 def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Path:
-    """Return a path, or the path of the example with that name if there is no such file.
+    """Return the path of a file; if it does not exist, that of the example with the same name.
 
-    A path with a folder is never an example. See ``example`` for the errors.
+    A path that contains a folder never refers to an example. The errors are those of ``example``.
     """
     file = Path(path)
     if file.exists() or file.name != str(path):
@@ -54,5 +55,5 @@ def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Pat
         return example(file.name, endings)
     except InvalidInput as fault:
         if file.suffix:
-            return file  # the reader reports that it is missing
+            return file  # whatever reads it reports that it is missing
         raise InvalidInput(f"there is no file {file} here, and {fault}", code=fault.code) from None
