@@ -1,4 +1,4 @@
-"""Allowed places of boards around hands, and the pressure at the weakest focus of each layout."""
+"""Search over layouts of boards around hands for a high pressure at the weakest focus."""
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -27,7 +27,7 @@ Points = Float64[np.ndarray, "points 3"]
 
 @dataclass(frozen=True, eq=False)
 class HandPose:
-    """A pose of the hand: bodies and foci, their motion to the obstacles' frame, solved beacons."""
+    """Bodies and foci in one pose of the hand, their motion, and the solved beacons."""
 
     scene: Scene
     target: Target
@@ -36,44 +36,44 @@ class HandPose:
 
     @cached_property
     def shares(self) -> Float64[np.ndarray, "asked"]:
-        """Requests of the foci with a request, scaled so that the largest is 1."""
+        """Requests of all foci that have one, scaled so that the largest is 1."""
         weights = self.target.weights
         return weights[weights > 0.0] / weights.max()
 
     def rows(self, board: PhasedArray) -> FociRows:
-        """Pressure at each focus per unit drive of each element, divided by the share."""
+        """Return the pressure at each focus over its share, per unit drive of each element."""
         seen = board.seen_from(self.motion)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a layout in the shadow of the hand is merely weak
+            warnings.simplefilter("ignore")  # a layout in the shadow of the hand is simply weak
             matrix = transfer_to(self.beacons, seen).matrix
         return matrix[self.target.weights > 0.0] / self.shares[:, None]
 
 
 def drive_of(rows: FociRows) -> Complex128[np.ndarray, "elements"]:
-    """Return the drive, with every element at full scale, whose weakest row is strongest."""
+    """Return the drive with all elements at full scale that maximises the weakest row."""
     if len(rows) == 1:
         return phase(rows[0].conj())
     equal = np.ones(len(rows))
-    # 100 iterations come within 1 % of max_min in a tenth of its time.
+    # With 100 iterations, it comes within 1 % of max_min in a tenth of the time.
     return phase(rows.conj().T @ best_sources(rows, equal, starting_sources(rows, equal), 100))
 
 
-# The place of a board that faces the foci: a rotation about them, a distance from 0 (smallest) to 1
-# (largest), and tilts about the board's x and y axes [rad].
+# Position of a board that faces the foci: a rotation about them, a distance between 0 (smallest)
+# and 1 (largest), and tilts about the board's x and y axes [rad].
 Place = tuple[Float64[np.ndarray, "3 3"], float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Allowed layouts, and the pressure at the weakest focus of each.
+    """Search for layouts of boards that are allowed and strong.
 
     Attributes
     ----------
-    half : half the sides of a board [m].
-    fixed : poses of boards that stay.
-    mirror : index of the axis along which boards are mirrored in pairs, and the coordinate of the
-        mirror plane [m]; None if they are not.
-    share : share of the hands whose weakest focus may be weaker than the pressure of the layout.
+    half : half the side lengths of a board [m].
+    fixed : poses of boards that stay in place.
+    mirror : index of the axis along which boards are mirrored in pairs, and coordinate of the
+        mirror plane [m]; None without mirroring.
+    share : share of the hands that may have a weaker focus than the pressure of the layout.
     """
 
     hands: list[HandPose]
@@ -93,7 +93,7 @@ class Search:
 
     @cached_property
     def skin(self) -> Points:
-        """Foci, points of the bodies a few millimetres apart, and their images in planes [m]."""
+        """Foci, points on the bodies a few millimetres apart, and their images in planes [m]."""
         points = [self.foci]
         for hand in self.hands:
             surfaces = [obstacle.surface for obstacle in hand.scene.obstacles]
@@ -102,13 +102,13 @@ class Search:
                 _, first = np.unique(np.round(fine / 3e-3), axis=0, return_index=True)
                 points.append(fine[first])
         skin = np.concatenate(points)
-        # Elements radiate forwards only, so images must be in front of them like the bodies.
+        # Elements only radiate forwards, so images must be in front of them, like the bodies.
         images = [plane.image(skin) for plane in self.hands[0].scene.planes]
         return np.concatenate([skin, *images])
 
     @cached_property
     def face(self) -> Points:
-        """Points at most 10 mm apart over the outline of a board, in its frame [m]."""
+        """Points over the outline of a board, at most 10 mm apart, in its own frame [m]."""
         x, y = (np.linspace(-side, side, int(side / 5e-3) + 2) for side in self.half)
         grid = np.stack(np.meshgrid(x, y, 0.0), axis=-1).reshape(-1, 3)
         return grid + middle_of(self.single)
@@ -116,24 +116,24 @@ class Search:
     def spare(
         self, rotation: Float64[np.ndarray, "3 3"], middle: Float64[np.ndarray, "3"]
     ) -> float:
-        """Distance of a board from the hand above the smallest [m]; negative if too near."""
+        """Return by how much a board's distance from the hand exceeds the smallest allowed [m]."""
         seen = (self.skin - middle) @ rotation
         beside = np.maximum(np.abs(seen[:, :2]) - self.half, 0.0)
         gaps = np.sum(beside**2, axis=1) + seen[:, 2] ** 2
-        # The points leave out up to half a millimetre of the skin; 1 µm for rounding.
+        # The points miss up to half a millimetre of the skin; 1 µm allows for rounding.
         left_out = 0.5e-3 if len(self.skin) > len(self.foci) else -1e-6
         gap = np.sqrt(gaps.min()) - self.distance[0] - left_out
-        # Elements radiate forwards only, so the whole hand must be in front of them.
+        # Elements only radiate forwards, so the whole hand must be in front of them.
         return float(min(gap, seen[:, 2].min() - 2e-3))
 
     def around(
         self, rotation: Float64[np.ndarray, "3 3"], middle: Float64[np.ndarray, "3"]
     ) -> Pose:
-        """Pose of a board with a given middle."""
+        """Return the pose of a board with a given centre."""
         return Pose(rotation, middle - rotation @ middle_of(self.single))
 
     def fits(self, pose: Pose) -> bool:
-        """Whether a board is neither too near the hand, too far, nor outside the region."""
+        """Return whether a board is neither too near the hand, too far away, nor out of bounds."""
         middle = pose.apply(middle_of(self.single))
         away = np.linalg.norm(middle - self.foci.mean(axis=0))
         if away > self.distance[1] + 1e-6 or self.spare(pose.rotation, middle) < 0.0:
@@ -141,7 +141,7 @@ class Search:
         return bool(self.allowed(pose.apply(self.face)).all())
 
     def group(self, place: Place) -> list[Pose] | None:
-        """Poses of a board at a place and of its mirror image; None if they do not fit."""
+        """Return the poses of a board and of its mirror image; None if they do not fit."""
         turn, depth, *tilt = place
         rotation = turn @ Rotation.from_rotvec([*tilt, 0.0]).as_matrix()
         centre = self.foci.mean(axis=0)
@@ -164,18 +164,18 @@ class Search:
             mirrored[axis, axis] = -1.0
             middle = mirrored @ poses[0].apply(middle_of(self.single))
             middle[axis] += 2.0 * coordinate
-            # Boards are symmetric about their y axis, so the image of a board is a board too.
+            # Boards are symmetric about their y axis, so the mirror image of a board is a board.
             poses.append(self.around(mirrored @ rotation @ np.diag([-1.0, 1.0, 1.0]), middle))
         if not all(self.fits(pose) for pose in poses) or self.clashing(poses[:1], poses[1:]):
             return None
         return None if self.clashing(poses, self.fixed) else poses
 
     def clashing(self, poses: Sequence[Pose], others: Sequence[Pose]) -> bool:
-        """Whether any two boards of two groups clash."""
+        """Return whether any board of one group clashes with any board of the other."""
         return any(self.clash(first, second) for first in poses for second in others)
 
     def clash(self, first: Pose, second: Pose) -> bool:
-        """Whether two boards are within 10 mm, or one is between the other and a focus."""
+        """Return whether two boards are within 10 mm, or one is between the other and a focus."""
         for pose, blocking in ((first, second), (second, first)):
             inverse = blocking.inverse()
             middle = middle_of(self.single)
@@ -193,12 +193,12 @@ class Search:
         return False
 
     def rows(self, pose: Pose) -> list[FociRows]:
-        """Rows of one board for each pose of the hand."""
+        """Return the rows of one board for each pose of the hand."""
         board = self.single.moved(pose)
         return [hand.rows(board) for hand in self.hands]
 
     def weakest(self, boards: Sequence[list[FociRows]]) -> float:
-        """Pressure of the weakest focus [Pa], from the boards' rows, in all but ``share`` hands."""
+        """Return the pressure at the weakest focus [Pa] in all but ``share`` of the hands."""
         weakest = []
         for parts in zip(*boards, strict=True):
             rows = np.concatenate(parts, axis=1)
@@ -206,12 +206,12 @@ class Search:
         return float(np.quantile(weakest, self.share))
 
     def places(self, seed: int) -> Iterator[tuple[Place, list[Pose] | None]]:
-        """Yield places of a board that faces the foci, evenly over rotations and distances."""
+        """Yield positions of a board that faces the foci, evenly over rotations and distances."""
         sequence = qmc.Halton(4, rng=np.random.default_rng(seed))
         order = np.random.default_rng(seed)
         while True:
-            # Shuffled, because neighbours in the sequence lie in opposite halves, and a layout's
-            # boards would too.
+            # Shuffle the sequence: neighbours lie in opposite halves, and so would the boards of a
+            # layout.
             for first, second, third, depth in order.permutation(sequence.random(1000)):
                 # Uniform over all rotations (K. Shoemake, Graphics Gems III (1992) 124).
                 angles = 2.0 * np.pi * np.array([second, third])
@@ -225,12 +225,12 @@ class Search:
                 yield place, self.group(place)
 
     def candidates(self, boards: int, tries: int, seed: int) -> list[tuple[float, list[Place]]]:
-        """Return the weakest focus and the places of each of ``tries`` layouts."""
+        """Return the pressure at the weakest focus and the positions, for each of the layouts."""
         found: list[tuple[float, list[Place]]] = []
         layout: list[tuple[Place, list[Pose]]] = []
         fixed = [self.rows(pose) for pose in self.fixed]
         for index, (place, poses) in enumerate(self.places(seed)):
-            # If few places are allowed, there are fewer layouts than requested.
+            # If only few positions are allowed, return fewer layouts than requested.
             if index >= 5000 * boards + 100 * len(found):
                 break
             if poses is None:
@@ -245,15 +245,15 @@ class Search:
                     break
         if not found:
             raise InvalidInput(
-                f"there is no space for {counted(boards, 'board', 'boards')} "
+                f"there is no room for {counted(boards, 'board', 'boards')} "
                 f"{1e3 * self.distance[0]:g} to {1e3 * self.distance[1]:g} mm from the hand and "
-                "inside the region: use a larger distance or region.",
+                "inside the region: allow a larger distance or region.",
                 code="out_of_range",
             )
         return found
 
     def refined(self, weakest: float, layout: list[Place]) -> tuple[float, list[Place]]:
-        """Improve a layout, one board after the other."""
+        """Improve a layout, one board after another."""
         layout = list(layout)
         for _ in range(3):
             before = weakest
@@ -267,7 +267,7 @@ class Search:
     def refined_place(
         self, weakest: float, place: Place, others: list[Pose]
     ) -> tuple[float, Place]:
-        """Improve the position of one board while the others stay."""
+        """Improve the position of one board while all others stay in place."""
         turn, depth, *tilt = place
         rows = [self.rows(pose) for pose in others]
 
@@ -282,7 +282,7 @@ class Search:
                 return 0.0
             return -self.weakest([*rows, *(self.rows(pose) for pose in poses)])
 
-        # First steps of 9 degrees around the foci and of tilt, and a fifth of the distances
+        # First steps: 9 degrees around the foci and of tilt, and a fifth of the distance range.
         count = 6 if self.tilted else 4
         start = np.array([0.0, 0.0, 0.0, depth, *tilt])[:count]
         steps = np.array([0.15, 0.15, 0.15, -0.2 if depth > 0.5 else 0.2, 0.15, 0.15])[:count]
@@ -298,16 +298,16 @@ class Search:
                 "fatol": 1e-3 * weakest,
             },
         )
-        # Nelder-Mead keeps its start, so the result is never worse.
+        # Nelder-Mead keeps the best point, so the result is never worse than the start.
         return -float(found.fun), place_of(found.x)
 
     def poses(self, layout: Sequence[Place]) -> list[Pose]:
-        """Pose of each board of an allowed layout, followed by the fixed boards."""
+        """Return the pose of each board of an allowed layout, followed by the fixed boards."""
         placed = [pose for place in layout for pose in self.group(place) or ()]
         return [*placed, *self.fixed]
 
     def moves(self, poses: Sequence[Pose], weakest: float) -> Float64[np.ndarray, "boards 6"]:
-        """Relative change of the weakest focus for each move of one board, see ``Placement``."""
+        """Return the change of the weakest focus for each move of one board; see ``Placement``."""
         rows = [self.rows(pose) for pose in poses]
         centred = Pose.shift(middle_of(self.single))
         motions = [Pose.shift(10e-3 * unit) for unit in np.eye(3)]
@@ -326,5 +326,5 @@ class Search:
 
 
 def middle_of(single: PhasedArray) -> Float64[np.ndarray, "3"]:
-    """Return the middle of a board in its own frame [m]."""
+    """Return the centre of a board in its own frame [m]."""
     return 0.5 * (single.positions.min(axis=0) + single.positions.max(axis=0))

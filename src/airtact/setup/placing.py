@@ -1,9 +1,9 @@
-"""Search for board positions that make the weakest focus strongest over all poses of the hand.
+"""Search for board positions that maximise the pressure at the weakest focus over all hand poses.
 
-A beacon at each focus is solved for once per pose of the hand, and its field is expanded in
-outgoing waves. Each candidate layout then costs only an evaluation at its transducers and the
-choice of a drive. Candidates come from a low-discrepancy sequence and face the foci. The best ones
-are refined board by board (Nelder-Mead), which also tilts them.
+For each pose of the hand, one solve computes the field of a beacon at each focus, which is then
+expanded in outgoing waves. For each candidate layout it is then enough to evaluate the field at the
+transducers and to compute a drive. Candidates face the foci and come from a low-discrepancy
+sequence. The best ones are refined board by board (Nelder-Mead), which also tilts the boards.
 """
 
 import re
@@ -48,19 +48,19 @@ from airtact.transducers.placement import check_placement
 
 # Two opposite corners of a box
 Box = Real[np.ndarray, "2 3"] | tuple[Vector, Vector]
-# A box, or a function that returns True for points where a board may be
+# A box, or a function that returns True for points at which a board may be
 Region = Box | Callable[[Points], Bool[np.ndarray, "points"]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Layout:
-    """Places of boards.
+    """A layout of boards.
 
     Attributes
     ----------
-    poses : pose of each board, from the board's frame to the obstacles'.
-    weakest : peak pressure at the weakest focus over all poses of the hand, or its lowest tenth,
-        with every element at full scale [Pa]. If the foci have shares, divided by the share.
+    poses : pose of each board, from its own frame to that of the obstacles.
+    weakest : peak pressure at the weakest focus [Pa] with all elements at full scale, over all
+        poses of the hand or its lowest tenth. If the foci have shares, it is divided by the share.
     single : a single board in its own frame.
     """
 
@@ -74,31 +74,32 @@ class Layout:
 
     @cached_property
     def array(self) -> PhasedArray:
-        """The transducers in the obstacles' frame."""
+        """The transducers in the frame of the obstacles."""
         return join([self.single.moved(pose) for pose in self.poses])
 
     @property
     def middles(self) -> Float64[np.ndarray, "boards 3"]:
-        """(B, 3) middle of each board in the obstacles' frame [m]."""
+        """(B, 3) centre of each board in the frame of the obstacles [m]."""
         middle = middle_of(self.single)
         return np.stack([pose.apply(middle) for pose in self.poses])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Placement:
-    """Layouts of boards for a setup, and their performance.
+    """Layouts of boards for a setup, with the pressures that they reach.
 
     Attributes
     ----------
     setup : the setup with its present array.
     board : kind of the boards.
     layouts : all layouts that were tried, best first. The best few were refined.
-    present : the weakest focus of the setup's present array [Pa], over the same poses of the hand;
-        NaN if the array does not fit around one of them.
-    verified : the weakest focus of the best layout by a finer solve of its drives [Pa].
-    moves : (B, 6) relative change of the best layout's weakest focus if one board is moved by 1 cm
-        along its x, y or z axis, or turned by 5 degrees about the axis through its middle: the
-        worse of both directions, with a new drive.
+    present : pressure at the weakest focus with the setup's present array [Pa], over the same poses
+        of the hand; NaN if a pose does not fit the array.
+    verified : pressure at the weakest focus with the best layout [Pa], from a finer solve of its
+        drives.
+    moves : (B, 6) relative change of the weakest focus of the best layout if one board is moved by
+        1 cm along x, y or z, or turned by 5 degrees about one of these axes through its centre. It
+        is the worse of both directions, with a new drive.
     """
 
     setup: Setup
@@ -120,11 +121,11 @@ class Placement:
 
     @property
     def median(self) -> float:
-        """Weakest focus of the median layout [Pa]."""
+        """Pressure at the weakest focus of the median layout [Pa]."""
         return float(np.median([layout.weakest for layout in self.layouts]))
 
     def save(self, folder: str | Path, count: int = 3) -> tuple[Path, ...]:
-        """Write the best layouts as scene files layout_1.toml and so on; return the files.
+        """Write the best layouts as scene files layout_1.toml and so on; return their paths.
 
         Raises
         ------
@@ -144,21 +145,21 @@ class Placement:
             file = folder / f"layout_{index + 1}.toml"
             text = _with_array(self.setup.text, self._array_table(layout))
 
-            # Paths in the scene file are relative to it, and the new file is in another folder.
+            # Paths in a scene file are relative to its folder, and the new file is in another one.
             def moved(match: re.Match) -> str:
                 if not (source / match[2]).is_file():
                     return match[0]
                 return f'"{Path(relpath(source / match[2], folder.resolve())).as_posix()}"'
 
             text = re.sub(r"([\"'])([^\"'\n]{1,255})\1", moved, text)
-            parse_scene(text)  # raises if the table of the array was written in an unusual way
+            parse_scene(text)  # raises an error if the table of the array had an unusual form
             with whole_file(file) as partial:
                 partial.write_text(text, encoding="utf-8")
             files.append(file)
         return tuple(files)
 
     def _array_table(self, layout: Layout) -> str:
-        """Return the lines of [array] for a layout."""
+        """Return the lines of the table [array] for a layout."""
         lines = ["[array]", 'layout = "boards"', f'board = "{self.board}"']
         element = layout.single.element
         lines.append(f"sensitivity = {element.sensitivity!r}")
@@ -179,11 +180,11 @@ def _with_array(text: str, table: str) -> str:
     top = True
     for line in text.splitlines():
         header = re.match(r"\s*\[+\s*([\w-]+)", line)
-        # A list that spans lines may begin with numbers, but tables have names.
+        # A list over several lines may begin with numbers, but tables have names.
         if header and not re.match(r"\s*\[+\s*-?\d", line):
             inside = header[1] == "array"
             top = False
-        # Before the first table, the array may be one line: array = { layout = ... }.
+        # Before the first table, the array may be written in one line: array = { layout = ... }.
         if not inside and not (top and re.match(r"\s*array\s*[.=]", line)):
             kept.append(line)
     return "\n".join(kept).rstrip() + "\n\n" + table
@@ -207,43 +208,45 @@ def place(
     tilted: bool = True,
     objective: Literal["weakest", "lowest_tenth"] = "weakest",
 ) -> Placement:
-    """Search for the board layouts with the strongest weakest focus.
+    """Search for the layouts of boards that maximise the pressure at the weakest focus.
 
-    The boards neither overlap nor stand between another board and a focus, and the whole hand is in
-    front of each board. The sound that boards reflect is not included.
+    Boards do not overlap, no board is between another board and a focus, and the whole hand is in
+    front of each board. Sound reflected by the boards is not included.
 
     Parameters
     ----------
     setup : scene and target; its array is compared with the layouts.
-    boards : number of boards that are placed.
-    board : kind of the boards, see ``airtact boards``.
+    boards : number of boards to place.
+    board : kind of the boards; see ``airtact boards``.
     distance : smallest distance of any part of a board from the bodies and foci, and largest
-        distance of a board's middle from the middle of the foci [m].
-    region : two opposite corners of a box in which the boards must stand [m], or a function of
-        points (N, 3) that returns True (N,) where boards may be; by default everywhere.
-    hands : poses of the hand for which the layout must be good, instead of the setup's: hands that
-        replace the setup's only body, whose foci are on its named points, or motions of all bodies.
-    tries : number of layouts before the best few are refined; fewer in a small region.
-    seed : seed of the search. The same arguments give the same result.
-    refine : number of layouts that are refined, the best that differ by over 40 mm; may be 0.
+        distance of a board's centre from the centre of the foci [m].
+    region : two opposite corners of a box in which all boards must be [m], or a function that maps
+        points (N, 3) to True or False (N,) for where boards may be; by default, anywhere.
+    hands : poses of the hand for which the layouts are optimised, in place of that of the setup.
+        Either hands that replace the only body, with all foci at its named points; or motions of
+        all bodies.
+    tries : number of layouts before refinement; in a small region there may be fewer.
+    seed : seed of the search. The same arguments lead to the same result.
+    refine : number of layouts to refine, chosen as the best that differ by over 40 mm; may be 0.
     progress : called with a description of each step as it begins.
-    keep_out : boxes without boards, as two opposite corners each [m].
-    fixed : indices of boards of the setup's array that stay in every layout, after the placed ones.
-    symmetric : axis along which boards are mirrored in pairs. The mirror plane goes through the
-        middle of a region given as a box, or of the foci.
-    tilted : whether boards may be tilted; otherwise each faces the middle of the foci.
-    objective : "weakest", the weakest focus over all hands, or "lowest_tenth", the pressure that
-        the weakest focus exceeds in nine of ten hands.
+    keep_out : boxes without boards, each given by two opposite corners [m].
+    fixed : indices of boards of the setup's array that are part of every layout. They follow the
+        placed boards.
+    symmetric : axis along which boards are mirrored in pairs. The mirror plane passes through the
+        centre of the region if it is a box, otherwise through that of the foci.
+    tilted : whether boards may be tilted; otherwise each faces the centre of the foci.
+    objective : "weakest" for the pressure at the weakest focus over all hands; "lowest_tenth" for
+        the pressure that the weakest focus exceeds with nine of ten hands.
 
     Returns
     -------
-    The layouts, best first.
+    The layouts that were tried, best first.
 
     Raises
     ------
     InvalidInput
         If no layout fits, a number is not above zero, the board is unknown, the boards of the scene
-        reflect, a plane is behind them, or a hand cannot replace the setup's body.
+        reflect sound, there is a plane behind them, or a hand cannot replace the setup's body.
 
     Examples
     --------
@@ -260,14 +263,14 @@ def place(
     check_seed(seed)
     if setup.left_out:
         raise InvalidInput(
-            "the scene has a plane behind its boards, which would reflect the sound of boards "
-            "elsewhere: remove the plane, and use a region above it.",
+            "the scene has a plane behind its boards, which would reflect the sound of boards at "
+            "other positions: remove the plane, and set a region above it.",
             code="not_supported",
         )
     for count, name in ((boards, "boards"), (tries, "tries")):
         if not isinstance(count, int | np.integer) or count < 1:
             raise InvalidInput(
-                f"the number of {name} is {count!r}: use a whole number, at least 1.",
+                f"the number of {name} is {count!r}: use a whole number of at least 1.",
                 code="out_of_range",
             )
     if symmetric is not None and (symmetric not in ("x", "y", "z") or boards % 2):
@@ -284,20 +287,20 @@ def place(
     farthest = positive(distance[1], "the largest distance", "m")
     if farthest < nearest:
         raise InvalidInput(
-            f"the largest distance, {farthest:g} m, is below the smallest, {nearest:g} m: use "
+            f"the largest distance, {farthest:g} m, is below the smallest, {nearest:g} m: give "
             "the smallest first.",
             code="out_of_range",
         )
-    # The same boards keep their transducers, such as those of a scene file.
+    # Boards of the same kind keep their transducers, as set in the scene file.
     single = board_array(board, element=setup.array.element if board == setup.board else None)
     sides = at.transducers.board_named(board).outline
-    # The pitch of transducers is 10 mm.
+    # Transducers are 10 mm apart.
     spread = np.ptp(single.positions[:, :2], axis=0) + 10e-3
     report = progress or (lambda step: None)
     solved = []
     for index, (scene, target, motion) in enumerate(_hand_poses(setup, hands)):
         report(f"solving for a beacon in each focus of hand {index + 1}")
-        # Hands that only move share a solve.
+        # Hands that are only moved share a solve.
         same = [hand for hand in solved if hand.scene is scene]
         beacons = same[0].beacons if same else _beacons(setup.solver, scene, target)
         solved.append(HandPose(scene, target, motion, beacons))
@@ -325,7 +328,7 @@ def place(
     found = sorted(search.candidates(boards, tries, seed), key=lambda layout: -layout[0])
     report("refining the best layouts")
     layouts = [Layout(tuple(search.poses(places)), weakest, single) for weakest, places in found]
-    # Starts that differ by more than 40 mm in some board lead to different layouts.
+    # Starting points that differ by more than 40 mm in some board lead to different layouts.
     starts = _distinct(layouts, 40e-3, refine)
     best = []
     for index in starts:
@@ -333,7 +336,7 @@ def place(
         best.append(Layout(tuple(search.poses(places)), weakest, single))
     best.sort(key=lambda layout: -layout.weakest)
     rest = [layout for index, layout in enumerate(layouts) if index not in starts]
-    # Two starts may lead to the same layout.
+    # Two starting points may lead to the same layout.
     layouts = [*(best[index] for index in _distinct(best, 10e-3, refine)), *rest]
     layouts.sort(key=lambda layout: -layout.weakest)
     report("verifying the best layout by a finer solve")
@@ -351,7 +354,7 @@ def place(
 def _hand_poses(
     setup: Setup, hands: "Sequence[at.Hand | Pose] | None"
 ) -> Iterator[tuple[Scene, Target, Pose]]:
-    """Yield scene, target and motion for each pose of the hand."""
+    """Yield the scene, the target and the motion for each pose of the hand."""
     scene = setup.scene
     if hands is None:
         hands = [Pose.identity()]
@@ -361,7 +364,7 @@ def _hand_poses(
         if isinstance(hand, Pose):
             if not all(plane.kept_by(hand) for plane in scene.planes):
                 raise InvalidInput(
-                    "a motion of the hand moves the plane of the scene: use motions along it.",
+                    "a motion of the hand moves the plane of the scene: only use motions along it.",
                     code="not_supported",
                 )
             yield scene, setup.target, hand
@@ -369,8 +372,8 @@ def _hand_poses(
         of_kind(hand, at.Hand, "a hand", "hand_from_joints(joints) or a Pose")
         if len(scene.obstacles) != 1 or None in setup.riding:
             raise InvalidInput(
-                "a hand replaces the only body of a scene, and its foci must be on named points: "
-                'set at = "thumb.pad" in [[foci]].',
+                "a hand can only replace the single body of a scene whose foci are at named "
+                'points: set at = "thumb.pad" in [[foci]].',
                 code="not_supported",
             )
         points = np.stack([hand.focus(*ride) for ride in setup.riding if ride is not None])
@@ -380,16 +383,16 @@ def _hand_poses(
 
 
 def _beacons(solver: Solver, scene: Scene, target: Target) -> RadiatedField:
-    """Solve for a beacon at each focus with the accuracy that the search needs."""
+    """Solve for a beacon at each focus, with the accuracy that the search requires."""
     if isinstance(solver, BoundaryElement):
-        # Errors of 4 % only reorder layouts of almost equal pressure; the winner is verified.
+        # Errors of 4 % only reorder layouts of almost equal pressure, and the best is verified.
         solver = replace(solver, accuracy=max(solver.accuracy, 0.04), estimate=False)
     field = solver.radiate(scene, target.beacons())
     return at.multipole_expansion(field) if scene.obstacles else field
 
 
 def _fixed(setup: Setup, board: str, indices: Sequence[int]) -> list[Pose]:
-    """Return the poses of the boards of the setup that stay."""
+    """Return the poses of the setup's boards that stay in place."""
     if not len(indices):
         return []
     array = setup.array
@@ -398,8 +401,8 @@ def _fixed(setup: Setup, board: str, indices: Sequence[int]) -> list[Pose]:
     if not set(indices) <= set(range(len(poses))) or len(set(indices)) < len(indices):
         raise InvalidInput(
             f"the present array has {counted(len(poses), f'{board} board', f'{board} boards')}, so "
-            f"the fixed boards cannot be {', '.join(map(str, indices))}: name each board once, "
-            "counted from 0; fixed and placed boards must be of the same kind.",
+            f"the fixed boards cannot be {', '.join(map(str, indices))}. Name each board once, "
+            "counting from 0. Fixed and placed boards must be of the same kind.",
             code="unknown_name",
         )
     if np.any(array.gains != 1.0):
@@ -413,7 +416,7 @@ def _fixed(setup: Setup, board: str, indices: Sequence[int]) -> list[Pose]:
 def _allowed(
     region: Region | None, keep_out: Sequence[Box], scene: Scene
 ) -> Callable[[Points], Bool[np.ndarray, "points"]]:
-    """Return a function that is True at positions allowed for boards."""
+    """Return a function that is True for points at which boards are allowed."""
 
     def box(corners: Box) -> Callable[[Points], Bool[np.ndarray, "points"]]:
         ends = np.stack([point_of(corner, "a corner of a box") for corner in corners])
@@ -446,7 +449,7 @@ def _distinct(layouts: list[Layout], apart: float, most: int) -> list[int]:
 
 
 def _present(search: Search, array: PhasedArray) -> float:
-    """Pressure at the weakest focus for the setup's array [Pa]; NaN if it does not fit."""
+    """Return the weakest focus with the setup's array [Pa]; NaN if it does not fit."""
     try:
         for hand in search.hands:
             check_placement(hand.scene, array.seen_from(hand.motion), hand.target.points)
@@ -456,7 +459,7 @@ def _present(search: Search, array: PhasedArray) -> float:
 
 
 def _verified(setup: Setup, search: Search, array: PhasedArray) -> float:
-    """Pressure at the weakest focus for the drives of the search, by a finer solver [Pa]."""
+    """Return the pressure at the weakest focus for drives of the search [Pa], by a finer solver."""
     solver = setup.solver
     if isinstance(solver, BoundaryElement):
         solver = replace(solver, accuracy=min(solver.accuracy, 0.02))
@@ -473,26 +476,26 @@ def _verified(setup: Setup, search: Search, array: PhasedArray) -> float:
 
 
 def hands_of(setup: Setup, recording: Path, count: int) -> "list[at.Hand]":
-    """Return hands from a recording, evenly spaced in time, with the skin of the setup's hand.
+    """Return hands from a recording, evenly spaced in time, with the radii of the setup's hand.
 
     Raises
     ------
     InvalidInput
-        If the setup does not have exactly one hand, or no frame has a hand.
+        If the setup does not contain exactly one hand, or no frame contains a hand.
     """
     from airtact.hands.joints import joints_of
     from airtact.hands.tracking.recordings import load_recording
 
     if len(setup.hands) != 1:
         raise InvalidInput(
-            f"the scene has {counted(len(setup.hands), 'hand', 'hands')} with joints, but a "
+            f"the scene contains {counted(len(setup.hands), 'hand', 'hands')} with joints, but a "
             "recording replaces exactly one.",
             code="not_supported",
         )
     frames = load_recording(recording, leave_out=True).frames
     hands = [frame for frame in frames if frame.landmarks is not None]
     if not hands:
-        raise InvalidInput(f"no frame of {recording.name} has a hand.", code="empty")
+        raise InvalidInput(f"no frame of {recording.name} contains a hand.", code="empty")
     chosen = np.unique(np.linspace(0, len(hands) - 1, count).round().astype(int))
     return [
         at.hand_from_joints(

@@ -34,11 +34,11 @@ class ReachMap:
     Attributes
     ----------
     setup : scene and array.
-    vertices, normals : (V, 3) vertices of the skin of all bodies [m], and outward unit normals.
-    triangles : (T, 3) indices of vertices.
-    chosen : (P,) indices of the vertices whose pressure was computed.
-    places : part of the skin at each of these points, such as "index", "palm" or the body's name.
-    transfer : transfer matrix of these points.
+    vertices, normals : (V, 3) vertices on the skin of all bodies [m], and outward unit normals.
+    triangles : (T, 3) indices of the vertices of each triangle.
+    chosen : (P,) indices of the vertices at which the pressure was computed.
+    places : part of the skin at each of these points, such as "index", "palm" or a body's name.
+    transfer : transfer matrix for these points.
     report : report of the solve.
     """
 
@@ -58,7 +58,7 @@ class ReachMap:
 
     @property
     def points(self) -> Points:
-        """(P, 3) the points whose pressure was computed [m]."""
+        """(P, 3) points at which the pressure was computed [m]."""
         return self.vertices[self.chosen]
 
     @cached_property
@@ -67,7 +67,7 @@ class ReachMap:
         return np.abs(self.transfer.matrix).sum(axis=1)
 
     def drive(self, point: int) -> Drive:
-        """Return the drive that produces the largest pressure at a point, given by its index."""
+        """Return the drive that produces the largest pressure at the point with this index."""
         return Drive(np.exp(-1j * np.angle(self.transfer.matrix[point])))
 
     @property
@@ -83,8 +83,8 @@ class ReachMap:
 
     @cached_property
     def on_skin(self) -> Float64[np.ndarray, "vertices"]:
-        """(V,) the bound at all vertices of the skin, interpolated from the nearest points [Pa]."""
-        # The normal counts as 8 mm, so that the two sides of a finger do not mix.
+        """(V,) bound at all vertices of the skin, interpolated from the nearest points [Pa]."""
+        # Opposite normals count as 16 mm apart, so that the two sides of a finger do not mix.
         sides = np.column_stack([self.vertices, 8e-3 * self.normals])
         count = min(6, len(self.chosen))
         found = map(np.asarray, KDTree(sides[self.chosen]).query(sides, k=count))
@@ -93,7 +93,7 @@ class ReachMap:
         return (weights * self.bounds[nearest]).sum(axis=1) / weights.sum(axis=1)
 
     def table(self) -> list[dict[str, str | float]]:
-        """Return one row per point: place, x, y, z and normal [m], bound [Pa]."""
+        """Return one row per point, with its place, x, y, z and normal [m], and the bound [Pa]."""
         columns = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "bound_Pa")
         numbers = np.column_stack([self.points, self.normals[self.chosen], self.bounds])
         return [
@@ -102,13 +102,13 @@ class ReachMap:
         ]
 
     def save(self, path: str | Path) -> None:
-        """Write ``table`` (.csv)."""
+        """Write the rows of ``table`` to a file (.csv)."""
         with whole_file(Path(path)) as partial:
             partial.write_text(self.csv, encoding="utf-8", newline="")
 
     @property
     def csv(self) -> str:
-        """``table`` as the text of a CSV file."""
+        """The rows of ``table`` as the text of a CSV file."""
         rows = self.table()
         text = io.StringIO()
         table = csv.writer(text)
@@ -124,24 +124,25 @@ def reach(
     accuracy: float = 0.03,
     progress: Progress = no_progress,
 ) -> ReachMap:
-    """Compute the largest pressure that the array can produce at points all over the skin.
+    """Compute the largest pressure that an array can produce at points all over the skin.
 
-    The bodies are in the sound. By reciprocity, one solve with a beacon at each point gives the
-    pressure of every element there. The bound is the sum of their magnitudes: all elements at full
-    scale and in phase at the point. Gains and dead elements are included. No drive exceeds it, and
-    a single drive reaches it at one point only.
+    Scattering by the bodies is included. By reciprocity, one solve with a beacon at each point
+    gives the pressure there from every element. The bound is the sum of the magnitudes of these
+    pressures, so it corresponds to all elements at full scale and in phase at the point. Gains and
+    dead elements are included. No drive exceeds the bound, and a drive can only reach it at one
+    point at a time.
 
     Parameters
     ----------
-    setup : scene and array; its foci are not used.
-    points : number of points, spread evenly over the skin, 1 to 5,000.
-    accuracy : requested relative error of boundary elements. Other solvers keep theirs.
+    setup : scene and array; the foci are ignored.
+    points : number of points, from 1 to 5,000, spread evenly over the skin.
+    accuracy : requested relative error of boundary elements. Other solvers keep their own accuracy.
     progress : called with a description of each step as it begins.
 
     Raises
     ------
     InvalidInput
-        If the scene has no body, or a number is out of range.
+        If the scene contains no body, or a number is out of range.
 
     Examples
     --------
@@ -158,7 +159,7 @@ def reach(
     of_kind(setup, Setup, "the setup", "read_scene(path)")
     if not isinstance(points, int | np.integer) or not 1 <= points <= 5000:
         raise InvalidInput(
-            f"the number of points is {points!r}: use a whole number, 1 to 5000.",
+            f"the number of points is {points!r}: use a whole number from 1 to 5000.",
             code="out_of_range",
         )
     scene = setup.scene
@@ -169,27 +170,27 @@ def reach(
     }
     if not surfaces:
         raise InvalidInput(
-            "the scene has no body, so there is no skin to map: add a hand or another body.",
+            "the scene contains no body, so there is no skin to map: add a hand or another body.",
             code="empty",
         )
     progress(f"spreading {counted(points, 'point', 'points')} over the skin")
     vertices, triangles, body = fine_meshes([*surfaces.values()], 0.3 * scene.wavelength)
     normals = np.array(trimesh.Trimesh(vertices, triangles, process=False).vertex_normals)
     beside = vertices + 0.5e-3 * normals
-    # Skin in a crevice, on another body or behind a plane receives no sound.
+    # Skin in a crevice, in contact with another body, or behind a plane receives no sound.
     free = (scene.depth(beside) < -0.1e-3) & before_planes(scene.planes, beside)
     candidates = np.flatnonzero(free)
     chosen = candidates[_spread(vertices[candidates], points)]
     for index, surface in enumerate(surfaces.values()):
-        # Divided triangles are flat, but the bodies are curved.
+        # The triangles of the mesh are flat, but the bodies are curved.
         own = chosen[body[chosen] == index]
         vertices[own] = surface.shape.project(vertices[own])
     solver = setup.solver.reporting(progress)
     if isinstance(solver, BoundaryElement):
         accuracy = between(accuracy, 1e-3, 0.3, "the accuracy", "", "use a number such as 0.03.")
         solver = replace(solver, accuracy=accuracy, estimate=False)
-    # These beacons are no foci, so the panels are not refined around each of them. On the skin
-    # coarse panels leave an error of 1 %, but of 2 % half a millimetre above it.
+    # These beacons are not foci, so panels are not refined around them. On the skin, coarse panels
+    # cause an error of 1 %; half a millimetre above it, the error would be 2 %.
     beacons = solver.radiate(scene, Beacons(vertices[chosen], np.eye(len(chosen), dtype=complex)))
     progress(f"evaluating the beacons at {counted(len(setup.array), 'element', 'elements')}")
     transfer = transfer_to(beacons, setup.array)
@@ -199,7 +200,7 @@ def reach(
 
 
 def _spread(points: Points, count: int) -> list[int]:
-    """Return the indices of ``count`` points, each the farthest from all before it."""
+    """Return the indices of ``count`` points, each as far as possible from all earlier ones."""
     chosen = [0]
     distance = np.full(len(points), np.inf)
     for _ in range(min(count, len(points)) - 1):
@@ -209,11 +210,11 @@ def _spread(points: Points, count: int) -> list[int]:
 
 
 def _parts(setup: Setup, points: Points, bodies: list[str]) -> tuple[str, ...]:
-    """Return the name of the part of the hand at each point, or of its body."""
+    """Return the name of the part of the hand, or of the body, at each point."""
     names = np.array(bodies, dtype=object)
     for hand in setup.hands:
         parts = skin_of(hand, 10e-3)
-        # A scanned skin deviates from that of its joints by a few millimetres.
+        # A scanned skin deviates by a few millimetres from the skin given by its joints.
         away, nearest = map(np.asarray, KDTree(parts.points).query(points))
         near = away < 10e-3
         side = f"{hand.side}." if len(setup.hands) > 1 else ""

@@ -1,7 +1,7 @@
-"""The tables of a scene file, one class per table, with the range of every key.
+"""The tables of a scene file, one class per table, with the limits of every key.
 
-Lengths are in metres and positions in the obstacles' frame unless stated otherwise. A key without a
-default is None if it is missing.
+Lengths are in metres and positions in the frame of the obstacles unless stated otherwise. Missing
+keys without a default are None.
 """
 
 from typing import Annotated, ClassVar, Literal
@@ -19,13 +19,13 @@ Levels = Annotated[int, Meta(ge=2, le=256)]
 
 
 class Rule:
-    """Relation of a key to other keys, or to their values such as ``layout = "boards"``.
+    """Relation of a key to other keys, or to their values, such as ``layout = "boards"``.
 
     Parameters
     ----------
-    words : "only with" rejects the key unless a condition holds, "not with" rejects it if one
-        holds; "needed by" is like "only with", and also requires the key if a condition holds.
-    conditions : keys or values, of which one must hold.
+    words : "only with" rejects the key unless one of the conditions holds. "not with" rejects it if
+        one holds. "needed by" is like "only with", and also requires the key if one holds.
+    conditions : keys, or keys with a value.
     """
 
     def __init__(self, words: str, *conditions: str) -> None:
@@ -38,7 +38,7 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     Attributes
     ----------
-    one_of : keys of which a table must have exactly one.
+    one_of : keys of which exactly one must be set.
     """
 
     one_of: ClassVar[tuple[str, ...]] = ()
@@ -72,7 +72,7 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class MediumTable(Table, frozen=True):
-    """The fluid around the bodies: air of a temperature, or any fluid of a ``sound_speed``.
+    """The fluid around the bodies: air at a temperature, or any fluid with a ``sound_speed``.
 
     Attributes
     ----------
@@ -97,9 +97,9 @@ class PoseTable(Table, frozen=True):
     Attributes
     ----------
     axis : axis of the rotation, through the origin.
-    degrees : angle of the rotation [°].
+    degrees : angle of rotation [°].
     rotation : rotation matrix, row by row.
-    translation : shift after the rotation [m].
+    translation : translation after the rotation [m].
     """
 
     axis: Annotated[Triple | None, Rule("needed by", "degrees")] = None
@@ -158,13 +158,13 @@ class PinchTable(Table, frozen=True):
 
 
 class CapsuleTable(Table, frozen=True):
-    """A cylinder with round ends.
+    """A cylinder with hemispherical ends.
 
     Attributes
     ----------
     start, end : ends of the axis [m].
     radius : radius of the cylinder and the ends [m].
-    edge : longest triangle edge in pictures; it does not affect the solver [m].
+    edge : longest triangle edge for display [m]; it does not affect the solver.
     """
 
     start: Triple
@@ -180,7 +180,7 @@ class SphereTable(Table, frozen=True):
     ----------
     radius : radius of the sphere [m].
     centre : centre of the sphere [m].
-    edge : longest triangle edge in pictures; it does not affect the solver [m].
+    edge : longest triangle edge for display [m]; it does not affect the solver.
     """
 
     radius: Positive
@@ -195,14 +195,14 @@ class ObstacleTable(Table, frozen=True):
     ----------
     pinch, capsule, sphere : body defined by a formula.
     surface : mesh file in the folder of the scene.
-    joints : pose file of a scanned hand in the frame of the mesh, which defines its named places.
+    joints : pose file of a scanned hand in the frame of the mesh; it defines the named places.
     scale : length of one unit of the mesh file [m]; by default 1.
     largest_hole : widest hole that is filled [m]; by default 0.002.
     sharp_degrees : angle above which edges stay sharp [°]; by default 75.
-    union : whether to replace overlapping parts with the surface around them.
+    union : whether overlapping parts are replaced by their common outer surface.
     hand : pose file of a hand.
-    gap : distance to which the thumb and the index finger are opened [m].
-    boundary : "sound_hard" reflects completely, "impedance" absorbs, and "filled" is another fluid.
+    gap : distance to which thumb and index finger are opened [m].
+    boundary : "sound_hard" reflects fully, "impedance" absorbs sound, "filled" is another fluid.
     ratio : surface impedance Z/(ρc); [real, imaginary] if complex.
     medium : fluid inside the body.
     pose : pose of the body and its named points.
@@ -273,12 +273,12 @@ class ButtonTable(Table, frozen=True):
 
 
 class HalfSpaceTable(Table, frozen=True):
-    """All points behind a plane.
+    """All points on or behind a plane.
 
     Attributes
     ----------
-    point : any point of the plane [m].
-    normal : direction out of the object.
+    point : any point on the plane [m].
+    normal : direction that points out of the object.
     """
 
     point: Triple
@@ -290,7 +290,7 @@ class GratingTable(Table, frozen=True):
 
     Attributes
     ----------
-    pitch : distance between ridges [m].
+    pitch : distance between neighbouring ridges [m].
     direction : direction across the ridges.
     """
 
@@ -336,7 +336,7 @@ class PlaneTable(Table, frozen=True):
 
     Attributes
     ----------
-    point : any point of the plane [m].
+    point : any point on the plane [m].
     normal : direction toward the side with the sound.
     """
 
@@ -406,7 +406,7 @@ class SphereShellTable(Table, frozen=True):
 
 
 class TextTable(Table, frozen=True):
-    """Points of text in single strokes.
+    """Points along text written in single strokes.
 
     Attributes
     ----------
@@ -427,12 +427,12 @@ class TextTable(Table, frozen=True):
 
 
 class SvgTable(Table, frozen=True):
-    """Points on the lines of an SVG drawing.
+    """Points along the lines of an SVG drawing.
 
     Attributes
     ----------
     file : SVG file in the folder of the scene.
-    path : text of one SVG path.
+    path : path data of a single SVG path.
     width : width of the drawing [m].
     spacing : largest distance between neighbours [m].
     centre : centre of the drawing [m].
@@ -494,9 +494,9 @@ class FocusTable(Shape, frozen=True):
     Attributes
     ----------
     at : named point of a body, such as "thumb.pad", or "left.thumb.pad" with two hands.
-    onto : name of the body onto whose surface the points are projected.
+    onto : name of a body; the points are projected onto its surface.
     offset : distance from the body's surface [m]; by default 0.0005.
-    pressure : peak pressure at every point [Pa]; by default as much as possible.
+    pressure : peak pressure at every point [Pa]; by default as high as possible.
     share : pressure relative to the other foci.
     phase_degrees : phase of the pressure [°]; by default free.
     name : name of the focus in results.
@@ -513,7 +513,7 @@ class FocusTable(Shape, frozen=True):
 
 
 class SuppressionTable(Shape, frozen=True):
-    """Points, or a surface, where the sound is suppressed.
+    """Points, or a surface, at which the sound is suppressed.
 
     Attributes
     ----------
@@ -546,7 +546,7 @@ class TrapTable(Table, frozen=True):
 
 
 class SolverTable(Table, frozen=True):
-    """Computation of the sound field.
+    """Computation of the field.
 
     Attributes
     ----------
@@ -577,10 +577,10 @@ class ModulationTable(Table, frozen=True):
     ----------
     kind : "am" varies the amplitude; "lm" moves each focus along a small path around its position;
         "stm" moves one focus through all points, or along a path.
-    frequency : frequency of the force, or rounds of the path per second [Hz]; by default 200
-        for "am", 50 for "lm", 7 m/s along the path for "stm".
+    frequency : frequency of the force, or rounds of the path per second [Hz]; by default 200 for
+        "am", 50 for "lm", and 7 m/s along the path for "stm".
     depth : depth of the modulation of the force, 0 to 1; by default 1.
-    path : shape of the path; "points" only with "stm".
+    path : shape of the path; "points" requires "stm".
     radius : radius of the circle [m]; by default 0.003 for "lm", 0.01 for "stm".
     length : length of the line [m]; by default 0.006 for "lm", 0.02 for "stm".
     frames : number of positions on the path; by default 16.
@@ -609,7 +609,7 @@ class DriveTable(Table, frozen=True):
     ----------
     method : name of the method.
     levels : number of levels of amplitude and phase to which the drive is rounded.
-    modulation : variation that makes the drive perceptible.
+    modulation : modulation that makes the drive perceptible.
     """
 
     method: str = "best"
@@ -618,7 +618,7 @@ class DriveTable(Table, frozen=True):
 
 
 class UncertaintyTable(Table, frozen=True):
-    """Standard deviations of hand, air and transducers; see ``airtact.Uncertainty``.
+    """Standard deviations of the hand, the air and the transducers; see ``airtact.Uncertainty``.
 
     Attributes
     ----------
@@ -633,7 +633,7 @@ class UncertaintyTable(Table, frozen=True):
     humidity : deviation of the relative humidity of the air [1].
     gain : relative deviation of the gain of each element [1].
     phase : deviation of the phase of each element [°].
-    dead : fraction of elements that emit nothing.
+    dead : fraction of the elements that emit nothing.
     samples : number of samples that the method uses.
     seed : seed of the random samples.
     """
@@ -660,11 +660,11 @@ class SceneFile(Table, frozen=True):
     Attributes
     ----------
     array : transducers.
-    foci : points that the person feels; by default the contacts of bodies with ``objects``.
+    foci : points to be felt; by default the contacts of bodies with ``objects``.
     traps : traps for small beads.
     objects : virtual objects; at most 64.
     medium : fluid around the bodies; by default air at 20 °C.
-    suppression : points where the sound is suppressed.
+    suppression : points at which the sound is suppressed.
     obstacles : bodies.
     planes : rigid plane; at most one.
     frequency : frequency of the sound [Hz].

@@ -22,24 +22,25 @@ def touched(
     hands: "Mapping[str, at.Hand]",
     moving: bool = False,
 ) -> "tuple[tuple[at.VirtualObject, ...], at.touch.Contacts | None]":
-    """Build the objects of a scene file and compute the contacts, unless the file has foci.
+    """Build the objects of a scene file; without foci, also compute the contacts.
 
     Parameters
     ----------
-    bodies, obstacles : bodies and their names.
+    file, folder : the scene file, and the folder of the files that it names.
+    bodies, obstacles : names of the bodies, and the bodies themselves.
     hands : hands by the names of their bodies.
-    moving : whether the bodies will move, so that contacts may be missing at first.
+    moving : whether the bodies will move later, so that contacts may be missing at first.
 
     Raises
     ------
     InvalidInput
-        If there are neither foci nor contacts, unless the bodies will move; or for the reasons
+        If there are neither foci nor contacts although the bodies will not move, or for the reasons
         listed in ``at.contact``.
     """
-    # An application may ask for foci on hands later.
+    # An application may request foci on a hand later.
     if not file.objects and (file.foci or not (moving and hands)):
         return (), None
-    # Importing the package takes time, so only scenes with objects import it.
+    # Importing the package takes time, so only do it for scenes with objects.
     from airtact.touch.objects import objects_of
 
     objects = []
@@ -52,7 +53,7 @@ def touched(
             return things, None
         skins: dict[str, at.Hand | Surface] = {}
         for name, obstacle in zip(bodies, obstacles, strict=True):
-            # The body of a scanned hand is its mesh; its joints only define named places.
+            # The body of a scanned hand is its mesh; the joints only define named places.
             modelled = name in hands and obstacle.surface.primitive is not None
             skins[name] = hands[name] if modelled else obstacle.surface
         contacts = at.contact(skins, things)
@@ -69,9 +70,9 @@ def touched(
 
 
 def nearest_skin(contacts: "at.touch.Contacts") -> Float64[np.ndarray, "1 3"]:
-    """Return the focus (1, 3) at the skin that is nearest to an object [m]."""
+    """Return the point of the skin that is nearest to an object, as a focus (1, 3) [m]."""
     skin = contacts.skin
-    depths = [np.zeros(len(skin.points))]  # any point if there is no object
+    depths = [np.zeros(len(skin.points))]  # any point if there are no objects
     if contacts.virtual_objects:
         depths = [thing.depth(skin.points) for thing in contacts.virtual_objects]
     nearest = int(np.max(depths, axis=0).argmax())
