@@ -1,4 +1,4 @@
-"""``python -m airtact`` runs the command line."""
+"""Run the command line as ``python -m airtact``."""
 
 import sys
 

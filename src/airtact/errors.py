@@ -1,11 +1,11 @@
-"""Conventions of all packages: error types, checks of input, and texts for messages and reprs.
+"""Conventions of all packages: error types, input checks, and text for messages and reprs.
 
 - Phasor p(t) = Re[P e^{-iωt}]; an outgoing wave is e^{+ikr}/r.
 - SI units: metre, hertz, pascal, radian. Amplitudes are peak values unless a name ends in ``_rms``.
-- Points are (N, 3) float64. Matrices: rows are receivers, columns are sources.
+- Points are (N, 3) float64. Rows of matrices are receivers, and columns are sources.
 - A monopole of strength s [Pa·m] in open air gives p = s e^{ikr}/r.
 
-In checks, ``what`` is the name of the value in the message and ``unit`` is its unit.
+In checks, ``what`` is the name of the value in the message, and ``unit`` is its unit.
 """
 
 import dataclasses
@@ -21,10 +21,10 @@ from jaxtyping import Complex128, Float64, Num, Real
 
 Value = TypeVar("Value")
 
-# One point or direction: an array of three numbers or a tuple of three
+# A point or direction: an array or a tuple of three numbers
 Vector = Real[np.ndarray, "3"] | tuple[float | int, float | int, float | int]
 
-# Largest length of a message [characters]; with code and prefix a line of the terminal has 500
+# Largest length of a message [characters]; with its code and prefix, a line has up to 500
 LONGEST_SENTENCE = 450
 
 # Largest size of a scene file [bytes]
@@ -36,13 +36,13 @@ LARGEST_NUMBER = 1e12
 # Smallest magnitude of a number in a scene file other than 0
 SMALLEST_NUMBER = 1e-60
 
-# Largest number of points of a shape, and of foci and suppression points of a scene by default
+# Largest number of points of a shape, and by default of foci and suppression points in a scene
 MOST_POINTS = 4096
 
-# Largest size of a surface's file together with the files that it names [bytes]
+# Largest size of the file of a surface together with the files named in it [bytes]
 LARGEST_MESH_FILE = 100_000_000
 
-# Largest size of a file of numbers, and of its arrays unpacked [bytes]
+# Largest size of a file of numbers, and of its unpacked arrays [bytes]
 LARGEST_DATA = 2**28
 
 
@@ -71,12 +71,12 @@ def _shortened(text: str) -> str:
 
 
 class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
-    """Invalid input; the message states the error, its place and a remedy.
+    """Invalid input; the message states the error, where it is, and what to do.
 
     Attributes
     ----------
-    position : (3,) position of the error [m] for pictures, or None.
-    code : kind of error, such as "inside_body". It stays the same when the message changes;
+    position : (3,) position of the error in the scene [m], or None.
+    code : kind of error, such as "inside_body". It does not change if the message is reworded;
         ``docs/errors.md`` lists all codes.
     """
 
@@ -88,16 +88,16 @@ class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
         self.code = code
 
     def __reduce__(self) -> Any:
-        """Include the keyword ``code``, so that processes can pass the error on."""
+        """Include the keyword ``code``, so that the error can be passed between processes."""
         return partial(type(self), code=self.code), (str(self), self.position)
 
 
 class NotConverged(RuntimeError):  # noqa: N818
-    """Solver that stopped above its tolerance; the message states residual, iterations and cause.
+    """Error of a solver that stopped above its tolerance; the message states residual and cause.
 
     Attributes
     ----------
-    code : kind of error, see ``InvalidInput``.
+    code : kind of error; see ``InvalidInput``.
     """
 
     def __init__(self, sentence: str, *, code: str) -> None:
@@ -107,15 +107,15 @@ class NotConverged(RuntimeError):  # noqa: N818
 
 @contextmanager
 def about(name: str) -> Iterator[None]:
-    """Prefix the messages of ``InvalidInput`` raised inside with the name of a file or table.
+    """Add the name of a file or table to the messages of ``InvalidInput`` raised inside the block.
 
     Examples
     --------
     >>> with about("hand.stl"):
-    ...     raise InvalidInput("it holds no triangles.", code="empty")
+    ...     raise InvalidInput("the file contains no triangles.", code="empty")
     Traceback (most recent call last):
     ...
-    airtact.errors.InvalidInput: hand.stl: it holds no triangles.
+    airtact.errors.InvalidInput: hand.stl: the file contains no triangles.
     """
     try:
         yield
@@ -125,12 +125,12 @@ def about(name: str) -> Iterator[None]:
 
 @contextmanager
 def extra(name: str, need: str) -> Iterator[None]:
-    """Raise an error with the command to install an extra if an import inside fails.
+    """Raise an error with the command to install an extra if an import inside the block fails.
 
     Parameters
     ----------
     name : name of the extra, as in ``airtact[fem]``.
-    need : reason for the message, such as "finite elements need NGSolve".
+    need : beginning of the message, ending in the package, such as "finite elements need NGSolve".
     """
     try:
         yield
@@ -165,7 +165,7 @@ def in_mm(point: Real[np.ndarray, "3"]) -> str:
 
 
 def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Value:
-    """Check that an object has the right type, and return it; ``instead`` is the remedy."""
+    """Check that an object has the right type, and return it; ``instead`` is what to pass."""
     if not isinstance(value, kind):
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         raise InvalidInput(
@@ -176,7 +176,7 @@ def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Va
 
 
 def _described(value: object) -> str:
-    """Describe a wrong value: arrays by shape, numbers and texts literally, others by type."""
+    """Describe a wrong value: arrays by shape, numbers and text literally, others by type."""
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
     if isinstance(value, int | float | complex | str):
@@ -190,7 +190,7 @@ def _with_article(name: str) -> str:
 
 
 def check_choice(value: str, what: str, choices: Sequence[str]) -> None:
-    """Raise an error if a value is none of the choices."""
+    """Raise an error if a value is not one of the choices."""
     if value not in choices:
         raise InvalidInput(
             f"{what} is {value!r}, but it must be one of {', '.join(map(repr, choices))}.",
@@ -199,12 +199,12 @@ def check_choice(value: str, what: str, choices: Sequence[str]) -> None:
 
 
 def number(value: float, what: str, unit: str) -> float:
-    """Check that a value is a real number, possibly NaN or infinite, and return it as a float."""
+    """Check that a value is a real number, which may be NaN or infinite; return it as a float."""
     array = np.asarray(value if np.isscalar(value) or isinstance(value, np.ndarray) else None)
     if array.ndim != 0 or array.dtype.kind not in "iuf":
         in_unit = f", in {unit}" if unit else ""
         raise InvalidInput(
-            f"{what} is {_described(value)}, but it must be one real number{in_unit}.",
+            f"{what} is {_described(value)}, but it must be a single real number{in_unit}.",
             code="not_a_number",
         )
     return float(array)
@@ -230,7 +230,7 @@ def positive(value: float, what: str, unit: str) -> float:
 def between(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
     """Check that a number lies between ``low`` and ``high``, and return it as a float.
 
-    ``slip`` is a question about a likely wrong unit, such as "is it in kHz?".
+    ``slip`` ends the message with a likely cause, such as "is it in kHz?".
 
     Examples
     --------
@@ -261,22 +261,22 @@ def check_frequency(frequency: float) -> float:
 
 
 def check_seed(seed: int) -> None:
-    """Raise an error if a seed of random numbers is not a non-negative integer."""
+    """Raise an error unless a seed for random numbers is a non-negative integer."""
     if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
         raise InvalidInput(
-            f"a seed must be a whole number of 0 or more, not {seed!r}.", code="out_of_range"
+            f"a seed must be a whole number of at least 0, not {seed!r}.", code="out_of_range"
         )
 
 
 def fixed(array: Real[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:
-    """Copy an array to read-only float64, so that checks of it stay valid."""
+    """Copy an array to read-only float64, so that it cannot change after it was checked."""
     copy = np.array(array, dtype=np.float64, order="C")
     copy.flags.writeable = False
     return copy
 
 
 def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarray, "..."]:
-    """Return an array, or nested lists, of real numbers of any shape as read-only float64.
+    """Convert an array, or nested lists, of real numbers to read-only float64.
 
     Rows of different lengths, complex numbers, text and other objects raise an error.
     """
@@ -297,7 +297,7 @@ def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarra
 
 
 def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
-    """Return numbers of any shape as a complex128 copy."""
+    """Convert an array of numbers to complex128; it is copied."""
     try:
         return np.array(array, dtype=np.complex128)
     except (TypeError, ValueError):
@@ -310,11 +310,10 @@ def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.n
 def points_of(
     array: Real[np.ndarray, "..."], what: str, least: int = 1
 ) -> Float64[np.ndarray, "points 3"]:
-    """Return at least ``least`` (0 or 1) points (P, 3) as read-only float64.
+    """Convert an array of points to read-only float64 (P, 3), with P at least ``least`` (0 or 1).
 
-    One point (3,) is not a list of points.
-
-    The shape, the number of points and finite values are checked.
+    Raise an error if the shape is wrong, there are too few points, or a number is not finite. A
+    single point of shape (3,) is not accepted.
     """
     points = real_numbers(array, what)
     if points.ndim != 2 or points.shape[1] != 3:
@@ -329,7 +328,7 @@ def points_of(
 
 
 def point_of(vector: Vector, what: str) -> Float64[np.ndarray, "3"]:
-    """Return one point (3,) as read-only float64; see ``points_of`` for the errors."""
+    """Convert a single point to read-only float64 (3,); see ``points_of`` for the errors."""
     point = real_numbers(np.asarray(vector), what)
     if point.shape != (3,):
         raise InvalidInput(
@@ -359,9 +358,9 @@ def file_fault(path: Path, error: OSError) -> InvalidInput:
 
 
 def in_short(self: Any) -> str:
-    """Write a dataclass in one line; large fields appear as type and shape.
+    """Write a dataclass on one line; large fields are replaced by their type and shape.
 
-    It serves classes with ``__repr__ = in_short``.
+    Classes use it as ``__repr__ = in_short``.
 
     Examples
     --------
@@ -392,7 +391,7 @@ def _short(value: object) -> str:
 
 
 def one_line(self: object, *facts: str) -> str:
-    """Write an object as its type with some facts, except empty ones.
+    """Write an object as its type followed by some facts; empty facts are omitted.
 
     Examples
     --------
@@ -403,7 +402,7 @@ def one_line(self: object, *facts: str) -> str:
 
 
 def sides_in_mm(points: Real[np.ndarray, "points 3"]) -> str:
-    """Write the sides of the axis-aligned box around points (P, 3) [m].
+    """Write the side lengths of the axis-aligned box around points (P, 3) [m].
 
     Examples
     --------
@@ -414,7 +413,7 @@ def sides_in_mm(points: Real[np.ndarray, "points 3"]) -> str:
 
 
 def as_sentence(words: str) -> str:
-    """Begin words with a capital letter and end them with a full stop.
+    """Begin a text with a capital letter and end it with a full stop.
 
     Examples
     --------
@@ -425,7 +424,7 @@ def as_sentence(words: str) -> str:
 
 
 def span(values: Iterable[float], unit: str, form: str = ".4g") -> str:
-    """Write the range of values with their unit, or the value that all share.
+    """Write the range of some values with its unit, or a single value if all are equal.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Timing of steps, progress reports, child processes, and limits of threads and priority."""
+"""Timing and progress of steps, child processes, and limits on threads and priority."""
 
 import os
 import subprocess
@@ -11,7 +11,7 @@ from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
-# Callback of a long computation: takes the description of each step as it begins
+# Callback for long computations; it receives the description of each step as it begins
 Progress = Callable[[str], None]
 
 
@@ -24,7 +24,7 @@ class Clock:
 
     Attributes
     ----------
-    seconds : wall time by step [s]; the times of repeated steps add up.
+    seconds : wall time of each step by name [s]; the times of a repeated step add up.
 
     Examples
     --------
@@ -42,7 +42,7 @@ class Clock:
 
     @contextmanager
     def step(self, name: str, words: str | None = None) -> Iterator[None]:
-        """Report a step in ``words`` or by its name, and add its time to ``seconds[name]``."""
+        """Report a step by ``words`` or else its name; add its time to ``seconds[name]``."""
         if self._progress is not None:
             self._progress(words or name)
         begun = time.perf_counter()
@@ -69,8 +69,8 @@ def give_way(nice: int) -> None:
     """Lower the priority of this process by ``nice`` steps, if the system supports it.
 
     Linux first divides the processors among sessions (autogroups), so ``nice`` only has an effect
-    within a session. A process with its own session therefore also lowers the priority of the
-    session.
+    within a session. If the process has its own session, the priority of the session is therefore
+    lowered as well.
     """
     with suppress(AttributeError, OSError):
         os.nice(nice)
@@ -80,13 +80,13 @@ def give_way(nice: int) -> None:
 
 
 def start_python(*arguments: str, **options: Any) -> "subprocess.Popen[bytes]":
-    """Start Python in its own session, with one thread for linear algebra.
+    """Start Python in its own session, with a single thread for linear algebra.
 
-    It can import what this process can. ``options`` are those of ``subprocess.Popen``.
+    The child has the same import path. ``options`` are passed to ``subprocess.Popen``.
     """
     paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
     one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-    # Without -P the current folder comes first, and a random.py in it replaces Python's module.
+    # Without -P, the current folder comes first, and a random.py in it would hide Python's module.
     child: subprocess.Popen[Any] = subprocess.Popen(
         [sys.executable, "-P", *arguments],
         env={**os.environ, **one_thread, "PYTHONPATH": paths},

@@ -1,8 +1,8 @@
 """The command line: each command parses its arguments, calls the library and prints the result.
 
-Exit codes: 0 success, 1 failure of a link to boards or of the self-check, 2 bad input or no
-convergence, 130 interruption by Ctrl-C. An error message ends with its code in brackets; with
-``--json`` it is also written to the standard output as JSON.
+The exit code is 0 for success, 1 if a link to boards or the self-check fails, 2 for bad input or no
+convergence, and 130 for an interruption by Ctrl-C. An error message ends with its code in brackets.
+With ``--json``, the error is also written to the standard output as JSON.
 """
 
 import gc
@@ -15,7 +15,7 @@ import click
 
 import airtact as at
 
-# Each command is a function in the module of the same name.
+# Each command is a function in the module with the same name.
 NAMES = (
     "boards",
     "calibrate",
@@ -39,7 +39,7 @@ NAMES = (
 
 
 class Commands(click.Group):
-    """A group that imports its commands when they are run or listed."""
+    """A group that only imports a command when it is run or listed."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command; return None for an unknown name."""
@@ -61,9 +61,9 @@ def commands() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit code; by default with this process's arguments."""
+    """Run the command line and return the exit code; by default, with this process's arguments."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    # Imports make many objects that stay; searching them for garbage takes a tenth of the start.
+    # Imports create many permanent objects; searching them for garbage takes a tenth of the start.
     gc.set_threshold(100_000)
     try:
         status = commands.main(args=arguments, prog_name="airtact", standalone_mode=False)
@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         error.show()
         return error.exit_code
     except click.ClickException as error:
-        # click's messages begin with a capital letter; airtact's follow "airtact: ".
+        # click's messages begin with a capital letter, but airtact's follow "airtact: ".
         sentence = error.format_message()
         sentence = sentence[:1].lower() + sentence[1:]
         if isinstance(error, click.UsageError) and error.ctx is not None:
@@ -80,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = "wrong_usage"
         status = error.exit_code
     except (KeyboardInterrupt, click.Abort) as stop:
-        # The interrupt of a command names the complete files; click wraps it in Abort.
+        # The interrupt raised by a command names the complete files; click wraps it in Abort.
         sentence = f"interrupted; {str(stop.__cause__ or stop) or 'finished files are complete'}"
         code = "interrupted"
         status = 130

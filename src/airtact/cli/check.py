@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     default="scene.toml",
     callback=scene_here,
 )
-@click.option("--out", "folder", type=FILE, help="Folder for the picture of the bodies.")
+@click.option("--out", "folder", type=FILE, help="Folder for a picture of the bodies.")
 @surface_settings
 @as_json
 @quiet
@@ -63,7 +63,7 @@ def check(scene: Path, folder: Path | None, **settings: Any) -> None:
         if scene.suffix.lower() in SUFFIXES:
             tables, cautions, record = _check_surface(scene, folder, report_step, chosen)
         else:
-            # In a scene file, each surface has its own settings.
+            # Within a scene file, each surface has its own settings.
             for key, value in chosen.items():
                 raise at.InvalidInput(
                     f"{key} = {value} on the command line only applies to surface files: set it in "
@@ -108,13 +108,13 @@ def _check_surface(
     from airtact.setup.solving import unknowns_of
 
     surface = at.load_surface(path, **settings, progress=report_step)
-    # Treat the surface as a sound-hard body of a scene at 40 kHz.
+    # Treat the surface as a sound-hard body in a scene at 40 kHz.
     with about(path.name):
         scene = at.Scene(at.air(), [at.sound_hard(surface)])
     if folder is not None:
         _draw_bodies(folder, scene, [path.name], None, report_step)
     report_step("counting unknowns")
-    # Panels are smaller near foci; a distant focus leaves them at their usual size.
+    # Panels are smaller near foci; with a distant focus they keep their usual size.
     distant = surface.vertices.min(axis=0)[None] - 1.0
     pieces = counted(int(shells(surface.triangles).max()) + 1, "closed piece", "closed pieces")
     extent = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(surface.vertices, axis=0))
@@ -127,7 +127,7 @@ def _check_surface(
         ("sharp edges", sharp_edges_in_words(surface)),
     ]
     unknowns = {}
-    # The default accuracy, and the accuracy of a preview
+    # The default accuracy, and that of a preview
     for accuracy in (0.01, 0.03):
         count = unknowns_of(at.BoundaryElement(accuracy=accuracy), scene, distant)
         unknowns[f"{accuracy:g}"] = count

@@ -66,7 +66,7 @@ def compare(
         if pictures:
             written += at.write_report(result, folder, progress=report_step)
         else:
-            (folder / "methods.html").unlink(missing_ok=True)  # from an older run
+            (folder / "methods.html").unlink(missing_ok=True)  # left from an older run
     show(
         _table(result),
         warnings=result.warnings,
@@ -106,7 +106,7 @@ def _table(result: "MethodComparison") -> "Table":
     if suppressed:
         columns.append("suppression points")
     table = plain_table(*columns)
-    # The drives differ in energy, so shares of the bound are compared at full scale.
+    # The drives differ in energy, so compare shares of the bound at full scale.
     table.title = "Pressure at the foci, and share of the upper bound at full scale"
     equal = len(result.equally_good)
     if equal > 1:

@@ -25,7 +25,7 @@ JSON, QUIET = "airtact.json", "airtact.quiet"
 
 
 def printable(text: str) -> str:
-    r"""Remove control characters and marks that reverse the text, which a terminal would interpret.
+    r"""Remove control characters and marks that reverse text, which a terminal would interpret.
 
     Examples
     --------
@@ -36,14 +36,14 @@ def printable(text: str) -> str:
 
 
 class Terminal(Console):
-    """A console that prints text from files without control characters."""
+    """A console that removes control characters from text, which may come from files."""
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterator[Segment]:
-        """Render like the base class, but strip control characters."""
+        """Render like the base class, but remove control characters."""
         for segment in super().render(renderable, options):
-            # Segments with ``control`` come from rich, such as movements of the cursor.
+            # Segments with ``control`` were added by rich itself, for example to move the cursor.
             yield segment if segment.control else segment._replace(text=printable(segment.text))
 
 
@@ -53,22 +53,22 @@ def say(text: str) -> None:
 
 
 def wanted(key: str) -> bool:
-    """Return whether the running command has ``--json`` (`JSON`) or ``--quiet`` (`QUIET`)."""
+    """Return whether the running command was given ``--json`` (`JSON`) or ``--quiet`` (`QUIET`)."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(key))
 
 
 @contextmanager
 def progress() -> Iterator[Step]:
-    """Yield a function that shows each step as it begins; nothing is shown if quiet.
+    """Yield a function that shows each step as it begins; with ``--quiet``, nothing is shown.
 
-    A terminal shows a live display with the time of each step, a pipe one line per step.
+    A terminal shows a live display with the time of each step; a pipe receives one line per step.
     """
     console = Terminal(stderr=True)
     if wanted(QUIET):
         yield lambda step: None
         return
-    # A live display would fill a log file with control characters.
+    # In a log file, a live display would leave control characters.
     if not console.is_terminal:
         begun = time.perf_counter()
         yield lambda step: say(f"{time.perf_counter() - begun:7.1f} s  {step}")
@@ -94,9 +94,9 @@ def progress() -> Iterator[Step]:
 
 @contextmanager
 def status_line() -> Iterator[Callable[[object], None]]:
-    """Yield a function that shows the current status; nothing is shown if quiet.
+    """Yield a function that shows the current status; with ``--quiet``, nothing is shown.
 
-    A terminal shows one line that is rewritten, a pipe one line per change of state.
+    A terminal shows one line, which is rewritten; a pipe receives one line per change of state.
     """
     console = Terminal(stderr=True)
     if wanted(QUIET):
@@ -107,7 +107,7 @@ def status_line() -> Iterator[Callable[[object], None]]:
 
         def line(status: object) -> None:
             nonlocal last
-            # The numbers change twice a second, too often for a log.
+            # The numbers change twice a second, which is too often for a log.
             state = re.sub(r"[\d.]+", "", re.sub(r"(, \d+ drives/s.*)", "", str(status)))
             if state != last:
                 say(str(status))
@@ -128,12 +128,12 @@ def show(
 ) -> None:
     """Print a headline, tables, warnings, and lines such as the names of written files.
 
-    With ``--quiet`` only the warnings are printed. With ``--json`` the standard output consists of
-    the record, with the warnings and the version; the rest goes to the standard error.
+    With ``--quiet``, only the warnings are printed. With ``--json``, the standard output is the
+    record with the warnings and the version; everything else is printed on the standard error.
     """
-    from airtact.errors import one_sentence  # imports NumPy, which would delay --help
+    from airtact.errors import one_sentence  # importing NumPy here does not delay --help
 
-    # The standard output contains only the result, so that it can be piped.
+    # The standard output only contains the result, so that it can be piped.
     console = Terminal(stderr=wanted(JSON) or wanted(QUIET))
     for index, line in enumerate(() if wanted(QUIET) else first):
         console.print(
@@ -152,12 +152,12 @@ def show(
 
         about = {"airtact": at.__version__, "command": click.get_current_context().info_name}
         result = msgspec.json.encode({**about, **record, "warnings": warnings}).decode()
-        # In JSON these characters appear as escapes.
+        # Write these characters as JSON escapes.
         click.echo(re.sub(r"[^\x20-\x7e]", lambda found: json.dumps(found[0])[1:-1], result))
 
 
 def open_page(page: Path) -> None:
-    """Show a page in the browser; print its path if there is no browser."""
+    """Show a page in the browser; if there is none, print the path of the page."""
     import webbrowser
 
     if not webbrowser.open(page.resolve().as_uri()):

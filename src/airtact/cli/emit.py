@@ -113,7 +113,7 @@ def emit(
 
 
 def _modulation(words: str | None) -> Any:
-    # None keeps the file's modulation; the plan handles "none".
+    # None keeps the modulation in the file; "none" is handled by the plan.
     if words in (None, "none"):
         return None
     kind, *numbers = words.split(":")

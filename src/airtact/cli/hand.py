@@ -89,7 +89,7 @@ def hand(
                 f"{path.name} is a {kind}, but --{option} only applies to a {of_kind}: omit it.",
                 code="options_clash",
             )
-    # Fitting takes minutes, so check the output first.
+    # Fitting takes minutes, so check the output file first.
     check_output(file, path, *([] if landmarks is None else [landmarks]))
     if edge is not None:
         within(edge, 0.8e-3, 20e-3, "edge", "m", "is it in millimetres? Use metres.")
@@ -101,7 +101,7 @@ def hand(
     show(facts_table(facts), lines=lines)
 
 
-# Facts by name, and lines that name the files
+# Facts by name, and lines that name the written files
 Shown = tuple[list[tuple[str, str]], list[str]]
 
 
@@ -158,7 +158,7 @@ def _fit(
     edge: float | None,
     report_step: Progress,
 ) -> Shown:
-    # Without ``edge`` the fitted surface keeps its triangles.
+    # Without ``edge``, the fitted surface keeps its triangles.
     import numpy as np
 
     from airtact.files.atomic import writable_folder
@@ -183,7 +183,7 @@ def _fit(
     lines = _write(triangles, file, draw_cloud(triangles, fitted, distances), report_step)
     points = np.array([point for point, _ in fitted.hand.places.values()])
     places = dict(zip(fitted.hand.places, shape.project(points), strict=True))
-    # Outliers, such as points of a sleeve, do not belong to the skin.
+    # Outliers, such as points on a sleeve, are not part of the skin.
     used = ~fitted.outliers
     usual = float(np.median(np.abs(distances[used])))
     joint_error = float(np.sqrt(np.mean(fitted.joint_errors**2)))

@@ -106,11 +106,11 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
     from airtact.setup.building import DEFAULT_OFFSET
     from airtact.transducers.modulation import DEFAULT_FREQUENCY
 
-    # A small board can focus only near itself.
+    # A small board can only focus close to itself.
     large = len(board) >= 100
     height = 0.15 if large else 0.06
     axis, degrees, translation = _over_board(hand, board, height)
-    # A focus needs air in front of the skin.
+    # A focus requires air in front of the skin.
     places = list(hand.places) if large else PLACES
     points, normals = _places_of(hand, places)
     inside = hand.shape.depth(points + DEFAULT_OFFSET * normals) > 0.0
@@ -140,7 +140,7 @@ def _over_board(
     """Return the axis, degrees and translation [m] that place the hand palm down above a board.
 
     The lowest of ``PLACES`` is at ``height`` [m]. The hand points along the longer side of the
-    board, and the middle between its palm and its fingertips is above the middle of the board.
+    board. The point midway between palm and fingertips is above the centre of the board.
     """
     import numpy as np
     from scipy.spatial.transform import Rotation
@@ -153,7 +153,7 @@ def _over_board(
     along = np.arctan2(y, x) if width >= depth else np.arctan2(-x, y)
     turned = at.Pose.turn((0.0, 0.0, 1.0), -along).rotation @ face_down.rotation
     turn = Rotation.from_matrix(turned).as_rotvec()
-    # People read and change these numbers, so they are rounded.
+    # Round these numbers, because users read and change them.
     degrees = float(round(np.degrees(np.linalg.norm(turn))))
     axis = (turn / np.linalg.norm(turn)).round(3) if degrees else np.array([1.0, 0.0, 0.0])
     placed = at.Pose.turn(axis, np.radians(degrees)).apply(points)

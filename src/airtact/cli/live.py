@@ -135,7 +135,7 @@ def live(
         for index, pressures, kept in zip(
             verified.indices, verified.pressures.tolist(), verified.kept.tolist(), strict=True
         ):
-            # A drive with fewer foci than others is padded with NaN.
+            # Drives with fewer foci than others are padded with NaN.
             pressures = [pressure for pressure in pressures if pressure == pressure]
             time = float(recorded.time_in_air[index] - start)
             rule = recorded.rules[index]
@@ -155,14 +155,14 @@ def live(
         from airtact.files.atomic import writable_folder
         from airtact.live.session import FILE
 
-        # Check these before trackers and boards are opened.
+        # Check these settings before connecting to trackers and boards.
         if share is not None:
             check_cap(share)
         setup = at.read_scene(scene, moving=True)
         writable_folder(folder)
         output = at.live.output_to(setup, folder, board, link, **settings)
         notes = []
-        # The level changes with the hand; an estimate uses the hand at rest.
+        # The level changes with the hand, so estimate it for the hand at rest.
         if share is None and board is not None:
             from airtact.setup.safe_emission import safe_cap
 

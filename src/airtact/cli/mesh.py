@@ -78,7 +78,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None
         report_step(f"drawing {picture.name}")
         write_picture(picture, draw_panels(triangles))
 
-    # Flat triangles become quadratic triangles with nodes at the middles of the edges.
+    # Turn flat triangles into quadratic ones, with nodes at the midpoints of the edges.
     corners = loaded.corners
     area = float(panel_areas(triangles).sum())
     area_before = float(panel_areas(with_middles(corners)).sum())
@@ -91,7 +91,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None
     angles = smallest_angles(triangles)
     worst = f"{angles.min():.1f}°; 1 % of the panels are below {np.percentile(angles, 1):.1f}°"
     longest = 1e3 * float(longest_edges(triangles).max())
-    # Deviations above λ/20 change the phase of the reflected sound.
+    # Larger deviations than λ/20 change the phase of the reflected sound.
     farthest = float(panels.farthest.max())
     mean = _gap(panels.mean_distance.max())
     facts = [
@@ -120,13 +120,13 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None
 
 
 def usual_edge(wavelength: float) -> float:
-    """Return the edge length of panels [m] for a solve with an accuracy of 1 %.
+    """Return the edge length of panels [m] for a solve with an error of 1 %.
 
     >>> import airtact as at
     >>> f"{1e3 * usual_edge(at.air(celsius=20.0).wavelength(40e3)):.2f} mm"
     '5.49 mm'
     """
-    # A panel has 6 nodes; an equilateral triangle with edge length a has the area √3/4 a².
+    # A panel has 6 nodes, and an equilateral triangle with edge length a has the area √3/4 a².
     density = at.BoundaryElement(accuracy=0.01).nodes_per_square_wavelength
     return wavelength * math.sqrt(6.0 / density * 4.0 / math.sqrt(3))
 
@@ -142,7 +142,7 @@ def _checked_edge(edge: float, surface: "Surface") -> float:
             code="does_not_match",
         )
     count = surface.area / (math.sqrt(3) / 4 * edge**2)
-    # More panels take minutes to compute, and solvers cannot use even a tenth of them.
+    # More panels would take minutes to compute, and solvers cannot use even a tenth of them.
     if count > 300_000:
         raise at.InvalidInput(
             f"edge is {edge:g} m, which would create {count:.2g} panels, more than 300000: use a "

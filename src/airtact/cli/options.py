@@ -20,12 +20,12 @@ FILE = click.Path(path_type=Path)
 
 
 class InputFile(click.ParamType):
-    """Click parameter type for a file to read or the name of an example."""
+    """Click parameter type for a file to read, or the name of an example."""
 
     name = "file"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the file, or the example with this name together with a note."""
+        """Return the file, or print a note and return the example with this name."""
         from airtact.setup.examples import file_or_example
 
         file = file_or_example(value)
@@ -38,7 +38,7 @@ INPUT = InputFile()
 
 
 class Names(click.Choice):
-    """Click parameter type for a name in a registry that is imported only when it is needed.
+    """Click parameter type for names in a registry, which is only imported when needed.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def _folder_for(context: click.Context, option: click.Parameter, folder: Path | 
     return folder or Path("out") / Path(named or "").stem
 
 
-# Folder of the results; by default named after the scene or the command
+# Folder for results; by default, named after the scene or the command
 results = click.option(
     "--out",
     "folder",
@@ -96,7 +96,7 @@ results = click.option(
 
 
 def scene_here(context: click.Context, argument: click.Parameter, scene: Path) -> Path:
-    """Raise an error if no scene is named and the default is not in this folder."""
+    """Raise an error if no scene is named and the default scene is not in this folder."""
     if (
         context.get_parameter_source("scene") is click.core.ParameterSource.DEFAULT
         and not scene.exists()
@@ -109,7 +109,7 @@ def scene_here(context: click.Context, argument: click.Parameter, scene: Path) -
     return scene
 
 
-# Scene file; by default the one that ``airtact init`` writes
+# Scene file; by default, the one that ``airtact init`` writes
 scene = click.argument("scene", type=INPUT, default="scene.toml", callback=scene_here)
 
 open_result = click.option("--open", "opened", is_flag=True, help="Open the report in the browser.")
@@ -147,7 +147,7 @@ def surface_settings(command: Command) -> Command:
         "--union",
         is_flag=True,
         default=None,
-        help="Replace overlapping parts with the surface around them.",
+        help="Replace overlapping parts with their common outer surface.",
     )(command)
 
 
@@ -181,7 +181,7 @@ def board_address(command: Command) -> Command:
 
 
 def level_of(cap: float | None, full_scale: bool) -> float | None:
-    """Return the cap of ``--cap`` or ``--full-scale``, or None for the command's default."""
+    """Return the cap set by ``--cap`` or ``--full-scale``; None for the default."""
     if full_scale and cap is not None:
         raise at.InvalidInput(
             f"--full-scale and --cap {cap:g} exclude each other: omit one.",
@@ -191,8 +191,8 @@ def level_of(cap: float | None, full_scale: bool) -> float | None:
 
 
 def agreed(question: str) -> None:
-    """Ask for confirmation before anything is emitted; raise an error if it is not given."""
-    # A script or a pipe must not emit by accident.
+    """Ask for confirmation before anything is emitted; raise an error if the user declines."""
+    # A script or a pipe must not start an emission by accident.
     if not sys.stdin.isatty():
         raise at.InvalidInput(
             "nothing was sent, because confirmation requires a terminal: use --yes to emit without "

@@ -198,7 +198,7 @@ def _layouts_table(result: "Placement", files: tuple[Path, ...]) -> "Table":
     rows.append(("present", present, result.present))
     for name, transducers, weakest in rows:
         share = weakest / result.present
-        # The present array may not fit around all poses of the hand.
+        # The present array may leave no room for some poses of the hand.
         words = ("-", "-") if weakest != weakest else (f"{weakest:,.0f} Pa", f"{share:.2f}")
         table.add_row(name, str(transducers), words[0], words[1] if share == share else "-")
     return table

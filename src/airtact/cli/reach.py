@@ -62,7 +62,7 @@ def reach(
             written.append(folder / "reach.html")
             write_reach_page(written[1], result)
         else:
-            (folder / "reach.html").unlink(missing_ok=True)  # from an older run
+            (folder / "reach.html").unlink(missing_ok=True)  # left from an older run
     show(
         _table(result),
         lines=[f"{'Page' if pictures else 'Table'}: {written[-1]}"],

@@ -77,7 +77,7 @@ def register(
                 f"{scene.name} is an example: use --out for a copy with [tracker].",
                 code="not_writable",
             )
-        # Check before the user touches anything.
+        # Find out now whether the file can be changed, before the user touches anything.
         with_tracker(setup.text, setup.tracker)
         chosen = elements or elements_to_touch(setup.array, touches)
     with status_line() as report:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from airtact.setup.rendering import Rendering
 
-# Files of a rendering: the sequence only for moving foci, the last two only with pictures
+# Files of a rendering: the sequence is only for moving foci, the last two only with pictures
 FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
 
 
@@ -59,7 +59,7 @@ def render(
         writable_folder(folder)
         files: list[Path] = []
         if pictures:
-            # Import Matplotlib while the kernels compute; it takes half a second.
+            # Import Matplotlib while the kernels compute, because this takes half a second.
             Thread(target=import_module, args=["mpl_toolkits.mplot3d.art3d"], daemon=True).start()
         try:
             result = at.render(setup, store=store, progress=report_step)
@@ -69,7 +69,7 @@ def render(
         except KeyboardInterrupt:
             words = ", ".join(file.name for file in files) or "no files of this run"
             raise KeyboardInterrupt(f"{words} in {folder}, each complete") from None
-        # Files of an older run are removed last, so that a full disk cannot lose them.
+        # Remove files of an older run last, so that a full disk cannot lose them.
         for name in {*FILES} - {file.name for file in files}:
             (folder / name).unlink(missing_ok=True)
     written = {file.name: str(file) for file in files}

@@ -115,7 +115,7 @@ def sense(
             write_sense_page(page, sensed)
             files.append(page)
         else:
-            page.unlink(missing_ok=True)  # from an older run
+            page.unlink(missing_ok=True)  # left from an older run
         if simulate:
             files.append(folder / "echoes.h5")
             sensed.echoes.save(files[-1])

@@ -91,7 +91,7 @@ def sweep(
         if pictures:
             write_sweep_page(page, swept)
         else:
-            page.unlink(missing_ok=True)  # from an older run with other points
+            page.unlink(missing_ok=True)  # left from an older run with other points
     tables = []
     failed = swept.failed
     if len(failed) < len(rows):
@@ -148,7 +148,7 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
             count = int(number)
             first = float(low)
             last = float(high)
-            # A count of 1 would silently drop the upper limit.
+            # A count of 1 would silently ignore the upper limit.
             if not (isfinite(first + last) and 1 + (first != last) <= count <= MAX_POINTS):
                 raise ValueError
         except ValueError:
@@ -159,7 +159,7 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
                 code="out_of_range",
             ) from None
         values: list[float] = np.linspace(first, last, count).tolist()
-        # Keys that are counts accept only integers.
+        # Keys that are counts only accept integers.
         integers = all(re.fullmatch(r"[+-]?\d+", end.strip()) for end in (low, high))
         if integers and all(value.is_integer() for value in values):
             values = [int(value) for value in values]
@@ -179,7 +179,7 @@ def write_csv(file: Path, rows: "Sequence[Row]") -> None:
     """Write rows as CSV, with 12 digits per number and empty cells for missing values."""
     from airtact.files.atomic import whole_file
 
-    # Rows of failed points lack results, so use the columns of all rows. Errors come last.
+    # Rows of failed points contain no results, so use the columns of all rows. Errors come last.
     names = dict.fromkeys(name for row in rows for name in row)
     faults = {"error": None, "sentence": None}
     columns = [name for name in names if name not in faults]
@@ -201,7 +201,7 @@ def _counted(report: Callable[[object], None]) -> Callable[[int, int, int], None
     earlier: list[int] = []
 
     def count(done: int, total: int, failed: int) -> None:
-        # The first count is the number of stored points, which take no time.
+        # The first count is that of stored points, which take no time.
         earlier.append(done)
         computed = done - earlier[0]
         left = (time.perf_counter() - begun) / computed * (total - done) if computed else 0.0

@@ -1,4 +1,4 @@
-"""Figures and HTML pages of results, and the functions of ``plot``."""
+"""Figures and HTML pages of results, and the plotting functions of ``airtact.plot``."""
 
 from airtact.lazy import attached
 

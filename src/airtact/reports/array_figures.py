@@ -1,4 +1,4 @@
-"""Pictures of transducers, either in 3-D or with faces side by side (Fig. 5 of the paper)."""
+"""Pictures of transducers, in 3-D or with faces side by side (as in Fig. 5 of the paper)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ from airtact.reports.solids import (
 # Colour of bodies
 GREY = 0.9, 0.873, 0.846, 1.0
 
-# Colour of transducers if there is no drive
+# Colour of transducers without a drive
 UNDRIVEN = 0.62, 0.70, 0.78, 1.0
 
 PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/2", np.pi: "π"}
@@ -41,10 +41,10 @@ PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """The elements of an array that lie in a plane and radiate along the same ``normal``.
+    """The elements of an array that lie in one plane and radiate along the same ``normal``.
 
-    ``seen`` contains their positions [m] as seen from the side to which the face radiates, along
-    the unit vectors in the rows of ``axes`` (right and up).
+    ``seen`` contains their positions [m] as seen from the side to which the face radiates. Its
+    coordinates are along the unit vectors in the rows of ``axes``, which point right and up.
     """
 
     elements: Int[np.ndarray, "elements"]
@@ -56,20 +56,21 @@ class Face:
 def unfold(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> list[Face]:
-    """Split an array into its flat faces and unfold them; more than eight faces are treated as one.
+    """Split an array into its flat faces; more than eight faces are treated as a single one.
 
-    Faces around an upright axis are in the order that a viewer inside sees when turning right.
+    Faces around an upright axis are in the order in which a viewer inside sees them when turning
+    right.
     """
-    # Elements of a face share their normal and the plane's distance from the origin to 0.1 mm.
+    # Elements of one face share the normal and, to 0.1 mm, the distance of the plane to the origin.
     keys = np.round(np.column_stack([normals, (positions * normals).sum(axis=1) / 1e-4]), 3)
     keys[:, 3] = np.round(keys[:, 3])
-    # Adding 0.0 makes −0 and 0 the same key.
+    # Adding 0.0 turns −0 into 0, so that both give the same key.
     _, number = np.unique(keys + 0.0, axis=0, return_inverse=True)
     groups = [np.flatnonzero(number == face) for face in range(number.max() + 1)]
-    # A curved array has as many faces as elements.
+    # A curved array would have as many faces as elements.
     if len(groups) > 8:
         groups = [np.arange(len(positions))]
-    # The axis of the frame that is most parallel to all faces; z takes precedence over y and x.
+    # Use the axis of the frame that is most parallel to all faces; z takes precedence over y and x.
     upright = min(
         (AXES[name] for name in "zyx"),
         key=lambda axis: round(float(np.abs(normals @ axis).max()), 6),
@@ -99,7 +100,7 @@ def draw_phases(
 ) -> Figure:
     """Draw the phase and amplitude of every transducer as a disc at its position [m].
 
-    The amplitude is not drawn if it is uniform (``is_uniform``).
+    Amplitudes are not drawn if they are uniform (see ``is_uniform``).
     """
     shown = ("phase",) if is_uniform(amplitudes) else ("phase", "amplitude")
     rows, columns, width, height = _panels(positions, normals, len(shown))
@@ -112,7 +113,7 @@ def draw_phases(
 
 
 def is_uniform(amplitudes: Complex[np.ndarray, "elements"]) -> bool:
-    """Whether all amplitudes are equal to within half a per cent."""
+    """Return whether all amplitudes are equal to within half a per cent."""
     magnitudes = np.abs(amplitudes)
     return bool(np.ptp(magnitudes) <= 5e-3 * magnitudes.max())
 
@@ -120,14 +121,14 @@ def is_uniform(amplitudes: Complex[np.ndarray, "elements"]) -> bool:
 def _panels(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"], count: int
 ) -> tuple[int, int, float, float]:
-    # Return the rows and columns of ``count`` pictures of all faces, and the width and height of
-    # a picture [inches].
+    # Return the numbers of rows and columns for ``count`` pictures of all faces, and the width and
+    # height of each picture [inches].
     spans = np.array([np.ptp(face.seen, axis=0) + 0.03 for face in unfold(positions, normals)])
     width = spans[:, 0].sum()
     height = spans[:, 1].max()
     beside = len(spans) == 1
     rows, columns = (1, count) if beside else (count, 1)
-    # Fit the width of a page and the height of a screen.
+    # Fit the pictures to the width of a page and the height of a screen.
     inches = min(9.4 / (columns * width), (4.6 if beside else 6.6) / (rows * height))
     return rows, columns, width * inches, height * inches
 
@@ -136,7 +137,7 @@ def _label(axis: Axis, direction: Float64[np.ndarray, "3"], fallback: str) -> No
     for name, unit in AXES.items():
         if abs(direction @ unit) > 1 - 1e-6:
             axis.set_label_text(f"{name} [mm]")
-            # The numbers decrease along an axis opposite to that of the frame.
+            # If the axis is opposite to that of the frame, the numbers decrease along it.
             if direction @ unit < 0:
                 axis.set_major_formatter(lambda value, _: f"{-value:g}".replace("-", "−"))
             return
@@ -188,7 +189,7 @@ def draw_faces(
         scale = ScalarMappable(Normalize(0, values.max()), "viridis")
         label = "amplitude [fraction of full scale]"
     faces = _lay_out(axes, positions, normals, scale.to_rgba(values))
-    # Next to these axes, the label would seem to belong to the adjacent axes.
+    # Next to these axes, the label would seem to belong to the neighbouring axes.
     place: dict[str, Any] = {"location": "bottom", "pad": 0.02, "aspect": 60 if faces > 1 else 30}
     bar = axes.figure.colorbar(scale, ax=axes, label=label, **place)
     if show == "phase":
@@ -287,15 +288,15 @@ def draw_in_space(
     foci: Real[np.ndarray, "foci 3"],
     planes: Sequence[Plane] = (),
 ) -> None:
-    """Draw the picture of ``draw_scene`` into axes; discs without phases [rad] are grey.
+    """Draw the picture of ``draw_scene`` into axes; without phases [rad], discs are grey.
 
-    Transducers, bodies and foci are each optional.
+    Transducers, bodies and foci are all optional.
     """
     viewer = towards_viewer(axes.azim, axes.elev)
     discs = np.empty((0, 14, 3))
     if len(positions):
         discs = _add_discs(axes, positions, normals, phases, viewer)
-    # Draw from back to front, because matplotlib does not sort collections.
+    # Draw from back to front, because matplotlib does not sort whole collections.
     for body in sorted(bodies, key=lambda body: float(body.vertices.mean(axis=0) @ viewer)):
         add_solid(axes, 1e3 * body.corners, np.tile(GREY, (len(body.triangles), 1)))
     axes.scatter(*(1e3 * foci.T), s=34, **FOCI)
@@ -317,7 +318,7 @@ def _add_discs(
     viewer: np.ndarray,
 ) -> Float64[np.ndarray, "elements corners 3"]:
     radius = 0.47 * min(spacing(positions[face.elements]) for face in unfold(positions, normals))
-    # Polygons of 14 corners replace circles. The helper must not be parallel to the normal.
+    # Draw polygons with 14 corners instead of circles. The helper must not be parallel to a normal.
     helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     across = np.cross(normals, helper)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -336,7 +337,7 @@ def _add_discs(
     }
     axes.add_collection3d(Poly3DCollection(discs[~away], **style))
     if away.any():
-        # Faint rings in the colour of the phase keep the wall visible.
+        # Faint rings in the colour of the phase keep the array visible.
         faint = colours[away] * [1, 1, 1, 0.18]
         style = {"facecolors": "none", "edgecolors": faint, "linewidths": 0.5, "zorder": 2}
         axes.add_collection3d(Poly3DCollection(discs[away], **style))
@@ -344,7 +345,7 @@ def _add_discs(
 
 
 def view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
-    """Return the view into a surrounding array, or past the edge of another array."""
+    """Return a view into a surrounding array, or past the edge of any other array."""
     mean = normals.mean(axis=0)
     if np.linalg.norm(mean) < 0.3:
         return -58.0, 26.0

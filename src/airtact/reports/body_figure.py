@@ -1,4 +1,4 @@
-"""Pictures of bodies, panels and point clouds, each from two sides."""
+"""Pictures of bodies, panels and point clouds, each seen from two sides."""
 
 from collections.abc import Sequence
 
@@ -37,8 +37,8 @@ SHARP = (0.75, 0.11, 0.11, 1.0)
 
 
 def _two_views(height: float, views: tuple[View, View]) -> tuple[Figure, list[Axes3D]]:
-    # Make a figure of a given height [inches] with two orthographic views side by side.
-    # The padding leaves room for 3-D labels.
+    # Create a figure with a given height [inches] and two orthographic views side by side. The
+    # padding leaves room for labels in 3-D.
     figure = Figure(figsize=(13.0, height), layout=ConstrainedLayoutEngine(w_pad=0.35, h_pad=0.12))
     panels = [space_axes(figure, view, (1, 2, 1 + side)) for side, view in enumerate(views)]
     for axes in panels:
@@ -59,7 +59,7 @@ def draw_bodies(
 ) -> Figure:
     """Draw bodies with their triangles, foci as dots, and planes as sheets [m]."""
     corners = 1e3 * np.concatenate([body.corners for body in bodies])
-    # Pale colours leave a range for shading.
+    # Pale colours leave some range for shading.
     tints = colormaps["Pastel2"](np.arange(len(bodies)) % 8)
     colours = np.repeat(tints, [len(body.triangles) for body in bodies], axis=0)
     dots = np.empty((0, 3)) if foci is None else 1e3 * foci
@@ -86,7 +86,7 @@ def draw_bodies(
 
 
 def sharp_edges(body: Surface) -> Bool[np.ndarray, "triangles 3"]:
-    """Whether edges 01, 12, 20 of each triangle stay sharp when the surface is curved."""
+    """Return whether edges 01, 12 and 20 of each triangle stay sharp when the surface is curved."""
     if not isinstance(body.shape, MeshShape):
         return np.zeros((len(body.triangles), 3), dtype=bool)
     return body.shape.mesh.sharp
@@ -94,7 +94,7 @@ def sharp_edges(body: Surface) -> Bool[np.ndarray, "triangles 3"]:
 
 def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:
     """Draw curved panels and their edges, coloured by the smallest angle of each panel."""
-    # An equilateral panel has 60°.
+    # The angles of an equilateral panel are 60°.
     scale = ScalarMappable(Normalize(0.0, 60.0), "viridis")
     hexagons = _hexagons(quadratic_triangles)
     figure, panels = _two_views(6.4, _two_sides(hexagons.reshape(-1, 3)))
@@ -119,9 +119,9 @@ def draw_cloud(
     fitted: FittedHand,
     distances: Float64[np.ndarray, "points"],
 ) -> Figure:
-    """Draw points on the skin fitted to them: blue outside, red inside, outliers as crosses.
+    """Draw a point cloud on the fitted skin: blue outside, red inside, outliers as crosses.
 
-    ``distances`` contains the distances of the points from the skin, positive outside [m].
+    ``distances`` contains the distance of each point from the skin [m], positive outside.
     """
     points = 1e3 * fitted.points
     used = ~fitted.outliers

@@ -18,24 +18,24 @@ from airtact.evaluation.windows import Window
 # Grey colour of the bodies
 BODY = "0.66"
 
-# Colours of pressure magnitudes: perceptually uniform, black for silence
+# Colours of pressure magnitudes; perceptually uniform, black at zero
 COLOURS = "magma"
 
 # Colours of the level of one drive relative to another [dB]
 DIFFERENCES = ScalarMappable(Normalize(-6.0, 6.0), "RdBu_r")
 
-# Fraction of the largest pressure below which a level difference is drawn grey
+# Fraction of the largest pressure below which level differences are drawn in grey
 FAINT = 0.1
 
-# Largest number of foci with names and large rings
+# Largest number of foci that are drawn with names and large rings
 MAX_NAMES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """Pressure of several drives, by name, at the points of a window [Pa], NaN inside bodies.
+    """Pressures of several drives, by name, at the points of a window [Pa]; NaN inside bodies.
 
-    ``depth`` is the ``solid_depth`` of the points.
+    ``depth`` contains the ``solid_depth`` of the points.
     """
 
     window: Window
@@ -46,7 +46,7 @@ class Cut:
 def solid_depth(
     scene: Scene, points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points"]:
-    """Depth of points (P, 3) in bodies that have no field inside, or behind planes [m].
+    """Return the depth of points (P, 3) behind planes or in bodies without a field inside [m].
 
     It is negative in the air.
     """
@@ -64,10 +64,10 @@ def draw_field(
     names: Sequence[str] | None = None,
     axes: Axes | None = None,
 ) -> Figure:
-    """Draw the pressure magnitude of one drive, on a scale that ends at ``peak`` [Pa].
+    """Draw the pressure magnitude of one drive on a scale that ends at ``peak`` [Pa].
 
-    It is drawn into ``axes``, or by default into a new figure. Foci [m] that are not in the plane
-    are dashed.
+    It is drawn into ``axes``, or by default into a new figure. Foci [m] outside the plane are
+    dashed.
     """
     scale = ScalarMappable(Normalize(0.0, peak), COLOURS)
     values = np.abs(cut.pressures[drive])
@@ -84,10 +84,10 @@ def draw_difference(
 ) -> Figure:
     """Draw the level of one drive relative to another [dB]; it is grey where both are weak."""
     first, second = (np.abs(cut.pressures[name]) for name in drives)
-    # The floor, 60 dB below the peak, avoids the logarithm of zero.
+    # A floor 60 dB below the peak avoids the logarithm of zero.
     smallest = 1e-3 * peak
     change = 20.0 * np.log10(np.maximum(first, smallest) / np.maximum(second, smallest))
-    # Opaque, except where both drives are faint
+    # Opaque, except where both drives are weak
     strength = np.clip(np.maximum(first, second) / (FAINT * peak) - 0.5, 0.0, 1.0)
     strength = np.nan_to_num(strength)
     label = f"{drives[0]} relative to {drives[1]} [dB]"
@@ -110,7 +110,7 @@ def draw_plane(
     """
     window = cut.window
     left, right, bottom, top = window.extent
-    # Other axes may be below these axes, so the colour bar is drawn next to them.
+    # There may be other axes below these, so draw the colour bar next to them.
     location = "right"
     if axes is None:
         location = "bottom"
@@ -118,7 +118,7 @@ def draw_plane(
         size = ((right - left) * inches + 0.8, (top - bottom) * inches + 1.2)
         axes = Figure(figsize=size, layout="constrained").subplots()
     rows, columns = window.shape
-    # A pixel is centred on its point, so the picture extends half a pixel beyond the window.
+    # Each pixel is centred on its point, so the picture extends half a pixel beyond the window.
     half_width = (right - left) / (columns - 1) / 2
     half_height = (top - bottom) / (rows - 1) / 2
     axes.imshow(
@@ -130,7 +130,7 @@ def draw_plane(
         norm=scale.norm,  # pyright: ignore
         interpolation="bilinear",
     )
-    axes.set_facecolor("0.86")  # shown where values are blank
+    axes.set_facecolor("0.86")  # visible where there are no values
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     draw_solid(axes, window, cut.depth)
     axes.set(xlabel=window.labels[0], ylabel=window.labels[1])
@@ -163,7 +163,7 @@ def _past_the_surface(
 ) -> Float64[np.ndarray, "rows columns"]:
     """Extend values by 3 points into bodies, where they are NaN.
 
-    This leaves no gap between the interpolated values and the outlines.
+    Otherwise there would be a gap between the interpolated values and the outlines.
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -180,7 +180,7 @@ def _mark_foci(
     if not names or len(names) > MAX_NAMES:
         names = [""] * len(foci)
     positions = window.seen(foci)
-    # Foci within half a millimetre of the plane are treated as lying in it.
+    # Foci within half a millimetre of the plane count as being in it.
     off = np.abs(window.height_of(foci)) > 0.5e-3
     outwards = positions - positions.mean(axis=0)
     size = 90 if len(foci) <= MAX_NAMES else 12

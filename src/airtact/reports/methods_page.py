@@ -1,4 +1,4 @@
-"""The page that compares all methods: a table, bars with the bound, and the fields."""
+"""The page that compares all methods: a table, bars with the bound, and pictures of the fields."""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from airtact.timing import Clock, Progress
 def write_methods_page(
     contest: MethodComparison, folder: Path, progress: Progress
 ) -> tuple[Path, ...]:
-    """Write methods.html, the comparison of all methods, to a folder."""
+    """Write methods.html, which compares all methods, to a folder."""
     clock = Clock(progress)
     setup = contest.setup
     emitted = {contender.name: contender.emitted for contender in contest.contenders}
@@ -60,7 +60,7 @@ def write_methods_page(
         ],
         **_tables(contest, unit),
         **_pictures(contest, unit, cut, view.peak),
-        # Compare the best drive with the control, which is the last.
+        # First compare the best drive with the control, which is the last one.
         space=viewer_values(view, (contest.contenders.index(best), len(emitted) - 1)),
     )
     return (page,)
@@ -132,7 +132,7 @@ def _pictures(contest: MethodComparison, unit: str, cut: Cut, peak: float) -> di
         f"{_digits(strengths.min())} to {_digits(strengths.max())}, with a line at the bound of "
         f"{_digits(contest.bound)}",
     )
-    # Equally good methods produce nearly the same field, so they share a picture.
+    # Equally good methods produce nearly the same field, so they share one picture.
     drawn = [contest.best, *contest.ranked[len(contest.equally_good) :]]
     equal = _equal_to_best(contest)
     fields = [

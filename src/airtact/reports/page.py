@@ -22,13 +22,13 @@ FOLDER = Path(__file__).parent / "templates"
 TEMPLATES = Environment(
     loader=FileSystemLoader(FOLDER),
     autoescape=True,
-    # A missing value raises an error instead of becoming empty text.
+    # A missing value raises an error instead of being replaced by empty text.
     undefined=StrictUndefined,
     trim_blocks=True,
     lstrip_blocks=True,
 )
 
-# Pixels of a picture per pixel of the page, for screens with high resolution
+# Pixels of a picture per pixel of the page, for high-resolution screens
 PIXELS = 1.35
 
 
@@ -36,9 +36,9 @@ TEMPLATES.filters["sentence"] = as_sentence
 
 
 def write_page(path: Path, template: str, **values: object) -> None:
-    """Fill a template with values and write the file, which only appears once it is complete.
+    """Fill a template with values and write it to a file, which only appears once it is complete.
 
-    All text values are escaped.
+    All text in the values is escaped.
     """
     with whole_file(path) as partial:
         partial.write_text(TEMPLATES.get_template(template).render(values), "utf-8")
@@ -57,7 +57,7 @@ def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) 
 
 
 def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
-    """Draw a figure, and crop the wide margins of 3-D axes."""
+    """Render a figure to pixels, and crop the wide margins of 3-D axes."""
     figure.set_dpi(96 * PIXELS)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -72,6 +72,6 @@ def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Draw a figure into a PNG file, which only appears once it is complete."""
+    """Write a figure to a PNG file, which only appears once it is complete."""
     with whole_file(path) as partial:
         imsave(partial, pixels_of(figure), format="png")

@@ -1,7 +1,7 @@
 """Plots with matplotlib: field in a plane, drive, scene in 3-D, pressures at the foci.
 
-Each function draws into ``ax``, or into a new figure by default, and returns the axes. The page of
-a run shows the same plots. Lengths are in millimetres. Matplotlib is imported on first use.
+Each function draws into ``ax``, or by default into a new figure, and returns the axes. Reports show
+the same plots. Lengths are in millimetres. Matplotlib is imported on first use.
 """
 
 from dataclasses import replace
@@ -53,25 +53,26 @@ def field(
     Parameters
     ----------
     result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a solver's field. The
-        result of ``render`` is drawn at the amplitudes of its drive.
-    target : the foci; needed for a solver's field, unless that is the field of beacons.
-    drive : name of a drive of a comparison, or index of an excitation of a solver's field.
-    over : name of a second drive of a comparison; plots the level of ``drive`` relative to it [dB].
-    plane : "xy", "xz" or "yz" through the middle of the foci; by default the plane that best fits
-        the foci and bodies.
-    size : width and height of the picture [m]; by default a few wavelengths around the foci.
-    most : pressure at the end of the colour scale [Pa]; by default the largest in the plane.
-    ax : axes to draw into; by default those of a new figure.
+        result of ``render`` is drawn with the amplitudes of its drive.
+    target : the foci; only required for a solver's field that is not the field of beacons.
+    drive : name of a drive in a comparison, or index of an excitation in a solver's field.
+    over : name of a second drive in a comparison; the plot then shows the level of ``drive``
+        relative to it [dB].
+    plane : "xy", "xz" or "yz" for a plane through the centre of the foci; by default, the plane
+        that best fits the foci and bodies.
+    size : width and height of the picture [m]; by default, a few wavelengths around the foci.
+    most : pressure at the end of the colour scale [Pa]; by default, the largest in the plane.
+    ax : axes to draw into; by default, those of a new figure.
 
     Returns
     -------
-    The axes. All drives of a comparison are scaled so that their strongest element is at full
+    The axes. Drives of a comparison are scaled so that the strongest element of each is at full
     scale.
 
     Raises
     ------
     InvalidInput
-        If there are no foci, a name or index is unknown, or ``over`` is given without a comparison.
+        If there are no foci, a name or index is unknown, or ``over`` is set without a comparison.
     """
     scale = 1.0
     if isinstance(result, Rendering):
@@ -83,7 +84,8 @@ def field(
     field_of_result = plotted if isinstance(plotted, RadiatedField) else plotted.field
     if field_of_result is None:
         raise InvalidInput(
-            "this evaluation has no field. Pass the object that evaluate() returned.", code="empty"
+            "this evaluation contains no field. Pass the object that evaluate() returned.",
+            code="empty",
         )
     scene = field_of_result.scene
     foci = _foci(plotted, target)
@@ -139,7 +141,7 @@ def phases(
     array : the transducers.
     drive : drive of the transducers.
     show : "phase" [rad] or "amplitude", as a fraction of full scale.
-    ax : axes to draw into; by default those of a new figure.
+    ax : axes to draw into; by default, those of a new figure.
 
     Raises
     ------
@@ -168,11 +170,11 @@ def scene(
 
     Parameters
     ----------
-    scene : the bodies.
-    array : the transducers in the scene's frame, see ``PhasedArray.seen_from``.
+    scene : the bodies and the medium.
+    array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
     drive : drive of the transducers.
     target : the foci.
-    ax : axes with ``projection="3d"`` to draw into; by default those of a new figure.
+    ax : axes with ``projection="3d"`` to draw into; by default, those of a new figure.
 
     Raises
     ------
@@ -217,8 +219,8 @@ def pads(
     Parameters
     ----------
     result : result of ``render``, ``focus``, ``evaluate`` or ``compare``.
-    held_equal : normalisation of a comparison, one of ``evaluation.HELD_EQUAL``.
-    ax : axes to draw into; by default those of a new figure.
+    held_equal : normalisation of the drives in a comparison, one of ``evaluation.HELD_EQUAL``.
+    ax : axes to draw into; by default, those of a new figure.
 
     Raises
     ------
@@ -249,10 +251,10 @@ def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
     Parameters
     ----------
     result : result of ``reach``.
-    ax : axes with ``projection="3d"`` to draw into; by default those of a new figure, seen from the
-        side of the array.
+    ax : axes with ``projection="3d"`` to draw into; by default, those of a new figure, with the
+        skin seen from the side of the array.
     """
-    of_kind(result, ReachMap, "the plotted result", "what reach() returned")
+    of_kind(result, ReachMap, "the plotted result", "the result of reach()")
     if ax is None:
         from matplotlib import pyplot
 
@@ -272,7 +274,7 @@ def view_of_reach(result: ReachMap) -> View:
     if length < 0.3:
         return broad_view(result.vertices)
     azimuth = float(np.degrees(np.arctan2(towards[1], towards[0])))
-    # 20 degrees aside, because a view along the normal of a palm hides its shape
+    # Turn by 20 degrees, because a view along the normal of a palm would hide its shape.
     return azimuth + 20.0, float(np.degrees(np.arcsin(towards[2] / length)))
 
 
@@ -301,8 +303,8 @@ def _column(result: FieldResult, drive: str | int) -> int:
     count = 1 if isinstance(result, Evaluation) else result.sources.strengths.shape[1]
     if not (isinstance(drive, int) and 0 <= drive < count):
         raise InvalidInput(
-            f"drive is {drive!r}, but the field has {counted(count, 'excitation', 'excitations')}, "
-            "counted from 0.",
+            f"drive is {drive!r}, but the field only has "
+            f"{counted(count, 'excitation', 'excitations')}, counted from 0.",
             code="unknown_name",
         )
     return drive

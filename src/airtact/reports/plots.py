@@ -1,4 +1,4 @@
-"""Plots of numbers: methods with their upper bound, a scan with its prediction."""
+"""Plots of numbers: methods with their upper bound, a scan with its prediction, and sweeps."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,7 +14,7 @@ from airtact.reports.field_figure import COLOURS
 BAR = "#5a2a83"
 BOUND = "#c2410c"
 
-# The colour of a single bar, followed by colours for colour-blind readers (Okabe and Ito, 2008)
+# Colour of a single bar, followed by colours for colour-blind readers (Okabe and Ito, 2008)
 COLOURS_OF_DRIVES = (BAR, "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#0072b2", "#f0e442")
 
 
@@ -23,9 +23,9 @@ def draw_bars(
 ) -> Figure:
     """Draw one bar per name, from top to bottom, and a line at the bound.
 
-    ``label`` names the quantity and its unit.
+    ``label`` states the quantity and its unit.
     """
-    # barh draws from the bottom upwards.
+    # barh draws from the bottom up.
     order = np.arange(len(names))[::-1]
     figure = Figure(figsize=(8.0, 0.34 * len(names) + 1.2), layout="constrained")
     axes = figure.subplots()
@@ -42,7 +42,7 @@ def draw_bars(
 def draw_shares(
     pressures: Mapping[str, Float64[np.ndarray, "samples"]], expected: Mapping[str, float]
 ) -> Figure:
-    """Draw the fraction of samples below each pressure [Pa] per drive, and the expected values."""
+    """Draw the fraction of samples below each pressure [Pa] for each drive, and expected values."""
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()
     for colour, (name, samples) in zip(COLOURS_OF_DRIVES, pressures.items(), strict=False):
@@ -62,7 +62,7 @@ def draw_foci(
     pressures: Mapping[str, Float64[np.ndarray, "foci"]],
     asked: Float64[np.ndarray, "foci"] | None,
 ) -> None:
-    """Draw the pressure at each focus [Pa] as a bar per drive, and lines at the requests."""
+    """Draw the pressure at each focus [Pa] as one bar per drive, and lines at the requests."""
     foci = np.arange(len(next(iter(pressures.values()))))
     width = 0.8 / len(pressures)
     for index, (name, heights) in enumerate(pressures.items()):
@@ -80,11 +80,11 @@ def draw_foci(
 
 
 def draw_overlay(overlay: Overlay) -> Figure:
-    """Draw measured and predicted pressures and their difference along the scan."""
+    """Draw the measured and predicted pressures along the scan, and their difference."""
     used = overlay.used
     measured = overlay.scan.pressures[used]
     model = overlay.scale * overlay.predicted[used]
-    # Without phases a scan can only be compared by magnitude.
+    # Without measured phases, only the magnitudes can be compared.
     if not overlay.scan.phased:
         measured = np.abs(measured)
         model = np.abs(model)
@@ -124,7 +124,7 @@ def draw_overlay(overlay: Overlay) -> Figure:
 def _seen(
     points: Float64[np.ndarray, "points 3"],
 ) -> tuple[Float64[np.ndarray, "points axes"], tuple[str, ...]]:
-    # A spread below 2 % of the largest spread is neglected.
+    # Ignore axes along which the spread is below 2 % of the largest spread.
     spans = np.ptp(points, axis=0)
     wide = np.flatnonzero(spans > 0.02 * spans.max())
     if len(wide) <= 2:
@@ -147,7 +147,7 @@ def draw_varied(
         finite = np.isfinite(varied) & np.isfinite(values)
         distinct = np.unique(varied[finite])
         panel.plot(varied[finite], values[finite], ".", color=BAR, alpha=0.35, markersize=5)
-        # Without equal values the median would only connect the points.
+        # If no points share a value, the median would only connect the points.
         if len(distinct) < finite.sum() or len(axes) == 1:
             medians = [np.median(values[finite & (varied == value)]) for value in distinct]
             panel.plot(distinct, medians, color=BOUND)

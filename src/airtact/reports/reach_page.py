@@ -118,7 +118,7 @@ def _facts(result: ReachMap) -> tuple[dict[str, Any], bytes]:
             }
             for name, (middle, reach, way) in views.items()
         },
-        # The backs of transducers would hide the skin.
+        # Transducers that face away would hide the skin.
         "backs": False,
     }
     return facts, data

@@ -19,16 +19,16 @@ def write_report(
 
     Parameters
     ----------
-    result : a rendering, which is written to field.vtkhdf and report.html; or the comparison of all
+    result : a rendering, which is written to field.vtkhdf and report.html; or a comparison of all
         methods for a setup, which is written to methods.html.
-    folder : folder of the files, created if it does not exist.
+    folder : folder for the files; created if it does not exist.
     progress : called with a description of each step as it begins.
 
     Returns
     -------
     The paths of the files.
     """
-    # Importing Matplotlib takes a second, and only pages need it.
+    # Importing Matplotlib takes a second, and only the pages require it.
     from airtact.reports.methods_page import write_methods_page
     from airtact.reports.run_page import write_run_page
 

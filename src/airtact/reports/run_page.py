@@ -41,12 +41,12 @@ CITATION = (
 
 
 def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Path, ...]:
-    """Write field.vtkhdf and report.html of a rendering to a folder."""
+    """Write the field and the report of a rendering to field.vtkhdf and report.html in a folder."""
     clock = Clock(progress)
     setup = run.setup
     scene = setup.scene
     files = (folder / "field.vtkhdf", folder / "report.html")
-    # Matplotlib draws in a second thread, while the compiled kernels compute in this one.
+    # Matplotlib draws in a second thread while the compiled kernels compute in this one.
     with ThreadPoolExecutor(1) as painter:
         pictures = painter.submit(_pictures, run)
         cut, view = fields_of(run, clock)
@@ -58,7 +58,7 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
                 box = box_around(setup.target.points, scene.wavelength)
                 pressure = box_pressure(field, view.slices, 0, box)
             else:
-                # The planes are too far apart to interpolate between them.
+                # Planes in the 3-D scene are too far apart to interpolate the field between them.
                 box = box_around(setup.target.points, scene.wavelength, max_points=36_000)
                 pressure = field.for_pictures.at(box.points)[:, 0]
             pressure *= run.drive.peak
@@ -81,7 +81,7 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
 
 
 def fields_of(run: Rendering, clock: Clock) -> tuple[Cut, SceneView]:
-    """Evaluate the fields in the pictures of a rendering, with all drives at equal energy."""
+    """Evaluate the fields for the pictures of a rendering, with all drives at equal energy."""
     setup = run.setup
     scales = [drive.factor_to_match(run.drive) for drive in run.drives.values()]
     plane = plane_of_scene(setup.scene, setup.target.points)
@@ -112,7 +112,7 @@ def _summary(run: Rendering) -> dict[str, Any]:
             (f"{solve:.2f} s", "to solve and compute the drive"),
             (_percent(run.estimated_error), "estimated error of these pressures"),
         ],
-        # Several steps may give the same warning.
+        # Several steps may issue the same warning.
         "warnings": list(dict.fromkeys(run.warnings)),
     }
 
@@ -175,14 +175,14 @@ def _doubt(run: Rendering) -> Markup:
 
 
 def _error_of_cut(run: Rendering, cut: Cut) -> float:
-    """Relative error of the pictured pressure; 0 if the solver estimates none."""
+    """Return the relative error of the pressures in the picture; 0 if the solver estimates none."""
     outside = np.flatnonzero(cut.depth < 0.0)
-    # At most about 100 points, which limits the time for the estimate.
+    # Use at most about 100 points, to limit the time for the estimate.
     sample = outside[:: max(1, len(outside) // 100)]
     field = run.verification.field
     error = float(np.max(field.error_at(cut.window.points[sample]), initial=0.0))
     if error > 0.0:
-        # The pictured pressure is less exact than the field.
+        # The pressure in the picture is less accurate than the field.
         name = run.verification.names[0]
         scale = run.drives[name].factor_to_match(run.drive)
         exact = scale * field.at(cut.window.points[sample])[:, 0]
@@ -198,7 +198,7 @@ def _fields(run: Rendering, cut: Cut, view: SceneView, error: float) -> list[Mar
     points = run.setup.target.points
     got = view.reached
     estimate = f" Their estimated error is {100 * error:.1g} %." if error > 0.0 else ""
-    # Foci of more than two pads rarely lie in one plane.
+    # More than two foci on pads rarely lie in one plane.
     off = 1e3 * np.abs(cut.window.height_of(points)).max()
     plane = "Plane through the foci."
     if off >= 0.5:
@@ -264,7 +264,7 @@ def _foci(run: Rendering) -> dict[str, Any]:
 
 
 def _comparisons(run: Rendering) -> dict[str, list[tuple[str, ...]]]:
-    """Rows of the pressures for both drives, by caption; a single table if all are equal."""
+    """Return rows with the pressures of both drives by caption; one table if all are equal."""
     tables = {}
     for held_equal, pressures in run.verification.pressures.items():
         rows = []

@@ -1,4 +1,4 @@
-"""The page of a hand located from echoes: its pose, the gain of the correction, the residuals."""
+"""The page of a hand located from echoes: its pose, the effect of the correction, the residuals."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,10 +25,10 @@ AFTER = "#e8590c"
 
 
 def write_sense_page(path: Path, sensed: Sensed) -> None:
-    """Write a self-contained HTML page; the file appears only once it is complete."""
+    """Write a self-contained HTML page, which only appears once it is complete."""
     elements, transmissions = sensed.echoes.codes.shape
     left_out = sensed.located.left_out
-    # NaN for elements that did not receive
+    # The residual is NaN for elements that did not receive.
     values = np.full((2, len(sensed.setup.array)), np.nan)
     values[:, sensed.echoes.receiving] = sensed.unexplained
     values[:, left_out] = np.nan
@@ -117,7 +117,7 @@ def _moved(sensed: Sensed) -> Markup:
     ]
     scenes = (setup.scene, replace(fitted.scene, obstacles=moved_bodies))
     foci = np.stack([setup.target.points, pose.apply(fitted.target.points)])
-    # A window smaller than that of a field makes motions of a millimetre visible.
+    # A window smaller than that for a field makes motions of a millimetre visible.
     window = plane_of_scene(setup.scene, setup.target.points)
     less = 3.0 * setup.scene.wavelength
     window = replace(window, width=window.width - less, height=window.height - less)
@@ -161,7 +161,7 @@ def draw_moved(
 ) -> Figure:
     """Draw cross-sections of the bodies of two scenes, before and after a correction.
 
-    The second plane is perpendicular to the window, through its middle. Foci [m] are projected onto
+    The second plane is perpendicular to the window, through its centre. Foci [m] are projected onto
     the planes.
     """
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")

@@ -1,4 +1,4 @@
-"""Shaded bodies and planes in 3-D axes [mm]."""
+"""Shaded bodies and planes in 3-D axes, in millimetres."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,17 +17,17 @@ from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
 # Direction toward the viewer: azimuth around z, elevation above the xy plane [degrees]
 View = tuple[float, float]
 
-# No walls behind the axes and a faint grid
+# Axes without walls behind them, with a faint grid
 PLAIN: Any = {
     **{f"axes3d.{axis}axis.panecolor": (1.0, 1.0, 1.0, 0.0) for axis in "xyz"},
     "grid.color": "0.9",
     "grid.linewidth": 0.6,
 }
 
-# Translucent colour of a plane
+# Colour of a plane, translucent
 SHEET = (0.45, 0.36, 0.25, 0.22)
 
-# Style of the dots of foci
+# Style of the dots that mark foci
 FOCI: Any = {
     "c": "#e8590c",
     "edgecolors": "white",
@@ -45,38 +45,38 @@ def towards_viewer(azimuth: float, elevation: float) -> Float64[np.ndarray, "3"]
 
 
 def broad_view(points: Real[np.ndarray, "points 3"]) -> View:
-    """Return a view of the broad side of points, slightly oblique."""
+    """Return a view of the broad side of points, at a slightly oblique angle."""
     thinnest = int(np.ptp(points, axis=0).argmin())
     return ((-32.0, 24.0), (-58.0, 24.0), (-58.0, 48.0))[thinnest]
 
 
 def space_axes(figure: Figure, view: View, position: tuple[int, int, int] = (1, 1, 1)) -> Axes3D:
-    """Add 3-D axes to a figure."""
+    """Add 3-D axes to a figure, with a view and a subplot position."""
     with rc_context(PLAIN):
         axes = figure.add_subplot(*position, projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
     axes.view_init(azim=view[0], elev=view[1])
-    # The patch would hide the labels of neighbouring axes.
+    # The background patch would hide the labels of neighbouring axes.
     axes.patch.set_visible(False)
     return axes
 
 
 def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
-    """Fit the axes to points [mm], with equal scales."""
+    """Fit the axes to points [mm] with equal scales."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     lengths = np.ptp(points, axis=0)
-    # matplotlib needs a box with a thickness, even for points in a plane.
+    # matplotlib requires a box with some thickness, even if all points lie in a plane.
     lengths = np.maximum(lengths, 2e-3 * lengths.max())
     lowest = middle - lengths / 2.0
     highest = middle + lengths / 2.0
     axes.set(
         xlim=(lowest[0], highest[0]), ylim=(lowest[1], highest[1]), zlim=(lowest[2], highest[2])
     )
-    # The zoom leaves room for the labels.
+    # Zooming out leaves room for the labels.
     axes.set_box_aspect(tuple(lengths), zoom=0.9)  # pyright: ignore
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     for index, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
-        # Up to 7 ticks along the longest side, and fewer along the others, keep labels apart.
+        # At most 7 ticks along the longest side, and fewer along the others, keep labels apart.
         count = round(7 * float(lengths[index] / lengths.max()))
         single = FixedLocator([round(float(middle[index]), 1) + 0.0])
         axis.set_major_locator(MaxNLocator(count) if count > 1 else single)
@@ -96,23 +96,23 @@ def add_solid(
 
     Parameters
     ----------
-    outlined : whether the edges are dark.
-    marked : edges, from each corner to the next, to draw in the colour ``mark``.
+    outlined : whether edges are drawn dark.
+    marked : edges, each from a corner to the next, that are drawn in the colour ``mark``.
     """
     viewer = towards_viewer(axes.azim, axes.elev)
     normals = unit(area_vectors(polygons[:, :: polygons.shape[1] // 3]))
-    # The surfaces are closed, so back faces are hidden.
+    # The surfaces are closed, so omit faces that point away from the viewer.
     shown = normals @ viewer > 0.0
-    # Light from above, to the left of the viewer, reveals the shape of a smooth surface.
+    # Light from above and from the viewer's left reveals the shape of a smooth surface.
     lamp = unit(viewer - 0.35 * unit(np.cross([0.0, 0.0, 1.0], viewer)) + [0.0, 0.0, 0.5])
     faces = colours[shown]
     faces[:, :3] *= 0.65 + 0.35 * np.clip(normals[shown] @ lamp, 0.0, 1.0)[:, None]
-    # Edges in the colour of the faces hide the seams between them.
+    # Drawing edges in the colour of the faces hides the seams between them.
     edges = np.tile((0.2, 0.2, 0.2, 0.7), (len(faces), 1)) if outlined else faces
     parts = [*polygons[shown]]
     if marked is not None:
-        # Lines are polygons of two corners, so that matplotlib sorts them with the faces. They are
-        # moved toward the viewer, because the faces would hide them.
+        # Lines are drawn as polygons with two corners, so that matplotlib sorts them with the
+        # faces. Move them toward the viewer, because the faces would hide them.
         chosen = marked & shown[:, None]
         starts = polygons[chosen]
         ends = np.roll(polygons, -1, axis=1)[chosen]
@@ -121,7 +121,7 @@ def add_solid(
         lines = np.tile(mark, (len(starts), 1))
         faces = np.concatenate([faces, lines])
         edges = np.concatenate([edges, lines])
-    # matplotlib sorts the colours with the polygons but not the widths, so all widths are equal.
+    # matplotlib sorts the colours with the polygons but not the widths, so use a single width.
     width = float(np.clip(25.0 / np.sqrt(len(parts) + 1), 0.35, 1.2))
     axes.add_collection3d(
         Poly3DCollection(parts, facecolors=faces, edgecolors=edges, linewidths=width, zorder=3),
@@ -130,12 +130,12 @@ def add_solid(
 
 
 def sheet_of(plane: Plane, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "4 3"]:
-    """Corners (4, 3) of the part of a plane below or behind points (P, 3) [m]."""
+    """Return the corners (4, 3) of the part of a plane below or behind points (P, 3) [m]."""
     first = np.eye(3)[np.abs(plane.normal).argmin()]
     first = unit(first - (first @ plane.normal) * plane.normal)
     axes = np.stack([first, np.cross(plane.normal, first)])
     along = points @ axes.T
-    # The part extends beyond the points by 15 % of their extent.
+    # This part extends beyond the points by 15 % of their extent.
     margin = 0.15 * float(np.ptp(along))
     left, down = along.min(axis=0) - margin
     right, up = along.max(axis=0) + margin
@@ -146,7 +146,7 @@ def sheet_of(plane: Plane, points: Real[np.ndarray, "points 3"]) -> Float64[np.n
 def draw_sheets(
     axes: Axes3D, planes: Sequence[Plane], points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "corners 3"]:
-    """Draw the planes below or behind points (P, 3) [m]; return their corners (C, 3) [mm]."""
+    """Draw planes below or behind points (P, 3) [m]; return the corners (C, 3) [mm]."""
     corners = [1e3 * sheet_of(plane, points) for plane in planes]
     if corners:
         sheets = Poly3DCollection(

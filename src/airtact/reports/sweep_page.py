@@ -27,8 +27,8 @@ class Swept:
     ----------
     title : name of the scene.
     text : text of the scene file.
-    varied : columns that were varied.
-    rows : values and results of the points in order.
+    varied : names of the columns that were varied.
+    rows : values and results of all points, in order.
     """
 
     title: str
@@ -42,12 +42,12 @@ class Swept:
         return [row for row in self.rows if row["error"]]
 
     def numbers(self, column: str) -> Float64[np.ndarray, "points"]:
-        """Return the numbers in a column; NaN where a row has none."""
+        """Return the numbers in a column; NaN for rows without a number."""
         values = [row.get(column) for row in self.rows]
         return np.array([v if isinstance(v, int | float) else np.nan for v in values], dtype=float)
 
     def label(self, column: str) -> str:
-        """Return the name of a column for the page; a varied key keeps its path."""
+        """Return the label of a column on the page; varied keys are shown with their path."""
         if column in self.varied:
             return column
         name = column.removesuffix("_Pa").replace("_", " ")
@@ -55,7 +55,7 @@ class Swept:
 
 
 def write_sweep_page(path: Path, swept: Swept) -> None:
-    """Write the page; the file appears only once it is complete."""
+    """Write the page, which only appears once it is complete."""
     weakest = swept.numbers("weakest_Pa")
     gain = swept.numbers("gain")
     facts = [(f"{len(swept.rows):,}", "points"), (f"{len(swept.failed):,}", "failed points")]
@@ -64,11 +64,11 @@ def write_sweep_page(path: Path, swept: Swept) -> None:
     if np.isfinite(gain).any():
         facts.append((f"{np.nanmedian(gain):.2f}", f"median {GAIN}"))
     counts = Counter(str(row["error"]) for row in swept.failed)
-    # In reverse order, so that the first sentence of each code is kept.
+    # Go through the rows in reverse, so that the first sentence for each code is kept.
     first = {str(row["error"]): str(row["sentence"]) for row in reversed(swept.failed)}
     hidden = {"sentence", "warnings", *(() if swept.failed else ("error",))}
     columns = dict.fromkeys(name for row in swept.rows for name in row if name not in hidden)
-    # sweep.csv contains all points.
+    # List 200 points; sweep.csv contains all of them.
     listed = swept.rows[:200]
     more = len(swept.rows) - len(listed)
     write_page(

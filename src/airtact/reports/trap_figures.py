@@ -15,7 +15,7 @@ from airtact.traps.gorkov import clearances, derivatives, force_of, potential_of
 
 
 def trap_pictures(run: Rendering, index: int) -> list[Markup]:
-    """Draw the potential in the planes through a trap and the force along the axes."""
+    """Draw the potential in three planes through a trap, and the force along three axes."""
     scene = run.setup.scene
     field = run.verification.field
     bead = run.setup.traps[index].bead(scene)
@@ -26,12 +26,12 @@ def trap_pictures(run: Rendering, index: int) -> list[Markup]:
 
     windows = [Window(point, *sides, size, size, size / 28) for sides in ((x, y), (x, z), (y, z))]
     points = np.concatenate([window.points for window in windows])
-    # The velocity is undefined inside bodies, where the picture stays grey.
+    # The velocity is undefined inside bodies, so the picture stays grey there.
     velocity = field.velocity(points)[:, :, 0]
     gradient = 2j * np.pi * scene.frequency * scene.medium.density * velocity
     potential = 1e9 * potential_of(field.at(points)[:, 0], gradient, bead, scene)
     known = potential[np.isfinite(potential)]
-    # Beside a body the potential may be far above that around the trap.
+    # Close to a body, the potential may be far higher than around the trap.
     scale = ScalarMappable(Normalize(known.min(), np.percentile(known, 98)), COLOURS)
     panels = []
     for window, values in zip(windows, np.split(potential, 3), strict=True):
@@ -46,7 +46,7 @@ def trap_pictures(run: Rendering, index: int) -> list[Markup]:
             )
         )
 
-    # The force along each axis, where the bead has room
+    # Compute the force along each axis where there is room for the bead.
     weight = 9.80665 * bead.mass
     distances = np.linspace(-0.5, 0.5, 61) * size
     lines = point + distances[:, None] * np.eye(3)[:, None]
@@ -57,7 +57,7 @@ def trap_pictures(run: Rendering, index: int) -> list[Markup]:
         along[free.reshape(3, 61)] = pull[np.arange(len(pull)), np.nonzero(free)[0] // 61]
     figure = Figure(figsize=(4.7, 4.6), layout="constrained")
     axes = figure.subplots()
-    # Equal curves stay visible below each other.
+    # Different line styles keep curves visible if they coincide.
     styles = zip("xyz", COLOURS_OF_DRIVES, ("-", "-", "--"), strict=False)
     for (name, colour, style), curve in zip(styles, along, strict=True):
         axes.plot(1e3 * distances, 1e6 * curve, style, color=colour, label=f"along {name}")

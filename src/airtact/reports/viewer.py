@@ -1,6 +1,6 @@
-"""The 3-D scene of a page: embedded data that ``viewer.js`` draws with three.js.
+"""The 3-D scene of a page: embedded data, which ``viewer.js`` draws with three.js.
 
-three.js is part of the installed trimesh, so nothing is downloaded.
+three.js is taken from the installed trimesh, so nothing is downloaded.
 """
 
 import base64
@@ -42,12 +42,12 @@ class SceneView:
 
     Attributes
     ----------
-    setup : the transducers, the foci and the planes.
-    drives : amplitudes (E,) of each drive by name; the first drive is shown first.
-    reached : (F, D) peak pressure at the foci for each drive [Pa].
-    surfaces : bodies with their pressures; None in open air.
+    setup : setup with the transducers, the foci and the planes.
+    drives : amplitudes (E,) of each drive by name; the first drive is shown at the start.
+    reached : (F, D) peak pressure at each focus for each drive [Pa].
+    surfaces : bodies with the pressures on them; None in open air.
     slices : pressure of each drive in parallel planes.
-    held_equal : the quantity that is the same for all drives, in words.
+    held_equal : quantity that is equal for all drives, in words.
     """
 
     setup: Setup
@@ -59,7 +59,7 @@ class SceneView:
 
     @property
     def peak(self) -> float:
-        """Largest pressure in the scene [Pa], the end of the colour scale of all drives."""
+        """Largest pressure in the scene [Pa], which ends the colour scale for all drives."""
         air = self.slices.pressures[self.slices.depth < 0.0]
         walls = 0.0 if self.surfaces is None else self.surfaces.pressures.max()
         return float(max(air.max(initial=1e-9), self.reached.max(), walls))
@@ -72,13 +72,13 @@ class SceneView:
 
     @property
     def sheets(self) -> list[Float64[np.ndarray, "4 3"]]:
-        """Corners of the drawn part of each plane [m], anticlockwise as seen from its front."""
+        """Corners of the visible part of each plane [m], anticlockwise as seen from its front."""
         everything = np.concatenate([self.solid, self.setup.target.points])
         return [sheet_of(plane, everything) for plane in self.setup.scene.planes]
 
 
 def off_one_plane(setup: Setup) -> bool:
-    """Whether more than two foci are on bodies, so that a single plane rarely contains them."""
+    """Return whether more than two foci are on bodies, which are rarely in a single plane."""
     return len(setup.foci) > 2 and bool(setup.scene.obstacles)
 
 
@@ -95,12 +95,12 @@ def scene_view(
 
     Parameters
     ----------
-    field : solved field, whose first excitations are the drives.
-    at_foci : its pressure at the foci [Pa].
+    field : solved field; its first excitations are the drives.
+    at_foci : pressure of the field at the foci [Pa].
     drives : drives by name, as solved.
     scales : (D,) factor by which each drive is multiplied for the picture.
-    window : the plane of the foci.
-    held_equal : the quantity that the scales make the same for all drives, in words.
+    window : plane of the foci.
+    held_equal : quantity that these factors make equal for all drives, in words.
     """
     columns = list(range(len(drives)))
     slices = slices_around(field.for_pictures, columns, setup.target.points, window)
@@ -121,7 +121,7 @@ def scene_view(
 
 
 def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str, Any]:
-    """Return the values for the template; the ``chosen`` drives are compared first."""
+    """Return the values for the template; the two ``chosen`` drives are compared first."""
     facts, numbers = _facts(view)
     return {
         "drives": list(view.drives),
@@ -131,13 +131,13 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
         "alternative": viewer_alternative(view),
         "caption": _caption(view),
         "axes": [2, 1, 0] if view.slices.any_axis else [2],
-        # A slice far from some of the foci would hide parts of the bodies.
+        # If foci are far from the slice, it would hide parts of the bodies.
         "sliced": not off_one_plane(view.setup),
     }
 
 
 def embedded(facts: dict[str, Any], numbers: bytes) -> dict[str, Any]:
-    """Return the values of a template that contains facts, numbers and three.js."""
+    """Return the values for a template that contains facts, numbers and three.js."""
     three = three_js()
     return {
         # A "<" could end the script that contains the facts.
@@ -161,7 +161,7 @@ def joined(arrays: Mapping[str, np.ndarray]) -> tuple[dict[str, tuple[str, int, 
 
 
 def colour_scales() -> dict[str, list[str]]:
-    """Return 128 colours of each scale, such as ``"#ffffff"``."""
+    """Return 128 colours of each scale, written as in ``"#ffffff"``."""
     return {
         name: [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, 128))]
         for name, scale in SCALES.items()
@@ -169,8 +169,8 @@ def colour_scales() -> dict[str, list[str]]:
 
 
 def pressure_bytes(pressure: Float64[np.ndarray, "*points"], peak: float) -> np.ndarray:
-    """Convert pressures up to ``peak`` [Pa] to bytes."""
-    # The square root keeps faint fields visible: 1 % of the peak is 25 of 255.
+    """Convert pressures of at most ``peak`` [Pa] to bytes."""
+    # The square root keeps weak fields visible: 1 % of the peak becomes 25 of 255.
     return np.round(255.0 * np.sqrt(np.clip(pressure / peak, 0.0, 1.0))).astype(np.uint8)
 
 
@@ -178,7 +178,7 @@ def viewer_alternative(view: SceneView) -> str:
     """Describe the scene and the pressures at the foci as text."""
     got = view.reached[:, 0]
     words = f"{got.min():,.0f} to {got.max():,.0f} Pa"
-    # A screen reader would need too long for more than 8 foci.
+    # A screen reader would take too long for more than 8 foci.
     if len(got) <= 8:
         words = ", ".join(
             f"{pressure:,.0f} Pa at {name}"
@@ -221,7 +221,7 @@ def three_js() -> str:
 
     archive = zipfile.ZipFile(io.BytesIO(trimesh.resources.get_bytes("templates/viewer.zip")))
     text = archive.read(archive.namelist()[0]).decode()
-    # The archive contains a page, in which three.js extends from its licence to the module's end.
+    # The archive contains a page; three.js extends from its licence to the end of the module.
     start = text.index("/**\n * @license", text.index("<script>"))
     return text[start : text.index("})", text.index('"__esModule"', start)) + len("})}));")]
 
@@ -266,7 +266,7 @@ def _rounded(numbers: Real[np.ndarray, "numbers"]) -> list[float]:
 
 def _arrays(view: SceneView) -> dict[str, np.ndarray]:
     slices = view.slices
-    # Bytes store depths up to half a step of the planes on either side of a surface.
+    # A byte represents depths of up to half the distance of the planes, on both sides of a surface.
     depth = np.clip(slices.depth / (0.5 * slices.steps.max()), -1.0, 1.0)
     arrays = {
         "positions": (1e3 * view.setup.array.positions).astype(np.float32),
@@ -295,10 +295,10 @@ def _planes(view: SceneView) -> dict[str, Any]:
     slices = view.slices
     counts = slices.depth.shape[::-1]
     focus = (view.setup.target.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
-    # The slice passes through the focus farthest from the viewer; otherwise it would hide foci.
+    # The slice passes through the focus farthest from the viewer, so that it hides no focus.
     seen = _first_direction(view)
     heights = ((view.setup.target.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
-    # The axis may point toward the viewer or away.
+    # The axis may point toward the viewer or away from it.
     focus[2] = heights.min() if slices.axes[2] @ seen > 0.0 else heights.max()
     start = [int(np.clip(round(at), 0, count - 1)) for at, count in zip(focus, counts, strict=True)]
     return {
@@ -321,7 +321,7 @@ def _views(view: SceneView) -> dict[str, Any]:
     close = max([0.54 * float(np.linalg.norm(spans[:2])), *path_reaches])
     towards = towards_viewer(*_side(slices.axes[2], view.setup.array.normals))
     first = _first_direction(view)
-    # If the view would show a rigid plane from behind, it is mirrored at the plane.
+    # If a view would show a rigid plane from behind, mirror it at the plane.
     front = first
     for plane in view.setup.scene.planes:
         front = front - 2.0 * min(0.0, float(front @ plane.normal)) * plane.normal
@@ -344,13 +344,13 @@ def _views(view: SceneView) -> dict[str, Any]:
 def framed(
     points: Float64[np.ndarray, "points 3"], seen: Float64[np.ndarray, "3"]
 ) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
-    """Return centre, radius [m] and direction of a view of points from a direction."""
+    """Return the centre, radius [m] and direction for a view of points from a direction."""
     across = unit(np.cross([0.0, 0.0, 1.0], seen))
     axes = np.stack([across, np.cross(seen, across), seen])
     projected = points @ axes.T
     middle = (projected.min(axis=0) + projected.max(axis=0)) / 2.0
     right, up, near = (projected - middle).T
-    # The camera sees 15 degrees to either side of the centre; near points need a longer distance.
+    # The camera sees 15 degrees to either side of the centre; near points require more distance.
     half = np.radians(15.0)
     distance = np.max(near + np.maximum(np.abs(right), np.abs(up)) / np.tan(half))
     return middle @ axes, 1.06 * float(distance * np.sin(half)), seen
@@ -362,7 +362,7 @@ def _surrounds(view: SceneView) -> bool:
 
 
 def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
-    # Return the viewer's direction from which array, slice and the skin at the foci are visible.
+    # Return the direction to a viewer who can see the array, the slice and the skin at the foci.
     scene = view.setup.scene
     radiated = view.setup.array.normals.mean(axis=0)
     if _surrounds(view):
@@ -373,7 +373,7 @@ def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
     if np.linalg.norm(facing) < 0.3:
         facing = -radiated
     facing = unit(facing)
-    # View from one side, because the array is in front of the skin and would be behind the viewer.
+    # View the scene from the side: in front of the skin, the viewer would have the array behind.
     normal = view.slices.axes[2] * np.sign(view.slices.axes[2] @ [0.3, -1.0, 0.2])
     candidates = (normal, np.cross([0.0, 0.0, 1.0], facing), np.array([0.0, -1.0, 0.0]))
     across = (axis - axis @ facing * facing for axis in candidates)
@@ -384,9 +384,9 @@ def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
 def _side(
     normal: Float64[np.ndarray, "3"], radiated: Real[np.ndarray, "elements 3"]
 ) -> tuple[float, float]:
-    # Return the first azimuth and elevation of the slice's view [degrees], on the array's side.
+    # Return the first azimuth and elevation for a view of the slice [degrees], on the array's side.
     towards = -radiated.mean(axis=0)
-    # Sound from above is shown from below, so that the array does not hide the field.
+    # If the sound comes from above, view the field from below, so that the array does not hide it.
     below = towards[2] < -0.3
     if abs(normal[2]) > 0.9:
         return -63.0, -29.0 if below else 46.0

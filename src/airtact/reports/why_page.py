@@ -1,4 +1,4 @@
-"""The page that explains weak foci by a waterfall chart of the causes for each focus."""
+"""The page that explains weak foci, with a waterfall chart of the causes for each focus."""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ def write_why_page(path: Path, explained: Explanation, title: str, text: str) ->
     Parameters
     ----------
     path : file of the page.
-    explained : the causes.
+    explained : causes of the pressure at each focus.
     title, text : name and content of the scene file.
     """
     last = explained.causes[-1].pressures
@@ -34,7 +34,7 @@ def write_why_page(path: Path, explained: Explanation, title: str, text: str) ->
 
 
 def _waterfall(explained: Explanation, focus: int) -> dict[str, Any]:
-    """Return the bars of one focus: name, start and length [%], pressure and change in words."""
+    """Return the bars for one focus: name, start and length [%], pressure, and change as text."""
     pressures = [float(cause.pressures[focus]) for cause in explained.causes]
     largest = max(pressures)
     bars = []

@@ -1,4 +1,4 @@
-"""Elements and their layout in boards and arrays."""
+"""Transducers, and their arrangement in boards and arrays."""
 
 from airtact.lazy import attached
 

@@ -1,4 +1,4 @@
-"""Kinds of boards: positions of their transducers, and channels in a message."""
+"""Kinds of boards: positions of their transducers, and channels in their messages."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -9,21 +9,21 @@ from jaxtyping import Float64, Int64, Real
 from airtact.errors import InvalidInput, counted, fixed, in_short
 from airtact.geometry.pose import Pose, nearest_motion
 
-# Radius of the piston with the pattern of Nippon Ceramic's T4010A1 at 40 kHz [m]. Its case has a
-# radius of 5 mm. It is 6 dB down at 50 degrees off the axis, like the maker's curve. The AUTD3 SDK
+# Radius of a piston with the directivity of Nippon Ceramic's T4010A1 at 40 kHz [m]. The case has a
+# radius of 5 mm. Piston and maker's curve are 6 dB down at 50 degrees from the axis. The AUTD3 SDK
 # contains this curve as a table (``T4010A1``): 0.708, 0.501 and 0.355 of the pressure on the axis
-# at 40, 50 and 60 degrees; for the piston, these values are 0.62, 0.49 and 0.38.
+# at 40, 50 and 60 degrees. For the piston, these values are 0.62, 0.49 and 0.38.
 NICERA_RADIUS = 4.0e-3
 
-# Radius of the piston for Murata's MA40S4S at 40 kHz, in a case of 4.95 mm radius [m]. It is 6 dB
-# down at 42 degrees off the axis; the data sheet states a full width of 80 degrees. Other
+# Radius of a piston for Murata's MA40S4S at 40 kHz, whose case has a radius of 4.95 mm [m]. It is
+# 6 dB down at 42 degrees from the axis; the data sheet states a full width of 80 degrees. Other
 # transducers of this size, such as those in kits, are similar.
 MURATA_RADIUS = 4.5e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """One kind of board. In its frame, it is in the plane z = 0 and radiates toward +z.
+    """One kind of board. In its own frame, it lies in the plane z = 0 and radiates toward +z.
 
     Attributes
     ----------
@@ -31,16 +31,16 @@ class Board:
     title : name in printed text.
     positions : (E, 3) centres of the transducers in the order of elements [m].
     channels : (E,) index of each element in the board's message, from 0.
-    message_length : number of channels of the message; some may have no transducer.
+    message_length : number of channels in a message; some may have no transducer.
     outline : width (along x) and height (along y) of the board [m]; None if it is unknown or
         varies.
-    placed : whether the board fixes the positions of its transducers; if not, ``positions`` are an
-        example.
+    placed : whether the board fixes the positions of its transducers. Otherwise, ``positions`` are
+        only an example.
     max_boards : largest number of boards on one link.
     amplitudes, phases : number of amplitude levels and of phase levels.
     transducer : kind of transducer.
-    radius : radius of the piston with the pattern of that transducer [m], see ``piston``.
-    source : documents that describe the layout and the message.
+    radius : radius of a piston with the directivity of this transducer [m]; see ``piston``.
+    source : documents from which the layout and the message are known.
     """
 
     name: str
@@ -85,12 +85,12 @@ def board_named(name: str) -> Board:
 
 
 def boards_needed(board: Board, elements: int) -> int:
-    """Return the number of boards with this many elements in total.
+    """Return the number of boards that have this many elements in total.
 
     Raises
     ------
     InvalidInput
-        If the elements do not fill whole boards, or there are more boards than one link can drive.
+        If the elements do not fill whole boards, or one link cannot drive so many boards.
     """
     count = _whole_boards(board, elements)
     if count > board.max_boards:
@@ -118,8 +118,8 @@ def _whole_boards(board: Board, elements: int) -> int:
 def kind_of_array(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> tuple[Board, list[Pose]] | None:
-    """Return the kind and poses of an array's boards, or None for an array without boards."""
-    # Kinds with the same pitch differ in the order of their elements, so at most one fits.
+    """Return the kind and the poses of an array's boards; None if it does not consist of boards."""
+    # Kinds with the same pitch differ in the order of their elements, so at most one matches.
     for board in BOARDS.values():
         if board.placed:
             with suppress(InvalidInput):
@@ -139,12 +139,12 @@ def poses_of_boards(
     Parameters
     ----------
     board : the kind of board, or its name.
-    positions, normals : (E, 3) of the array's elements [m].
+    positions, normals : (E, 3) positions [m] and normals of the array's elements.
 
     Returns
     -------
-    One pose per board, from the board's frame to the array's; the identity for boards that do not
-    fix the positions of their transducers.
+    One pose per board, from its own frame to that of the array. It is the identity for boards that
+    do not fix the positions of their transducers.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def _board_pose(
     normals: Real[np.ndarray, "elements 3"],
 ) -> Pose:
     # Points on both sides of the board prevent the fit from turning it over, which would hide a
-    # mirrored order of elements.
+    # mirrored order of its elements.
     up = 0.1 * np.array([0.0, 0.0, 1.0])
     nominal = np.concatenate([board.positions + up, board.positions - up])
     actual = np.concatenate([positions + 0.1 * normals, positions - 0.1 * normals])
@@ -174,7 +174,7 @@ def _board_pose(
     off = np.linalg.norm(pose.apply(board.positions) - positions, axis=1)
     lean = np.linalg.norm(normals - pose.rotation[:, 2], axis=1)
     worst = int(off.argmax())
-    if off[worst] > 1e-4 or lean.max() > 1e-3:  # 0.1 mm, and 0.06 degrees
+    if off[worst] > 1e-4 or lean.max() > 1e-3:  # [m] and [rad]
         first = index * len(board)
         raise InvalidInput(
             f"elements {first} to {first + len(board) - 1} are not laid out like board {index} of "
@@ -187,7 +187,7 @@ def _board_pose(
 
 
 def _autd3() -> Board:
-    """Lay out 18 (x) by 14 (y) cells, x fastest, three of them empty, from transducer 0."""
+    """Lay out 18 (x) by 14 (y) cells, x fastest, from transducer 0; three cells are empty."""
     missing = {(1, 1), (2, 1), (16, 1)}
     cells = [
         (column, row, 0)
@@ -213,8 +213,8 @@ def _autd3() -> Board:
 
 
 def _sonicsurface() -> Board:
-    """Lay out 16 by 16 cells in the order of channels: blocks of 4 (x) by 2 (y), y first."""
-    # Cells of a block in the order of channels (``Distribute.vhd``).
+    """Lay out 16 by 16 cells in the order of the channels: blocks of 4 (x) by 2 (y), y first."""
+    # Cells of a block in the order of their channels (``Distribute.vhd``).
     block = [(0, 0), (2, 0), (3, 0), (1, 1), (0, 1), (3, 1), (2, 1), (1, 0)]
     cells = [
         (4 * group + x, 2 * pair + y, 7.5)
@@ -240,7 +240,7 @@ def _sonicsurface() -> Board:
 
 
 def _nano16() -> Board:
-    """Lay out the driven pins: A0 to A5 are bits 0 to 5, and D2 to D7 are bits 10 to 15."""
+    """Lay out the pins that are driven: A0 to A5 are bits 0 to 5, and D2 to D7 bits 10 to 15."""
     cells = [(column - 1.5, row - 1.0, 0.0) for row in range(3) for column in range(4)]
     return Board(
         name="nano16",
@@ -260,7 +260,7 @@ def _nano16() -> Board:
 
 
 def _openmpd() -> Board:
-    """Place 16 x 16 cells column by column from the top; pins are in blocks of 4 (x) by 2 (y)."""
+    """Lay out 16 x 16 cells column by column from the top; pins form blocks of 4 (x) by 2 (y)."""
     # Pins within a block by column and row (``board_6.pat``).
     columns, rows = np.divmod(np.arange(256), 16)
     pins = np.array([[1, 5], [0, 4], [3, 6], [2, 7]])
@@ -281,5 +281,5 @@ def _openmpd() -> Board:
     )
 
 
-# The boards by name, in the order in which they are listed.
+# Boards by name, in the order in which they are listed.
 BOARDS = {board.name: board for board in (_autd3(), _sonicsurface(), _nano16(), _openmpd())}

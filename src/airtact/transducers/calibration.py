@@ -13,35 +13,35 @@ from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
 
-# Columns of the table: index from 0, amplitude relative to the nominal one, phase lag [rad].
+# Columns of the table: index from 0, amplitude relative to a nominal element, phase lag [rad].
 COLUMNS = ("element", "gain", "phase")
 
-# Optional columns, all or none: deviation from the position [m], and rotation of the face [rad].
+# Optional columns, all or none: displacement of the element [m], and rotation of its face [rad].
 MOTION = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 
 
 def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, "elements"]:
     """Read the gains of an array's elements from a .csv file.
 
-    Its columns are ``element``, ``gain`` and ``phase``: the index of an element from 0, its
+    The columns are ``element``, ``gain`` and ``phase``: the index of an element from 0, its
     pressure relative to that of a nominal element, and its phase lag behind a nominal element
-    [rad]. Gain 0 marks a dead element. Elements that are not listed are nominal.
+    [rad]. A gain of 0 marks a dead element. Elements that are not listed are nominal.
 
     Parameters
     ----------
-    path : the file.
+    path : path of the file.
     elements : number of elements of the array.
 
     Returns
     -------
-    (E,) gain · e^{i phase}, for ``PhasedArray.calibrated``.
+    (E,) complex gains gain · e^{i phase}, for use with ``PhasedArray.calibrated``.
 
     Raises
     ------
     InvalidInput
         If the file cannot be read, a column is missing, or a line contains a cell that is not a
-        number, an element that does not exist or is repeated, or a gain that is negative or above
-        10. The message states the line.
+        number, an element that does not exist or is repeated, or a gain outside 0 to 10. The
+        message states the line.
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     table = read_text_table(path)
@@ -64,9 +64,10 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
                     f"element {element} is already in line {lines[element]}.",
                     code="given_twice",
                 )
-            if not 0.0 <= gain <= 10.0:  # larger gains are probably in per cent
+            if not 0.0 <= gain <= 10.0:  # a larger gain is probably in per cent
                 raise InvalidInput(
-                    f"gain {gain:g} of element {element} must be 0 to 10.", code="out_of_range"
+                    f"the gain of element {element} is {gain:g}, but it must be 0 to 10.",
+                    code="out_of_range",
                 )
             lines[element] = line
             # A lag is a positive phase in Re[p e^{−iωt}].
@@ -75,37 +76,37 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
 
 
 def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
-    """Apply the gains of a calibration to an array, and its deviations if the file contains them.
+    """Apply the gains in a calibration file to an array, and the deviations if it contains any.
 
     Parameters
     ----------
     path : file as for ``load_calibration``. Optional columns are the displacement of an element x,
-        y, z [m] and the rotation vector of its face turn_x, turn_y, turn_z [rad], in the array's
-        frame; both are 0 for elements that are not listed.
+        y, z [m] and the rotation vector of its face turn_x, turn_y, turn_z [rad], both in the
+        array's frame. Elements that are not listed have no deviation.
     array : the nominal array.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``load_calibration``, or if a deviation reaches 0.1 m or half a
-        turn.
+        For the reasons listed in ``load_calibration``, or if a displacement reaches 0.1 m or a
+        rotation half a turn.
     """
     gains = load_calibration(path, len(array))
     table = read_text_table(Path(path))
     if not any(name in table.names for name in MOTION):
         return array.calibrated(gains)
     for column in MOTION:
-        # Larger values are probably in another unit.
+        # Larger values are probably in other units.
         limit, unit = (np.pi, "rad") if column.startswith("turn") else (0.1, "m")
         values = np.abs(table.numbers(column))
         if values.max(initial=0.0) >= limit:
             row = int(values.argmax())
             raise InvalidInput(
                 f"{column} is {values[row]:g} {unit} in line {table.lines[row]} of "
-                f"{Path(path).name}, but must be below {limit:.3g}: use metres and radians.",
+                f"{Path(path).name}, but it must be below {limit:.3g}: use metres and radians.",
                 code="out_of_range",
             )
-    # Elements that are not listed keep their positions.
+    # Elements that are not listed stay in place.
     motions = np.zeros((len(array), 6))
     elements = table.numbers(COLUMNS[0]).astype(np.int64)
     motions[elements] = np.stack([table.numbers(name) for name in MOTION], axis=1)
@@ -126,7 +127,7 @@ def save_calibration(
     deviations: Sequence[Pose],
     array: PhasedArray,
 ) -> None:
-    """Write the gain (E,) and deviation of each element to a table that ``calibrated_by`` reads.
+    """Write the gain (E,) and the deviation of each element to a file for ``calibrated_by``.
 
     Raises
     ------
@@ -142,7 +143,7 @@ def save_calibration(
     shifts = np.stack([pose.apply(point) - point for pose, point in pairs])
     turns = Rotation.from_matrix(np.stack([pose.rotation for pose in deviations])).as_rotvec()
     numbers = np.column_stack([np.abs(gains), np.angle(gains), shifts, turns])
-    # Nine digits resolve a micrometre in a kilometre, far below any measurement.
+    # Nine digits resolve a micrometre in a kilometre, which is far below any measurement error.
     lines = [",".join((*COLUMNS, *MOTION))] + [
         ",".join([str(index), *(f"{value:.9g}" for value in row)])
         for index, row in enumerate(numbers)

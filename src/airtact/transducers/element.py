@@ -17,35 +17,36 @@ from airtact.errors import (
 )
 
 # Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m]: √2 times 3.10 Pa rms,
-# the amplitude in AUTD3's SDK. It is uncalibrated, and other sources differ by a factor of 2.
+# the amplitude in the AUTD3 SDK. It is not calibrated, and other sources differ by a factor of 2.
 # Measure your own device if absolute pressures matter.
 DEFAULT_SENSITIVITY = 4.38
 
-# Largest product of wavenumber and radius for each number of points; the far pattern then has an
-# error of 1.5e-3
+# Largest product of wavenumber and radius for each number of points; the error of the far-field
+# pattern is then 1.5e-3
 MAX_PISTON_SIZE = {12: 3.5, 19: 4.8}
 
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """One transducer as weighted monopoles on its face.
+    """A transducer, represented by weighted monopoles on its face.
 
-    In the frame of the element, the face is in the plane z = 0 and radiates toward +z.
+    In the frame of the element, the face lies in the plane z = 0 and radiates toward +z.
 
     Attributes
     ----------
-    points : (Q, 3) points of the face relative to the element's position [m].
+    points : (Q, 3) points on the face, relative to the position of the element [m].
     weights : (Q,) contribution of each point to the pressure; their sum is 1.
-    sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m]; uncalibrated by default.
-    directional : whether the element only radiates into the half-space in front of its face. Foci
-        and bodies must be in this half-space.
-    radius : radius of the face [m]; 0 for a point.
+    sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m]; the default is not
+        calibrated.
+    directional : whether the element only radiates into the half-space in front of its face. All
+        foci and bodies must then be in this half-space.
+    radius : radius of the face [m]; 0 for a single point.
 
     Raises
     ------
     InvalidInput
         If a number is not finite, the weights do not match the points or do not add up to 1, the
-        sensitivity is not positive, or the radius is negative.
+        sensitivity is not above zero, or the radius is negative.
 
     Examples
     --------
@@ -104,14 +105,14 @@ class Element:
         if self.radius == 0.0:
             return "directional" if self.directional else "monopoles (equal in all directions)"
         size = wavenumber * self.radius
-        half = 2.2151  # argument at which the pattern 2 J₁(x)/x of a piston is a half, −6 dB
+        half = 2.2151  # argument at which 2 J₁(x)/x is a half, −6 dB
         width = "above -6 dB in all directions"
         if size > half:
             width = f"-6 dB at {np.degrees(np.arcsin(half / size)):.0f} degrees"
         return f"pistons of {self.radius * 1e3:.3g} mm radius ({width}) that only radiate forward"
 
     def same_as(self, element: "Element") -> bool:
-        """Whether both elements have equal values."""
+        """Return whether both elements have the same values."""
         return (
             np.array_equal(self.points, element.points)
             and np.array_equal(self.weights, element.weights)
@@ -137,12 +138,12 @@ class Element:
 
 
 def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
-    """Build a transducer that radiates equally in all directions (section 4.1 of the paper).
+    """Return a transducer that radiates equally in all directions (section 4.1 of the paper).
 
     Parameters
     ----------
-    sensitivity : peak pressure at full scale, 1 m away [Pa·m]; by default that of
-        AUTD3, which is uncalibrated.
+    sensitivity : peak pressure at full scale, 1 m away [Pa·m]; by default, the value for AUTD3,
+        which is not calibrated.
 
     Raises
     ------
@@ -158,33 +159,33 @@ def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
 
 
 def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int = 19) -> Element:
-    """Build a rigid disc with the far-field pattern 2 J₁(x)/x, x = ka sin θ.
+    """Return a rigid disc with the far-field pattern 2 J₁(x)/x, where x = ka sin θ.
 
-    The pattern is that of Kinsler, Frey, Coppens and Sanders, Fundamentals of Acoustics (4th
+    The pattern is derived in Kinsler, Frey, Coppens and Sanders, Fundamentals of Acoustics (4th
     edition), section 7.4.
 
     With 19 points, the disc uses Albrecht's rule of degree 9 (ZAMM 40, 514, 1960; S2 9-1 in Stroud,
     Approximate Calculation of Multiple Integrals, 1971). Its error in the far field is of order
-    x¹⁰: 1.8e-4 of the pressure on the axis at ka = 4 and 1e-3 at ka = 4.8, which are radii of 5.5
-    and 6.5 mm at 40 kHz. With 12 points, it uses the cheaper rule of degree 7 (S2 7-1 in Stroud),
-    with errors of 3.3e-4 at ka = 2.9 and 1.3e-3 at ka = 3.5. A piston is rejected when the
-    frequency is known if its ka is too large for its number of points.
+    x¹⁰: 1.8e-4 of the pressure on the axis at ka = 4 and 1e-3 at ka = 4.8, which correspond to
+    radii of 5.5 and 6.5 mm at 40 kHz. With 12 points, it uses the cheaper rule of degree 7 (S2 7-1
+    in Stroud), with errors of 3.3e-4 at ka = 2.9 and 1.3e-3 at ka = 3.5. Once the frequency is
+    known, a piston is rejected if its ka is too large for its number of points.
 
     Parameters
     ----------
     radius : radius of the disc a [m].
     sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m].
-    points : 12 or 19.
+    points : number of points on the face, 12 or 19.
 
     Raises
     ------
     InvalidInput
-        If the radius or the sensitivity is not positive, the radius is over 0.1 m, or the number of
-        points is neither 12 nor 19.
+        If the radius or the sensitivity is not above zero, the radius exceeds 0.1 m, or the number
+        of points is neither 12 nor 19.
 
     Examples
     --------
-    The pattern at ka = 3.5, 60 degrees off the axis, is 2 J₁(3.031)/3.031 = 0.216:
+    At ka = 3.5, 60 degrees from the axis, the pattern is 2 J₁(3.031)/3.031 = 0.216:
 
     >>> sideways = np.array([[np.sin(np.pi / 3), 0.0, np.cos(np.pi / 3)]])
     >>> round(float(piston(4.8e-3).far_pattern(sideways, 3.5 / 4.8e-3)[0].real), 3)
@@ -196,7 +197,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
         raise InvalidInput(
             f"a piston cannot have {points} points: use 12 or 19.", code="out_of_range"
         )
-    # Boards use 12 points, because their transducers have ka below 3.5 and more points cost more.
+    # Boards use 12 points: their transducers have ka below 3.5, and more points would cost time.
     places, weights = _degree_7() if points == 12 else _degree_9()
     return Element(radius * places, weights, sensitivity, directional=True, radius=radius)
 
@@ -217,7 +218,7 @@ def _degree_7() -> tuple[Float64[np.ndarray, "12 3"], Float64[np.ndarray, "12"]]
 def _degree_9() -> tuple[Float64[np.ndarray, "19 3"], Float64[np.ndarray, "19"]]:
     """Return the points and weights of S2 9-1 on the unit disc."""
     root = np.sqrt(111.0)
-    # Radius, weight and first angle of each ring of six points, around a point in the middle.
+    # Radius, weight and first angle of each ring of six points; one more point is in the centre.
     rings = (
         (np.sqrt((96 - 4 * root) / 155), (110297 + 5713 * root) / 2045952, 0.0),
         (np.sqrt(4 / 5), 125 / 3072, np.pi / 6),
@@ -234,17 +235,17 @@ def _ring(distance: float, count: int, start: float) -> Float64[np.ndarray, "poi
 
 
 def check_pattern(element: Element, wavenumber: complex | float) -> None:
-    """Raise ``InvalidInput`` if a face has too few points for a wavenumber [rad/m]."""
-    # The rules are exact for polynomials up to their degree, and the phase across a face grows with
-    # ka.
+    """Raise ``InvalidInput`` if a face has too few points for a wavenumber k [rad/m]."""
+    # The rules are exact for polynomials up to their degree, and the phase varies more across a
+    # face as ka grows.
     size = wavenumber.real * element.radius
     count = len(element.points)
     largest = MAX_PISTON_SIZE.get(count, MAX_PISTON_SIZE[19])
     if size > largest:
         finer = ", piston(radius, points=19)" if size <= MAX_PISTON_SIZE[19] else ""
         raise InvalidInput(
-            f"a face of {element.radius * 1e3:.3g} mm radius has ka = {size:.2f}, and its {count} "
-            f"points are only accurate up to {largest}: use a radius of at most "
+            f"a face with a radius of {element.radius * 1e3:.3g} mm has ka = {size:.2f}, but its "
+            f"{count} points are only accurate up to {largest}: use a radius of at most "
             f"{largest / wavenumber.real * 1e3:.3g} mm{finer} or a lower frequency.",
             code="out_of_range",
         )

@@ -1,4 +1,4 @@
-"""Well-known arrays by name, taken from simulations of Ultraino (MIT; see ``layouts/LICENSE``)."""
+"""Well-known arrays by name, taken from simulations in Ultraino (MIT; see ``layouts/LICENSE``)."""
 
 from pathlib import Path
 
@@ -12,13 +12,13 @@ KNOWN_ARRAYS = ("tinylev", "biglev", "flat_8x8", "opposed_sonicsurfaces")
 
 
 def known_array(name: str, element: Element | None = None) -> PhasedArray:
-    """Return a well-known array, centred on the origin and with its axis along y.
+    """Return a well-known array, centred on the origin with its axis along y.
 
     Parameters
     ----------
-    name : "tinylev" and "biglev", two caps of 36 transducers each; "flat_8x8", 64 transducers in
-        the plane y = 0; or "opposed_sonicsurfaces", two boards of 256 transducers.
-    element : kind of transducer; by default a piston of 4.5 mm radius.
+    name : "tinylev" or "biglev" for two caps of 36 transducers each; "flat_8x8" for 64 transducers
+        in the plane y = 0; "opposed_sonicsurfaces" for two boards of 256 transducers.
+    element : kind of transducer; by default, a piston with a radius of 4.5 mm.
 
     Raises
     ------

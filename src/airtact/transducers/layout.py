@@ -1,4 +1,4 @@
-"""Positions and normals of the transducers of an array; arrays made of boards."""
+"""Positions and normals of the transducers of an array, and arrays made of boards."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,13 +38,13 @@ class PhasedArray:
     Attributes
     ----------
     positions : (E, 3) centres of the elements' faces [m].
-    normals : (E, 3) directions in which they radiate; stored as unit vectors.
-    element : kind of transducer at every position. By default a piston of 4.5 mm radius, which only
-        radiates forward, or a monopole if no normals are given.
-    tangents : (E, 3) direction of each element's x axis, which orients the points of its face;
-        stored as unit vectors. By default any direction perpendicular to the normal.
-    gains : (E,) factor of amplitude and phase of each element relative to a nominal one, in the
-        phasor Re[p e^{−iωt}]: 1 by default, 0 for a dead element. See ``calibrated``.
+    normals : (E, 3) directions in which the elements radiate; stored as unit vectors.
+    element : kind of transducer at every position. By default, a piston with a radius of 4.5 mm,
+        which only radiates forward; without normals, a monopole.
+    tangents : (E, 3) directions of the elements' x axes, which orient the points on their faces;
+        stored as unit vectors. By default, any directions perpendicular to the normals.
+    gains : (E,) complex gain of each element relative to a nominal one, for the phasor
+        Re[p e^{−iωt}]: 1 by default, 0 for a dead element. See ``calibrated``.
 
     Raises
     ------
@@ -89,24 +89,24 @@ class PhasedArray:
                 code="out_of_range",
             )
         if element is None:
-            # The most common transducers are Murata's.
+            # Murata's transducers are the most common.
             element = monopole() if normals is None else piston(MURATA_RADIUS, points=12)
         if normals is None:
             normals = np.tile([0.0, 0.0, 1.0], (len(positions), 1))
         of_kind(element, Element, "the element of an array", "monopole() or piston(radius)")
         normals = _unit(_as_many(normals, positions, "normal"), "normal")
         if tangents is None:
-            # Perpendicular to each normal, from x, or from y if the normal is near x.
+            # Perpendicular to each normal, starting from x, or from y if the normal is close to x.
             along_x = np.abs(normals[:, :1]) >= 0.9
             tangents = _across(np.where(along_x, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), normals)
         tangents = _unit(_as_many(tangents, positions, "tangent"), "tangent")
-        # Both are unit vectors, so this is the cosine of their angle.
+        # Both are unit vectors, so this is the cosine of the angle between them.
         slant = np.abs(np.einsum("ed,ed->e", normals, tangents))
         if slant.max() > 1e-5:
             first = int(np.argmax(slant))
             raise InvalidInput(
                 f"the tangent of element {first} must be perpendicular to its normal, but the "
-                f"cosine of their angle is {slant[first]:g}.",
+                f"cosine of the angle between them is {slant[first]:g}.",
                 code="out_of_range",
             )
         gains = complex_numbers(
@@ -120,11 +120,11 @@ class PhasedArray:
         check_finite(gains, "element gains")
         if not gains.any():
             raise InvalidInput(
-                "all elements are dead: their gains are 0, so nothing is emitted.",
+                "all elements are dead: their gains are 0, so nothing would be emitted.",
                 code="all_zero",
             )
         gains.flags.writeable = False
-        # ``vars`` bypasses the frozen dataclass. Tangents become exactly perpendicular.
+        # ``vars`` bypasses the frozen dataclass. The tangents become exactly perpendicular.
         vars(self).update(
             positions=positions,
             normals=normals,
@@ -145,7 +145,7 @@ class PhasedArray:
 
     @cached_property
     def spacing(self) -> float:
-        """Smallest distance between two elements [m]; infinite for a single one."""
+        """Smallest distance between two elements [m]; infinite for a single element."""
         if len(self) < 2:
             return np.inf
         return float(np.asarray(KDTree(self.positions).query(self.positions, k=2)[0])[:, 1].min())
@@ -153,8 +153,8 @@ class PhasedArray:
     def moved(self, pose: Pose) -> "PhasedArray":
         """Return the array moved rigidly: positions x become pose.apply(x), and faces rotate."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
-        # A rigid motion requires no new checks, and a moving hand requires many per second.
-        # Directions are normalised, so that rounding does not accumulate.
+        # Skip the checks: a rigid motion requires none, and a moving hand requires many motions per
+        # second. Normalise the directions, so that rounding errors do not accumulate.
         moved = object.__new__(PhasedArray)
         normals = _unit(pose.rotate(self.normals), "normal")
         tangents = _unit(_across(pose.rotate(self.tangents), normals), "tangent")
@@ -173,15 +173,16 @@ class PhasedArray:
 
         Parameters
         ----------
-        point : (3,) such as a focus [m].
-        direction : (3,) from the point to the middle of the array, of any length above zero.
-        distance : distance from the point to the middle of the array [m].
+        point : (3,) point, such as a focus [m].
+        direction : (3,) direction from the point to the centre of the array, of any length above
+            zero.
+        distance : distance from the point to the centre of the array [m].
 
         Raises
         ------
         InvalidInput
-            If the array has no front because its elements radiate in all directions, the direction
-            is zero, or the distance is not above zero.
+            If the array has no front, because its elements radiate in all directions; if the
+            direction is zero; or if the distance is not above zero.
 
         Examples
         --------
@@ -194,7 +195,7 @@ class PhasedArray:
         distance = positive(distance, "the distance of an array", "m")
         outward = _unit(point_of(direction, "the direction to an array")[None], "direction")[0]
         front = self.normals.mean(axis=0)
-        # The mean unit normal is 0 for a box and 0.5 for a hemispherical bowl.
+        # The length of the mean unit normal is 0 for a box and 0.5 for a hemispherical bowl.
         if np.linalg.norm(front) < 0.3:
             raise InvalidInput(
                 f"the normals of {counted(len(self), 'element', 'elements')} point in all "
@@ -207,27 +208,26 @@ class PhasedArray:
         return turned.moved(Pose(np.eye(3), middle - turned.positions.mean(axis=0)))
 
     def calibrated(self, gains: Num[np.ndarray, "gains"]) -> "PhasedArray":
-        """Return the array with a gain for each element; transfer matrices include the gains.
+        """Return the array with a gain for each element, which transfer matrices then include.
 
         Parameters
         ----------
-        gains : (E,) factor of amplitude and phase of each element; 0 for a dead one. They replace
-            earlier gains.
+        gains : (E,) complex gain of each element; 0 for a dead element. They replace earlier gains.
 
         Raises
         ------
         InvalidInput
-            If the number of gains is wrong, a gain is not finite, or all are 0.
+            If the number of gains is wrong, a gain is not finite, or all gains are 0.
         """
         return PhasedArray(self.positions, self.normals, self.element, self.tangents, gains)
 
     def seen_from(self, pose: Pose) -> "PhasedArray":
-        """Return the array in the obstacles' frame.
+        """Return the array in the frame of the obstacles.
 
         Parameters
         ----------
-        pose : pose of the hand in the array's frame. It maps the obstacles' frame to the array's
-            frame.
+        pose : pose of the hand in the array's frame, which maps the frame of the obstacles to that
+            of the array.
 
         Returns
         -------
@@ -272,14 +272,14 @@ def _across(
 def board_array(
     board: str = "autd3", poses: Sequence[Pose] | None = None, element: Element | None = None
 ) -> PhasedArray:
-    """Place boards of one kind; ``airtact boards`` lists the kinds.
+    """Return an array of boards of one kind; ``airtact boards`` lists the kinds.
 
     Parameters
     ----------
     board : name of the kind, such as "autd3".
-    poses : pose of each board: it maps the board's frame, in which the board radiates along +z, to
-        the array's frame. By default one board at the origin.
-    element : kind of transducer; by default the board's piston, see ``Board.radius``.
+    poses : pose of each board, from its own frame, in which it radiates toward +z, to that of the
+        array. By default, a single board at the origin.
+    element : kind of transducer; by default, the piston of the board (see ``Board.radius``).
 
     Raises
     ------
@@ -304,16 +304,16 @@ def _flat(board: Board, element: Element | None) -> PhasedArray:
 
 
 def autd3_board(pose: Pose | None = None, element: Element | None = None) -> PhasedArray:
-    """Build an array of one AUTD3 board: 249 transducers, in the order of the AUTD3 SDK.
+    """Return an array of one AUTD3 board: 249 transducers in the order of the AUTD3 SDK.
 
-    The board is a grid of 18 (x) by 14 (y) cells, 10.16 mm apart. The cells (1, 1), (2, 1) and
-    (16, 1) are empty. The index runs along x fastest. The origin is transducer 0, and the board
-    radiates along +z.
+    The board is a grid of 18 (x) by 14 (y) cells, 10.16 mm apart; the cells (1, 1), (2, 1) and
+    (16, 1) are empty. The index increases fastest along x. The origin is at transducer 0, and the
+    board radiates toward +z.
 
     Parameters
     ----------
-    pose : pose of the board in the array's frame; by default the identity.
-    element : kind of transducer; by default the board's piston, see ``Board.radius``.
+    pose : pose of the board in the array's frame; by default, the identity.
+    element : kind of transducer; by default, the piston of the board (see ``Board.radius``).
 
     Examples
     --------
@@ -330,27 +330,27 @@ def _centred(board: Board, element: Element | None) -> PhasedArray:
 
 
 def surrounding_box(element: Element | None = None, board: str | None = None) -> PhasedArray:
-    """Build the paper's array (section 3.3): four AUTD3 boards around a box of 14 x 14 x 18 cm.
+    """Return the paper's array (section 3.3): four AUTD3 boards around a box of 14 x 14 x 18 cm.
 
-    The origin is the centre of the box and z its long axis. The faces are at x = +70 mm, x = -70
-    mm, y = +70 mm and y = -70 mm, in this order. A board is centred on each face and radiates
-    inward. The elements are in the order of the board. The board's x axis (18 elements) runs along
+    The origin is the centre of the box, and z is its long axis. The faces are at x = +70 mm, x =
+    -70 mm, y = +70 mm and y = -70 mm, in this order. One board is centred on each face and radiates
+    inward. The elements of each board keep their order. The board's x axis (18 elements) runs along
     +z on every face, so its y axis (14 elements) runs along +y, -y, -x and +x: each face is the
-    first face rotated about z. The box is 140 mm wide, but a real board is 151.4 mm wide and would
-    extend 5.7 mm beyond its neighbours at each corner. ``board="autd3"`` creates a box that real
+    first one rotated about z. The box is 140 mm wide, but a real board is 151.4 mm wide and would
+    extend 5.7 mm beyond its neighbours at each corner. Use ``board="autd3"`` for a box that real
     boards fit.
 
     Parameters
     ----------
-    element : kind of transducer; by default the board's piston. The paper uses ``monopole()`` (its
-        section 4.1).
-    board : name of a real board. The faces are then half its height from the centre (75.7 mm for
-        "autd3"), so that thin boards touch along their long edges. By default the paper's box.
+    element : kind of transducer; by default, the piston of the board. The paper uses
+        ``monopole()`` (section 4.1).
+    board : name of a real board. Each face is then half the board's height from the centre (75.7 mm
+        for "autd3"), so that thin boards touch along their long edges. By default, the paper's box.
 
     Raises
     ------
     InvalidInput
-        If there is no such board, or its outline is unknown (nano16, openmpd).
+        If there is no such board, or the size of the board is unknown (nano16, openmpd).
 
     Examples
     --------
@@ -360,7 +360,7 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     kind = board_named("autd3" if board is None else board)
     if kind.outline is None:
         raise InvalidInput(
-            f"the outline of {kind.name} is unknown, so its boards cannot form a box.",
+            f"the size of {kind.name} boards is unknown, so they cannot form a box.",
             code="unknown_name",
         )
     distance = 70e-3 if board is None else kind.outline[1] / 2
@@ -369,7 +369,7 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
         np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
         np.array([distance, 0.0, 0.0]),
     )
-    # Rotated about z to +x, −x, +y, −y. Exact cosines and sines avoid rounding of the faces.
+    # Rotate about z to +x, −x, +y and −y. Exact cosines and sines avoid rounding errors.
     turns = [
         np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         for cosine, sine in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
@@ -378,20 +378,20 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
 
 
 def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None) -> PhasedArray:
-    """Build a grid of AUTD3 boards in the plane z = 0, centred on the origin, radiating toward +z.
+    """Return a grid of AUTD3 boards in the plane z = 0, centred on the origin, facing +z.
 
-    Boards touch edge to edge: their spacing of 192.0 mm along x and 151.4 mm along y is the size of
-    a board. Boards are numbered along x first; the elements of each board keep their order.
+    Boards touch edge to edge: they are spaced by the size of a board, 192.0 mm along x and 151.4 mm
+    along y. Boards are numbered along x first, and the elements of each board keep their order.
 
     Parameters
     ----------
     rows, columns : number of boards along y and along x.
-    element : kind of transducer; by default the board's piston, see ``Board.radius``.
+    element : kind of transducer; by default, the piston of the board (see ``Board.radius``).
 
     Raises
     ------
     InvalidInput
-        If there is no board, or they span more than 10 m.
+        If a number is below 1, or the boards span more than 10 m.
 
     Examples
     --------
@@ -415,7 +415,7 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
             code="out_of_range",
         )
     board = _centred(autd3, element)
-    # Along x fastest, as boards are numbered.
+    # Along x fastest, in the order of the boards.
     places = [
         [(column - (columns - 1) / 2) * width, (row - (rows - 1) / 2) * height, 0.0]
         for row in range(rows)
@@ -425,12 +425,12 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
 
 
 def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
-    """Join arrays of the same element into one, in order.
+    """Join arrays with the same element into one array, in the given order.
 
     Raises
     ------
     InvalidInput
-        If there is no array, or the elements differ.
+        If there is no array, or the arrays have different elements.
     """
     of_kind(arrays, list | tuple, "the arrays to join", "a list of arrays")
     if len(arrays) == 0:

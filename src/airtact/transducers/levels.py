@@ -7,7 +7,7 @@ from jaxtyping import Complex, Float64, Int64, Real, UInt8
 
 from airtact.errors import InvalidInput, in_short, real_numbers
 
-# Largest magnitude of a drive: full scale, with an allowance for rounding.
+# Largest magnitude of a drive: full scale, with a tolerance for rounding.
 FULL_SCALE = 1.0 + 1e-9
 
 
@@ -17,14 +17,14 @@ class Levels:
 
     Attributes
     ----------
-    amplitudes : (A,) amplitude of each level as a fraction of full scale, increasing from 0 to 1; A
-        is 2 to 256. A board with two levels only switches elements on and off.
-    phases : number of phase levels, 2 to 256; level k is the phase 2π k/phases.
+    amplitudes : (A,) amplitude of each level as a fraction of full scale, increasing from 0 to 1,
+        with A from 2 to 256. A board with two levels only switches elements on and off.
+    phases : number of phase levels, 2 to 256. Level k is the phase 2π k/phases.
 
     Raises
     ------
     InvalidInput
-        If either number is below 2 or above 256, or the amplitudes do not increase from 0 to 1.
+        If either number of levels is not 2 to 256, or the amplitudes do not increase from 0 to 1.
 
     Examples
     --------
@@ -56,11 +56,11 @@ class Levels:
 
     @classmethod
     def even(cls, amplitudes: int = 256, phases: int = 256) -> "Levels":
-        """Build levels of amplitude at equal steps from 0 to full scale.
+        """Return levels with amplitudes at equal steps from 0 to full scale.
 
         Parameters
         ----------
-        amplitudes, phases : number of levels of each, 2 to 256.
+        amplitudes, phases : number of levels of amplitude and of phase, 2 to 256 each.
 
         Raises
         ------
@@ -77,17 +77,17 @@ class Levels:
 
     @property
     def phase_only(self) -> bool:
-        """Whether the board only switches elements off or to full scale."""
+        """Whether elements can only be off or at full scale."""
         return len(self.amplitudes) == 2
 
     def same_as(self, levels: "Levels") -> bool:
-        """Whether both objects have the same amplitudes and phases."""
+        """Return whether both objects have the same amplitudes and phases."""
         return self.phases == levels.phases and np.array_equal(self.amplitudes, levels.amplitudes)
 
     def nearest(self, shares: Real[np.ndarray, "*elements"]) -> Int64[np.ndarray, "*elements"]:
         """Return the index of the level nearest to each fraction of full scale.
 
-        Boards with two levels switch on each element above a thousandth of full scale.
+        With two levels, each element above a thousandth of full scale is switched on.
         """
         if self.phase_only:
             return (shares > 1e-3).astype(np.int64)
@@ -101,13 +101,13 @@ class Levels:
         """Round complex drives to amplitude and phase levels; silent elements get phase level 0."""
         amplitude = self.nearest(np.abs(drives))
         turns = np.rint(np.angle(drives) * (self.phases / (2.0 * np.pi))).astype(np.int64)
-        # Silent elements get one phase, so that equal frames compare equal.
+        # Silent elements all get the same phase, so that equal frames compare equal.
         phase = np.where(amplitude > 0, turns % self.phases, 0)
         return amplitude.astype(np.uint8), phase.astype(np.uint8)
 
 
 def _check_count(levels: int, name: str) -> int:
-    # Levels are stored in bytes. Booleans are integers in Python, but not numbers of levels.
+    # Levels are stored as bytes. Booleans count as integers in Python, but are not valid here.
     integer = isinstance(levels, int | np.integer) and not isinstance(levels, bool)
     if not integer or not 2 <= levels <= 256:
         raise InvalidInput(
@@ -116,5 +116,5 @@ def _check_count(levels: int, name: str) -> int:
     return int(levels)
 
 
-# 256 amplitudes and 256 phases, as in the paper's array and AUTD3.
+# 256 amplitudes and 256 phases, as in the paper's array and in AUTD3.
 EIGHT_BITS = Levels.even(256, 256)

@@ -7,13 +7,13 @@ from jaxtyping import Float64
 
 from airtact.errors import InvalidInput, within
 
-# Frequency of amplitude modulation [Hz].
+# Default frequency of amplitude modulation [Hz].
 DEFAULT_FREQUENCY = 200.0
 
 
 @dataclass(frozen=True)
 class AmplitudeModulation:
-    """A common factor of all elements that makes the force at each focus vary as a cosine.
+    """A factor common to all elements, which makes the force at each focus vary as a cosine.
 
     The skin hardly feels a constant force. It is most sensitive to vibration at 200 to 300 Hz
     (S. J. Bolanowski et al., J. Acoust. Soc. Am. 84, 1680, 1988).
@@ -45,24 +45,24 @@ class AmplitudeModulation:
         object.__setattr__(self, "depth", depth)
 
     def envelope(self, frames: int) -> Float64[np.ndarray, "frames"]:
-        """Return the factor on the amplitudes in each frame of one period, beginning with 1.
+        """Return the amplitude factors (N,) for N frames in one period, beginning with 1.
 
-        Radiation force is proportional to the square of the pressure, so the factor of frame n is
-        √(1 − depth (1 − cos 2πn/N)/2).
+        The radiation force is proportional to the square of the pressure, so the factor for frame n
+        is √(1 − depth (1 − cos 2πn/N)/2).
 
         Examples
         --------
         >>> (AmplitudeModulation(depth=1.0).envelope(4) ** 2).round(12).tolist()
         [1.0, 0.5, 0.0, 0.5]
         """
-        # Rounding must not make the argument of the root negative.
+        # Rounding errors must not make the argument of the root negative.
         angle = 2.0 * np.pi * np.arange(frames) / frames
         return np.sqrt(np.maximum(1.0 - self.depth * (1.0 - np.cos(angle)) / 2.0, 0.0))
 
 
 def check_rate(rate: float, clock: float, slowest: int, board: str) -> None:
-    """Check that a rate [frames/s] is a clock [Hz] divided by an integer up to ``slowest``."""
-    # Boards count whole ticks of their clock per frame.
+    """Check that a rate [frames/s] is a clock [Hz] divided by an integer of at most ``slowest``."""
+    # A frame lasts a whole number of ticks of the board's clock.
     divide = min(max(round(clock / rate), 1), slowest)
     if abs(clock / divide - rate) > 1e-6 * rate:
         raise InvalidInput(

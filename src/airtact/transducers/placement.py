@@ -1,4 +1,4 @@
-"""Checks of the placement of an array in a scene, and bounds of its open-air pressure."""
+"""Checks of the placement of an array in a scene, and bounds on its pressure in open air."""
 
 import numpy as np
 from jaxtyping import Bool, Float64, Real
@@ -13,10 +13,10 @@ from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.plates import flush, strength_in
 
-# Largest distance of an element from a focus or the nearest body [m].
+# Largest distance of an element from a focus or from the nearest body [m].
 MAX_ELEMENT_DISTANCE = 10.0
 
-# Distance of a point or body behind each face [m]
+# Distance of a point or body behind the face of each element [m]
 Depths = Float64[np.ndarray, "elements"]
 
 
@@ -26,15 +26,15 @@ def check_placement(
     """Check that elements overlap neither each other nor bodies, and that they face the foci.
 
     Foci (F, 3) and bodies must be in front of directional elements. In scenes with reflecting
-    boards, bodies may be behind the elements, because the boards shade them.
+    boards, bodies may also be behind the elements, where the boards shade them.
 
     Raises
     ------
     InvalidInput
-        If two elements are closer than the radius of their faces, an element reaches into a body or
-        is behind a plane, a focus or body (or its image in a plane) is behind the face of a
-        directional element, an element is not in the face of a reflecting board, or an argument is
-        invalid.
+        If two elements are closer than the radius of their faces; if an element reaches into a body
+        or is behind a plane; if a focus or body, or its image in a plane, is behind the face of a
+        directional element; if an element is not in the face of a reflecting board; or if an
+        argument is invalid.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
@@ -45,7 +45,7 @@ def check_placement(
     if foci is not None:
         check_reach(array, foci)
     # The rigid faces of reflecting boards shade everything behind them.
-    strength_in(scene, array)  # raises where an element is off the boards
+    strength_in(scene, array)  # raises an error if an element is not on the boards
     if scene.boards or not array.element.directional:
         return
     for plane in planes_behind(scene, array):
@@ -62,8 +62,8 @@ def check_placement(
 
 
 def check_apart(array: PhasedArray) -> None:
-    """Raise an error if two elements overlap, because a board placed twice doubles the pressure."""
-    # Points have no radius, but real transducers are more than a tenth of a millimetre apart.
+    """Raise an error if two elements overlap: a board placed twice would double the pressure."""
+    # A point has no radius, but real transducers are more than a tenth of a millimetre apart.
     smallest = max(array.element.radius, 1e-4)
     if array.spacing >= smallest:
         return
@@ -84,9 +84,9 @@ def check_apart(array: PhasedArray) -> None:
 def overlapping_boards(
     array: PhasedArray,
 ) -> tuple[int, int, Float64[np.ndarray, "3"]] | None:
-    """Return two overlapping boards of an array and a common point [m], or None.
+    """Return the indices of two overlapping boards and a point in both [m]; None without overlap.
 
-    Overlaps of up to 6 mm at the edges are allowed, because those of the paper's box are 5.7 mm.
+    Overlaps of up to 6 mm at the edges are allowed, because those in the paper's box are 5.7 mm.
     """
     kind = kind_of_array(array.positions, array.normals)
     if kind is None or kind[0].outline is None:
@@ -94,7 +94,7 @@ def overlapping_boards(
     board, poses = kind
     middle = 0.5 * (board.positions.min(axis=0) + board.positions.max(axis=0))
     half = 0.5 * np.array(kind[0].outline) - 6e-3
-    # Points 5 mm apart on the face of a board, and which of them are within the next one.
+    # Take points 5 mm apart on the face of a board, and find those within another board.
     axes = [np.linspace(-length, length, int(2 * length / 5e-3) + 2) for length in half]
     x, y = np.meshgrid(*axes)
     face = middle + np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
@@ -118,10 +118,10 @@ def _check_body(
 ) -> None:
     middle = vertices.mean(axis=0)
     radius = np.sqrt(np.max(np.sum((vertices - middle) ** 2, axis=1)))
-    # A bounding sphere suffices in the usual case; convex hulls of fine meshes are slow.
+    # A bounding sphere usually suffices; convex hulls of fine meshes are slow.
     if _height(array, middle[None]).min() > radius:
         return
-    # The farthest vertices behind a face belong to the convex hull.
+    # The vertex farthest behind a face belongs to the convex hull.
     behind = -_height(array, vertices[ConvexHull(vertices).vertices]).min(axis=0)
     _check_behind(array, behind if elements is None else np.where(elements, behind, 0.0), subject)
 
@@ -130,7 +130,7 @@ def _check_images(
     plane: Plane, scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None
 ) -> None:
     """Raise an error if the image of a body or focus in a plane is behind a face."""
-    # Otherwise, the image of the element would have to radiate backward.
+    # If it is, the image of the element would have to radiate backward.
     radiating = ~flush(plane, array)
     if foci is not None:
         for index, height in enumerate(_height(array, plane.image(foci))):
@@ -155,14 +155,14 @@ def planes_behind(scene: Scene, array: PhasedArray) -> tuple[Plane, ...]:
 
 def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
     depth = scene.depth(array.positions)
-    # An array in millimetres is metres away from everything else.
+    # An array in millimetres would be metres away from everything else.
     if scene.obstacles:
         _check_metres(-depth, "the nearest body")
     reach = array.element.reach
     if reach == 0.0:
         check_not_inside(depth, array.positions, "element")
         return
-    # Only faces near a surface are evaluated.
+    # Only evaluate faces close to a surface.
     near = np.flatnonzero(depth > -reach)
     if len(near):
         faces = scene.depth(array.face_points[near].reshape(-1, 3)).reshape(len(near), -1)
@@ -171,8 +171,9 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
     if inside:
         deepest = int(depth.argmax())
         raise InvalidInput(
-            f"the faces of {inside} of {len(array)} elements reach into a body: element {deepest} "
-            f"at {in_mm(array.positions[deepest])} by {depth[deepest] * 1e3:.3g} mm; move the "
+            f"the faces of {inside} of {len(array)} elements reach into a body, that of element "
+            f"{deepest} at {in_mm(array.positions[deepest])} by {depth[deepest] * 1e3:.3g} mm; "
+            "move the "
             "array or the body away.",
             code="bodies_overlap",
         )
@@ -216,27 +217,27 @@ def _check_behind(array: PhasedArray, behind: Depths, subject: str) -> None:
 def _height(
     array: PhasedArray, points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points elements"]:
-    """Distance of each point in front of each face [m], negative behind the face."""
+    """Return the height of each point in front of each face [m]; negative behind the face."""
     return points @ array.normals.T - np.sum(array.positions * array.normals, axis=1)
 
 
 def open_air_bound(
     array: PhasedArray, points: Real[np.ndarray, "points 3"], wavenumber: float
 ) -> Float64[np.ndarray, "points"]:
-    """Return the peak pressure at points with all elements at full scale and in phase.
+    """Return the peak pressure at points if all elements are at full scale and in phase there.
 
-    It is the sum of |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e that face the point.
-    Without bodies, no drive produces more pressure.
+    It is the sum of |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e that face the point,
+    with gain g_e and weights w_j. Without bodies, no drive can produce a higher pressure.
 
     Parameters
     ----------
     array : the transducers.
-    points : (P, 3) points, in the frame of the array [m].
-    wavenumber : k [rad/m].
+    points : (P, 3) points in the frame of the array [m].
+    wavenumber : wavenumber k [rad/m].
 
     Returns
     -------
-    (P,) pressures [Pa].
+    (P,) peak pressures [Pa].
     """
     element = array.element
     strengths = element.sensitivity * np.abs(array.gains)
@@ -258,7 +259,7 @@ def open_air_bound(
 
 def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
     """Return the largest ``open_air_bound`` over points in front of the array [Pa]."""
-    # Points in front of the middle and of about 15 elements, at least 30 mm from any element.
+    # Points in front of the centre and of about 15 elements, at least 30 mm from every element.
     chosen = slice(None, None, max(1, len(array) // 15))
     middle = array.positions.mean(axis=0)
     axis = array.normals.mean(axis=0)
@@ -266,7 +267,7 @@ def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
     for distance in (0.05, 0.1, 0.2):
         points.append(middle + distance * axis)
         points.extend(array.positions[chosen] + distance * array.normals[chosen])
-    # At closer points a single element dominates.
+        # At closer points, a single element dominates.
     clear = [
         point for point in points if np.linalg.norm(array.positions - point, axis=1).min() > 30e-3
     ]

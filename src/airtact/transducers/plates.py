@@ -22,13 +22,13 @@ THICKNESS = 8.7e-3
 def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple[Obstacle, ...]:
     """Model the boards of an array as rigid bodies that reflect sound.
 
-    Each board is a closed box with the maker's outline, and its transducers are pistons in its
-    front face. Boards that touch or overlap form one body. Add the bodies to the obstacles of the
-    scene, and do not move the array afterwards.
+    Each board is a closed box with the outline stated by the maker, and its transducers are pistons
+    in the front face. Boards that touch or overlap form a single body. Add the bodies to the
+    obstacles of the scene, and do not move the array afterwards.
 
     Parameters
     ----------
-    array : array of boards with a known outline.
+    array : array of boards whose outline is known.
     thickness : distance from the faces of the transducers to the back of a board [m], 0.5 to 50 mm.
 
     Raises
@@ -63,7 +63,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
             "outline. Declare the plates as obstacles instead.",
             code="unknown_name",
         )
-    # Boards within 0.5 mm are one body, with the seam between them filled.
+    # Boards less than 0.5 mm apart form one body, with the gap between them filled.
     plates = [_plate(board, pose, thickness) for pose in poses]
     grown = [_plate(board, pose, thickness, 0.25e-3) for pose in poses]
     wide = [_plate(board, pose, thickness, thickness) for pose in poses]
@@ -73,14 +73,14 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
             hull = Manifold.batch_hull([plates[first], plates[second]])
             seams.append(wide[first] ^ wide[second] ^ hull)
     union = Manifold.batch_boolean([*plates, *seams], OpType.Add)
-    assert union.status() == Error.NoError  # boxes
-    # simplifying removes steps of up to 1 µm in the faces
+    assert union.status() == Error.NoError  # boxes cannot fail
+    # Simplifying removes steps of up to 1 µm in the faces.
     surfaces = []
     for part in union.as_original().simplify(1e-6).decompose():
         mesh = part.to_mesh64()
         vertices: Float64[np.ndarray, "vertices 3"] = np.asarray(mesh.vert_properties)[:, :3]
         triangles = np.asarray(mesh.tri_verts).astype(np.int64)
-        # Boards are boxes: every edge between two of their faces is sharp.
+        # Boards are boxes, so every edge between two of their faces is sharp.
         surfaces.append(Surface(vertices, triangles, sharp_degrees=1.0))
     return tuple(Obstacle(surface, "sound_hard", board=True) for surface in surfaces)
 
@@ -92,7 +92,7 @@ def flush(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
 
 
 def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elements"]:
-    """Return the factor of the strength of each element in a scene.
+    """Return the factor on the strength of each element in a scene.
 
     The factor is 1 in open air, and 1/2 in reflecting boards and for directional elements flush
     with a plane. A rigid face doubles a source, but the sensitivity already includes this doubling,
@@ -101,7 +101,7 @@ def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elemen
     Raises
     ------
     InvalidInput
-        If the scene has boards, but an element is not in the face of one.
+        If the scene contains boards, but an element is not in the face of one.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     if not scene.boards:
@@ -111,7 +111,7 @@ def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elemen
                 strengths[flush(plane, array)] = 0.5
         return strengths
     surfaces = [scene.obstacles[index].surface for index in scene.boards]
-    # Distance to the nearest board; faces of elements are in the front of their own board.
+    # Distance to the nearest board; the face of an element is in the front of its own board.
     off = np.min([np.abs(surface.depth(array.positions)) for surface in surfaces], axis=0)
     wrong = int(np.sum(off > 1e-6))  # metres
     if wrong:
@@ -127,13 +127,13 @@ def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elemen
 
 
 def _plate(board: Board, pose: Pose, thickness: float, margin: float = 0.0):
-    """Build the box of one board, larger than its outline by a margin [m] on all sides."""
+    """Build the box of a board, larger than its outline by a margin [m] on all sides."""
     from manifold3d import Manifold
 
     middle = 0.5 * (board.positions.min(axis=0) + board.positions.max(axis=0))
     width, height = board.outline or (0.0, 0.0)
     size = np.array([width + 2 * margin, height + 2 * margin, thickness])
-    # The front of the box is the plane of the transducers' faces, z = 0.
+    # The front of the box is at z = 0, in the plane of the transducers' faces.
     low = middle - size * [0.5, 0.5, 1.0]
     motion = np.concatenate([pose.rotation, pose.translation[:, None]], axis=1)
     return Manifold.cube(size).translate(low).transform(motion)
