@@ -82,7 +82,7 @@ class HandSource:
 
 
 class RecordedHands(HandSource):
-    """Source that plays a recording, with the original times between frames.
+    """Source that plays a recording, keeping the original intervals between frames.
 
     Parameters
     ----------

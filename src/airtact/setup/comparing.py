@@ -93,7 +93,7 @@ class MethodComparison:
         about the verification.
     transfer : transfer matrix from which the drives were computed.
     beacons : report of the solve for the transfer matrix.
-    bound : upper bound within full scale of the smallest ratio of pressure to weight [Pa].
+    bound : upper bound on the smallest ratio of pressure to weight, within full scale [Pa].
     field : verified field, with one excitation for each contender.
     seconds : wall time by step [s].
     """

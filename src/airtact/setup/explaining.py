@@ -1,4 +1,4 @@
-"""Causes of a weak focus, and the pressure that each takes from what the array could produce."""
+"""Causes of a weak focus, and the pressure that each of them costs."""
 
 import csv
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ class Cause:
 
     Attributes
     ----------
-    name : what changes, in a few words.
+    name : short description of what changes.
     pressures : (F,) pressure at each focus with this cause and all causes before it [Pa].
     remedy : what would remove the cause; empty if nothing can.
     """
@@ -44,13 +44,13 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The pressure at each focus, from the maximum in open air to the emitted pressure.
+    """The pressure at each focus, from the maximum in open air to what is finally emitted.
 
     Attributes
     ----------
     foci : names of the F foci.
-    causes : the causes in order, from open air to the last remaining effect.
-    advice : sentence on the change that would increase the weakest focus most.
+    causes : the causes in order, beginning with open air.
+    advice : sentence on the change that would increase the pressure at the weakest focus most.
     """
 
     foci: tuple[str, ...]
@@ -61,11 +61,11 @@ class Explanation:
 
     @property
     def changes(self) -> Float64[np.ndarray, "causes foci"]:
-        """Change of the pressure by each cause [Pa]; the first row is open air."""
+        """Change of the pressure by each cause [Pa]; the first row is the pressure in open air."""
         return np.diff([cause.pressures for cause in self.causes], axis=0, prepend=0.0)
 
     def save(self, path: str | Path) -> None:
-        """Write a table with one row per cause and focus (.csv)."""
+        """Write a table with one row per cause and focus to a .csv file."""
         with whole_file(Path(path)) as partial, partial.open("w", newline="") as file:
             table = csv.writer(file)
             table.writerow(["cause", "focus", "pressure_Pa", "change_Pa", "remedy"])
@@ -79,14 +79,14 @@ class Explanation:
 def why(result: Rendering, kept: float | None = None) -> Explanation:
     """Explain the pressure at each focus of a rendered drive.
 
-    The pressure is computed without and with each cause, excluding all later causes, so that the
-    changes add up to the last pressure.
+    Causes are added one by one. The pressure is computed before and after each is added, so that
+    all changes together lead to the last pressure.
 
     Parameters
     ----------
     result : result of ``render``.
-    kept : share of the attainable pressure that a recorded session kept despite pose errors and
-        age.
+    kept : share of the attainable pressure that remained in a recorded session despite the error
+        and the age of the tracked pose; by default, tracking is not included.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
         setup.array.positions, setup.array.normals, setup.array.element, setup.array.tangents
     )
     transfer = TransferMatrix(result.transfer.matrix[:count], result.transfer.estimated_error)
-    # The most that any drive within full scale brings to one focus: all waves in phase.
+    # The largest pressure of any drive within full scale at one focus: all waves in phase.
     alone = [
         np.abs(open_air_matrix(setup.scene, array, target).matrix[:count]).sum(axis=1)
         for array in (nominal, setup.array)
@@ -145,7 +145,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     )
     last = causes[-1].pressures
     emitted = rounded
-    # Boards that only switch on and off cannot be turned down, and ``emit`` asks for a cap.
+    # Boards that only switch elements on and off cannot be turned down; ``emit`` asks for a cap.
     if setup.board is not None and not setup.levels.phase_only:
         array = setup.array
         level = HeadLevel(
@@ -188,16 +188,16 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
 
 
 def _advice(causes: list[Cause]) -> str:
-    """State which removable cause takes the largest share of the weakest focus."""
+    """State which removable cause reduces the pressure at the weakest focus most."""
     weakest = int(causes[-1].pressures.argmin())
     best_gain = 1.1
-    words = "No single change would bring more than 10 %: use more or nearer boards."
+    words = "No single change would gain more than 10 %: use more boards, or move them closer."
     for before, cause in pairwise(causes):
         gain = float(before.pressures[weakest] / max(cause.pressures[weakest], 1e-9))
         if cause.remedy and gain > best_gain:
             best_gain = gain
             words = (
-                f"The largest loss is {cause.name}: without it the weakest focus would have "
-                f"{gain:.2g} times the pressure. Remedy: {cause.remedy}."
+                f"The largest loss is due to {cause.name}. Without it, the pressure at the weakest "
+                f"focus would be {gain:.2g} times as high. Remedy: {cause.remedy}."
             )
     return words

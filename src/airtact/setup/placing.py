@@ -60,7 +60,8 @@ class Layout:
     ----------
     poses : pose of each board, from its own frame to that of the obstacles.
     weakest : peak pressure at the weakest focus [Pa] with all elements at full scale, over all
-        poses of the hand or its lowest tenth. If the foci have shares, it is divided by the share.
+        poses of the hand or its lowest tenth. If the foci have shares, it is the smallest ratio of
+        pressure to share.
     single : a single board in its own frame.
     """
 
@@ -449,7 +450,7 @@ def _distinct(layouts: list[Layout], apart: float, most: int) -> list[int]:
 
 
 def _present(search: Search, array: PhasedArray) -> float:
-    """Return the weakest focus with the setup's array [Pa]; NaN if it does not fit."""
+    """Return the pressure at the weakest focus for the present array; NaN if it does not fit."""
     try:
         for hand in search.hands:
             check_placement(hand.scene, array.seen_from(hand.motion), hand.target.points)

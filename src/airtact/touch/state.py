@@ -32,7 +32,7 @@ class TouchState:
     """Foci at the places where moving skin touches virtual objects.
 
     A contact begins when skin enters an object, and ends when the skin is 1 mm outside, so that
-    noise does not make it flicker. The level of a focus changes by at most 1 in 20 ms.
+    noise does not make it flicker. Levels change slowly: from 0 to 1 takes at least 20 ms.
 
     Parameters
     ----------
