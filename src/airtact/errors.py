@@ -130,7 +130,8 @@ def extra(name: str, need: str) -> Iterator[None]:
     Parameters
     ----------
     name : name of the extra, as in ``airtact[fem]``.
-    need : beginning of the message, ending in the package, such as "finite elements need NGSolve".
+    need : beginning of the message, ending in the package, such as "finite elements
+        need NGSolve".
     """
     try:
         yield

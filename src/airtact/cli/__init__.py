@@ -1,8 +1,9 @@
 """The command line: each command parses its arguments, calls the library and prints the result.
 
-The exit code is 0 for success, 1 if a link to boards or the self-check fails, 2 for bad input or no
-convergence, and 130 for an interruption by Ctrl-C. An error message ends with its code in brackets.
-With ``--json``, the error is also written to the standard output as JSON.
+The exit code is 0 for success, 1 if a link to boards or the self-check fails, 2 for bad
+input or no convergence, and 130 for an interruption by Ctrl-C. An error message ends
+with its code in brackets. With ``--json``, the error is also written to the standard
+output as JSON.
 """
 
 import gc

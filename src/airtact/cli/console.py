@@ -128,8 +128,9 @@ def show(
 ) -> None:
     """Print a headline, tables, warnings, and lines such as the names of written files.
 
-    With ``--quiet``, only the warnings are printed. With ``--json``, the standard output is the
-    record with the warnings and the version; everything else is printed on the standard error.
+    With ``--quiet``, only the warnings are printed. With ``--json``, the standard
+    output is the record with the warnings and the version; everything else is printed
+    on the standard error.
     """
     from airtact.errors import one_sentence  # importing NumPy here does not delay --help
 

@@ -139,8 +139,9 @@ def _over_board(
 ) -> "tuple[np.ndarray, float, np.ndarray]":
     """Return the axis, degrees and translation [m] that place the hand palm down above a board.
 
-    The lowest of ``PLACES`` is at ``height`` [m]. The hand points along the longer side of the
-    board. The point midway between palm and fingertips is above the centre of the board.
+    The lowest of ``PLACES`` is at ``height`` [m]. The hand points along the longer side
+    of the board. The point midway between palm and fingertips is above the centre of
+    the board.
     """
     import numpy as np
     from scipy.spatial.transform import Rotation

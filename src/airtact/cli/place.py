@@ -119,8 +119,9 @@ def place(
     --fixed keeps boards of SCENE, --symmetric mirrors the others in pairs about the middle of the
     region, or of the foci without --region.
 
-    The first table compares the best layouts with the present array of SCENE. The second table
-    lists the loss of pressure if a board of the best layout moves by 1 cm or 5 degrees.
+    The first table compares the best layouts with the present array of SCENE. The
+    second table lists the loss of pressure if a board of the best layout moves by 1 cm
+    or 5 degrees.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

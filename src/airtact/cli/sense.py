@@ -83,8 +83,9 @@ def sense(
 ) -> None:
     """Estimate the pose of the hand in SCENE, and the gap of a pinch, from echoes.
 
-    The supported boards cannot receive, so --echoes reads measurements from other receivers. The
-    command writes pose.json and report.html, as well as echoes.h5 if it simulates the echoes.
+    The supported boards cannot receive, so --echoes reads measurements from other
+    receivers. The command writes pose.json and report.html, as well as echoes.h5 if it
+    simulates the echoes.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -57,9 +57,10 @@ def sweep(
     """Compute the drive of SCENE at every point and write sweep.csv and sweep.html.
 
     PATH is a key of the scene file, such as foci[0].offset, medium.celsius or
-    obstacles[0].pose.translation[2]. If there is only one body of a kind, hand.gap, pinch.gap or
-    sphere.radius is sufficient. The result of each point is stored in the folder, so the same
-    command resumes an interrupted sweep. If a point fails, its row contains the error.
+    obstacles[0].pose.translation[2]. If there is only one body of a kind, hand.gap,
+    pinch.gap or sphere.radius is sufficient. The result of each point is stored in the
+    folder, so the same command resumes an interrupted sweep. If a point fails, its row
+    contains the error.
     """
     table = folder / "sweep.csv"
     page = folder / "sweep.html"

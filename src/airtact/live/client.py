@@ -48,7 +48,8 @@ class Client:
 
     Attributes
     ----------
-    rejected : the 16 newest reasons why the loop rejected a message. Remove those you have read.
+    rejected : the 16 newest reasons why the loop rejected a message. Remove those you
+        have read.
 
     Raises
     ------

@@ -47,7 +47,8 @@ class Status:
     state : state of the loop, with the reasons for silence and for rejected frames.
     processes : processes that have ended; empty if all are running.
     rate : drives per second.
-    age : median time from the newest frame to the sound in the air [s]; NaN without drives.
+    age : median time from the newest frame to the sound in the air [s]; NaN without
+        drives.
     kept : median of the expected share of the attainable pressure; NaN if unknown.
     unrecorded : data missing from the session, with the reason; None if it is complete.
     rejected : reason why the newest message was rejected; empty after a few seconds.

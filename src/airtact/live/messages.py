@@ -87,7 +87,8 @@ class MeshMessage(msgspec.Struct, frozen=True):
     Attributes
     ----------
     vertices : positions of the vertices [m].
-    triangles : three vertex indices per triangle, counterclockwise as seen from outside.
+    triangles : three vertex indices per triangle, counterclockwise as seen from
+        outside.
     """
 
     vertices: Annotated[list[Triple], Meta(min_length=4, max_length=20_000)]
@@ -100,7 +101,8 @@ class ObjectMessage(Table, frozen=True, forbid_unknown_fields=False, omit_defaul
     Attributes
     ----------
     name : name of the object, unique among all objects.
-    sphere, capsule, box, cylinder, half_space, button, mesh : shape of the object; exactly one.
+    sphere, capsule, box, cylinder, half_space, button, mesh : shape of the object;
+        exactly one.
     pose : pose of the shape in the scene.
     style, grating, stiffness : as in scene files.
     """
@@ -192,7 +194,8 @@ class FocusMessage(msgspec.Struct, frozen=True, omit_defaults=True):
     Attributes
     ----------
     id : name of the focus, unique in its application.
-    point : position in scene coordinates, or in those of the object named in ``on`` [m].
+    point : position in scene coordinates, or in those of the object named in ``on``
+        [m].
     place : place on a hand, such as "index.pad" or "right.palm".
     on : name of the object that the point moves with.
     offset : distance from the skin [m]; only used with ``place``.
@@ -286,11 +289,13 @@ class FocusState(msgspec.Struct, frozen=True):
 
     Attributes
     ----------
-    id : name given by the application, or the part of the hand and the object in contact.
+    id : name given by the application, or the part of the hand and the object in
+        contact.
     point : predicted position [m], or null if unknown.
     strength : current strength, from 0 to 1.
     pressure : predicted pressure [Pa], or null if unknown.
-    reason : why the focus receives no sound, for example because it is inside the hand; or null.
+    reason : why the focus receives no sound, for example because it is inside the hand;
+        or null.
     """
 
     id: str

@@ -37,7 +37,8 @@ class Moment:
     ----------
     time : when the sound should reach the air, on the tracker's clock [s].
     frame_time : timestamp of the newest frame used [s].
-    joints : (25, 3) predicted joint positions at ``time`` [m]; None if the hand is lost.
+    joints : (25, 3) predicted joint positions at ``time`` [m]; None if the hand is
+        lost.
     foci : (F, 3) predicted foci at ``time`` [m]; None if no hand is seen.
     amplitudes : (E,) complex amplitudes, as shares of full scale; zeros for silence.
     pressures : (F,) predicted pressures at the foci [Pa], or None.
@@ -45,7 +46,8 @@ class Moment:
     shape_age : time from the solved pose to ``time`` [s]; None if no solution was used.
     kept : expected share of the attainable pressure at the weakest focus, or None.
     state : state of the loop.
-    frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci move.
+    frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci
+        move.
     rate : frames per second; 0 without frames.
     other : (25, 3) predicted joints of the other hand [m], or None.
     names : a name for each focus; empty if the foci are at the places of the scene.
@@ -93,13 +95,16 @@ class Controls:
 
     Attributes
     ----------
-    ignore_hand : whether phases are set from path lengths alone, as if there were no hand.
+    ignore_hand : whether phases are set from path lengths alone, as if there were no
+        hand.
     method : name of the method that computes the drives; None for the scene's method.
     cap : largest amplitude of an element, as a share of full scale.
     offset : distance of all foci from the skin [m]; None for the scene's distances.
-    modulated : whether the amplitude is modulated or the foci move, so that the drive can be felt.
+    modulated : whether the amplitude is modulated or the foci move, so that the drive
+        can be felt.
     playing : whether sound is emitted.
-    levels : strengths of individual foci by name, from 0 (off) to 1; all others have strength 1.
+    levels : strengths of individual foci by name, from 0 (off) to 1; all others have
+        strength 1.
 
     Raises
     ------

@@ -40,7 +40,8 @@ class TouchStep:
     number, count : number of the touch, from 1, and of all touches.
     element, point : transducer to touch, and its position in the scene (3,) [m].
     words : name of the transducer.
-    share : share of the second that the fingertip has rested; 1 when the touch is taken.
+    share : share of the second that the fingertip has rested; 1 when the touch is
+        taken.
     trouble : reason why no fingertip is seen; "" if one is seen.
     """
 
@@ -120,10 +121,12 @@ def register_tracker(
     ----------
     setup : scene with the array.
     source : "websocket", with ":PORT" for another port, or a recording of the touches.
-    elements : transducers to touch, in order; by default those of ``elements_to_touch``.
+    elements : transducers to touch, in order; by default those of
+        ``elements_to_touch``.
     offset : distance of the fingertip's joint from a touched face [m]; by default the radius of the
         scene's hand, or of a generic one.
-    fit_offset, fit_scale : whether the offset, or a factor on the tracker's lengths, is fitted.
+    fit_offset, fit_scale : whether the offset, or a factor on the tracker's lengths, is
+        fitted.
     report : called with the progress, up to ten times per second.
 
     Raises

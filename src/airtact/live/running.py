@@ -61,14 +61,16 @@ def run(
     ----------
     setup : scene with virtual objects, or with foci on hands; see ``live_scene``.
     hands : source of the frames, as returned by ``hands_from``.
-    output : receiver of the drives, as returned by ``output_to``; by default, nothing is emitted.
+    output : receiver of the drives, as returned by ``output_to``; by default, nothing
+        is emitted.
     folder : folder in which ``session.h5`` is written.
     seconds : duration [s]; by default, until the recording ends or Ctrl-C is pressed.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s].
     cap : largest amplitude of an element, as a share of full scale; by default, a safe one that
         ``follow`` computes.
-    ignore_hand : whether phases are set from path lengths alone, as if there were no hand.
+    ignore_hand : whether phases are set from path lengths alone, as if there were no
+        hand.
     page : port and host of the page; no page by default.
     certificate : PEM file with a certificate and its key, to serve the page over HTTPS.
     report_step : called with each step of the start.
@@ -136,8 +138,10 @@ def record(
 
     Parameters
     ----------
-    file : recording to write, in the tracker's coordinates. Its name must end in ``.jsonl``.
-    source : "websocket" or "osc". Append ":PORT" for another port; port 0 selects a free one.
+    file : recording to write, in the tracker's coordinates. Its name must end in
+        ``.jsonl``.
+    source : "websocket" or "osc". Append ":PORT" for another port; port 0 selects a
+        free one.
     seconds : duration [s]; by default, until Ctrl-C is pressed.
     report_step : called with the address once it is open, and whenever frames start to be rejected
         or to stay away.
@@ -196,7 +200,8 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
 
     Parameters
     ----------
-    setup : the pose of its tracker transforms frames of recordings and trackers to the scene.
+    setup : the pose of its tracker transforms frames of recordings and trackers to the
+        scene.
     source : a recording; a session or its folder; "websocket" or "osc", optionally with ":PORT",
         where port 0 selects a free one; or "page" for the hand on the page. By default, an example
         motion is repeated.

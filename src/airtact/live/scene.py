@@ -1,8 +1,9 @@
 """The fixed part of a live scene, and a posed hand with the foci on it.
 
-The effect of a hand on the sound at a focus depends mainly on the relative positions of the bones
-that carry foci, and much less on the pose of the whole hand. ``gap_change`` compares these
-relative positions in two poses, and ``turn`` compares the orientations of the hand.
+The effect of a hand on the sound at a focus depends mainly on the relative positions of
+the bones that carry foci, and much less on the pose of the whole hand. ``gap_change``
+compares these relative positions in two poses, and ``turn`` compares the orientations
+of the hand.
 """
 
 from collections.abc import Sequence
@@ -44,8 +45,10 @@ class MovingFoci:
 
     Attributes
     ----------
-    places : (N, K) for each of N frames, the index of the place from which each of K foci starts.
-    shifts : (N, K, 3) offset from that place [m], in the axes of its bone (``PosedHand.frames``).
+    places : (N, K) for each of N frames, the index of the place from which each of K
+        foci starts.
+    shifts : (N, K, 3) offset from that place [m], in the axes of its bone
+        (``PosedHand.frames``).
     rate : frames per second.
     words : short description of the motion.
     """
@@ -62,15 +65,17 @@ class MovingFoci:
 class WithImages:
     """An array of E elements, and the images of these elements in a rigid plane.
 
-    Elements that are part of the plane have no image. The hand scatters the sound of elements and
-    images. Multiple reflections between the hand and the plane are ignored: their phase changes
-    with every millimetre of height, so a solution would not fit any other pose.
+    Elements that are part of the plane have no image. The hand scatters the sound of
+    elements and images. Multiple reflections between the hand and the plane are
+    ignored: their phase changes with every millimetre of height, so a solution would
+    not fit any other pose.
 
     Attributes
     ----------
     array : R sources: first the elements, then their images.
     imaged : (R - E,) index of the element that belongs to each image.
-    strengths : (E,) factor on each element: 2 in the plane, where its image coincides, else 1.
+    strengths : (E,) factor on each element: 2 in the plane, where its image coincides,
+        else 1.
     """
 
     array: PhasedArray

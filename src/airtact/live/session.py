@@ -59,18 +59,23 @@ class Session:
     scene : the part of the scene that does not change.
     text : text of the scene file.
     amplitudes : (N, E) complex amplitudes of N drives, as shares of full scale.
-    time_in_air : (N,) time at which each drive reached the link, on the clock of the frames [s].
+    time_in_air : (N,) time at which each drive reached the link, on the clock of the
+        frames [s].
     drive_frame_time : (N,) timestamp of the newest frame that each drive used [s].
-    rules, states : (N,) how each drive was computed, and the state of the loop at that time.
+    rules, states : (N,) how each drive was computed, and the state of the loop at that
+        time.
     kept : (N,) expected share of the attainable pressure; NaN if unknown.
-    shape_age : (N,) age of the solution that each drive used [s]; NaN without a solution.
-    foci : (N, F, 3) predicted foci [m]; NaN if the hand was lost or a drive has fewer foci.
+    shape_age : (N,) age of the solution that each drive used [s]; NaN without a
+        solution.
+    foci : (N, F, 3) predicted foci [m]; NaN if the hand was lost or a drive has fewer
+        foci.
     joints : (N, 25, 3) predicted joints of the hand [m]; NaN if it was lost.
     frame_time : (M,) timestamps of the tracker's frames [s].
     landmarks : (M, 25, 3) landmarks in scene coordinates [m]; NaN if the hand was lost.
     sides : (M,) side of the hand in each frame.
     strengths : (N, F) strengths of the foci; 1 if all are equal.
-    contacts : (N, C, 3) points of the skin in contact with objects [m]; NaN if there were fewer.
+    contacts : (N, C, 3) points of the skin in contact with objects [m]; NaN if there
+        were fewer.
     depths : (N, C) depths of these points in the objects [m]; NaN if there were fewer.
     other : (N, 25, 3) predicted joints of the other hand [m]; NaN if it was not seen.
     """
@@ -105,10 +110,11 @@ class Session:
 class SessionWriter:
     """Writer of a session during a run; ``frame`` and ``drive`` return at once.
 
-    A separate process appends the rows. A slow disk therefore does not delay the loop, and a killed
-    loop or a full disk does not damage the file. An existing file is replaced when the loop begins.
-    Real and imaginary parts of amplitudes are rounded to about 1/16 of the largest amplitude in the
-    drive, which changes the pressure at a focus by about 0.1 %. Lengths are rounded to 1 µm.
+    A separate process appends the rows. A slow disk therefore does not delay the loop,
+    and a killed loop or a full disk does not damage the file. An existing file is
+    replaced when the loop begins. Real and imaginary parts of amplitudes are rounded to
+    about 1/16 of the largest amplitude in the drive, which changes the pressure at a
+    focus by about 0.1 %. Lengths are rounded to 1 µm.
 
     Parameters
     ----------

@@ -28,8 +28,9 @@ class VerifiedSession:
     ----------
     indices : (V,) indices of the drives.
     pressures : (V, F) pressures at the foci [Pa]; NaN if a drive has fewer foci.
-    kept : (V,) share of the attainable pressure: the pressure of the weakest focus over its
-        strength, divided by the same for the best drive of equal energy for the hands at that time.
+    kept : (V,) share of the attainable pressure: the pressure of the weakest focus over
+        its strength, divided by the same for the best drive of equal energy for the
+        hands at that time.
     """
 
     indices: tuple[int, ...]

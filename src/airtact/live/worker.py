@@ -72,10 +72,12 @@ class Worker:
 
     Parameters
     ----------
-    work : module-level function that runs in the process. It is called with a mailbox that receives
-        the messages, a function that sends a result back from any thread, and ``arguments``.
+    work : module-level function that runs in the process. It is called with a mailbox
+        that receives the messages, a function that sends a result back from any thread,
+        and ``arguments``.
     arguments : further arguments; they must be picklable.
-    receive : called in a thread with each result, and with None once the process has ended.
+    receive : called in a thread with each result, and with None once the process has
+        ended.
     pause : shortest time between two messages to the process [s].
     """
 

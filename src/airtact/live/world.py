@@ -54,8 +54,10 @@ class WantedFocus:
     ----------
     name : name of the focus, unique in its application.
     strength : strength of the touch, from 0 to 1.
-    point : (3,) position in scene coordinates, or in those of the object named in ``on`` [m].
-    place : place on a hand, such as ``"right.index.pad"``; without a side, on the scene's hand.
+    point : (3,) position in scene coordinates, or in those of the object named in
+        ``on`` [m].
+    place : place on a hand, such as ``"right.index.pad"``; without a side, on the
+        scene's hand.
     on : name of the object that the point moves with, or None.
     offset : distance from the skin [m]; only used with ``place``.
     modulation : frequency at which the strength varies between 0 and its full value [Hz], at most

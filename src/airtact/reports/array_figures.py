@@ -43,8 +43,9 @@ PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/
 class Face:
     """The elements of an array that lie in one plane and radiate along the same ``normal``.
 
-    ``seen`` contains their positions [m] as seen from the side to which the face radiates. Its
-    coordinates are along the unit vectors in the rows of ``axes``, which point right and up.
+    ``seen`` contains their positions [m] as seen from the side to which the face
+    radiates. Its coordinates are along the unit vectors in the rows of ``axes``, which
+    point right and up.
     """
 
     elements: Int[np.ndarray, "elements"]

@@ -1,7 +1,8 @@
 """Plots with matplotlib: field in a plane, drive, scene in 3-D, pressures at the foci.
 
-Each function draws into ``ax``, or by default into a new figure, and returns the axes. Reports show
-the same plots. Lengths are in millimetres. Matplotlib is imported on first use.
+Each function draws into ``ax``, or by default into a new figure, and returns the axes.
+Reports show the same plots. Lengths are in millimetres. Matplotlib is imported on first
+use.
 """
 
 from dataclasses import replace
@@ -54,14 +55,18 @@ def field(
     ----------
     result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a solver's field. The
         result of ``render`` is drawn with the amplitudes of its drive.
-    target : the foci; only required for a solver's field that is not the field of beacons.
-    drive : name of a drive in a comparison, or index of an excitation in a solver's field.
+    target : the foci; only required for a solver's field that is not the field of
+        beacons.
+    drive : name of a drive in a comparison, or index of an excitation in a solver's
+        field.
     over : name of a second drive in a comparison; the plot then shows the level of ``drive``
         relative to it [dB].
     plane : "xy", "xz" or "yz" for a plane through the centre of the foci; by default, the plane
         that best fits the foci and bodies.
-    size : width and height of the picture [m]; by default, a few wavelengths around the foci.
-    most : pressure at the end of the colour scale [Pa]; by default, the largest in the plane.
+    size : width and height of the picture [m]; by default, a few wavelengths around the
+        foci.
+    most : pressure at the end of the colour scale [Pa]; by default, the largest in the
+        plane.
     ax : axes to draw into; by default, those of a new figure.
 
     Returns
@@ -219,7 +224,8 @@ def pads(
     Parameters
     ----------
     result : result of ``render``, ``focus``, ``evaluate`` or ``compare``.
-    held_equal : normalisation of the drives in a comparison, one of ``evaluation.HELD_EQUAL``.
+    held_equal : normalisation of the drives in a comparison, one of
+        ``evaluation.HELD_EQUAL``.
     ax : axes to draw into; by default, those of a new figure.
 
     Raises

@@ -43,7 +43,8 @@ class SceneView:
     Attributes
     ----------
     setup : setup with the transducers, the foci and the planes.
-    drives : amplitudes (E,) of each drive by name; the first drive is shown at the start.
+    drives : amplitudes (E,) of each drive by name; the first drive is shown at the
+        start.
     reached : (F, D) peak pressure at each focus for each drive [Pa].
     surfaces : bodies with the pressures on them; None in open air.
     slices : pressure of each drive in parallel planes.

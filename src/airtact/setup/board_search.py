@@ -73,7 +73,8 @@ class Search:
     fixed : poses of boards that stay in place.
     mirror : index of the axis along which boards are mirrored in pairs, and coordinate of the
         mirror plane [m]; None without mirroring.
-    share : share of the hands that may have a weaker focus than the pressure of the layout.
+    share : share of the hands that may have a weaker focus than the pressure of the
+        layout.
     """
 
     hands: list[HandPose]

@@ -64,8 +64,9 @@ def read_scene(
         ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``. None removes a key. ``hand`` refers to the
         only obstacle of that kind.
 
-    moving : whether the bodies will move later, so that contacts may be missing at first. A scene
-        without foci and contacts then has one focus, at the skin nearest to an object.
+    moving : whether the bodies will move later, so that contacts may be missing at
+        first. A scene without foci and contacts then has one focus, at the skin nearest
+        to an object.
 
     Raises
     ------

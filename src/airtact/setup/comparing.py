@@ -50,7 +50,8 @@ class Contender:
     ----------
     name : name of the method.
     drive : drive computed by the method.
-    emitted : the drive rounded to the levels of the setup; ``pressures`` are those of this drive.
+    emitted : the drive rounded to the levels of the setup; ``pressures`` are those of
+        this drive.
     pressures : (F,) peak pressure at each focus [Pa].
     suppression_points : (Q,) peak pressure at each suppression point [Pa].
     seconds : computing time of the method [s].
@@ -93,7 +94,8 @@ class MethodComparison:
         about the verification.
     transfer : transfer matrix from which the drives were computed.
     beacons : report of the solve for the transfer matrix.
-    bound : upper bound on the smallest ratio of pressure to weight, within full scale [Pa].
+    bound : upper bound on the smallest ratio of pressure to weight, within full scale
+        [Pa].
     field : verified field, with one excitation for each contender.
     seconds : wall time by step [s].
     """
@@ -227,9 +229,10 @@ def compare(
     With a setup, every method computes a drive from the same transfer matrix, and a more accurate
     solve verifies all drives. The method chosen in the setup is ignored.
 
-    With a setup and drives, for example from another program, the drives are compared with "best".
-    Each drive is also compared with a mended version (see ``nearest_drive``), whose phases differ
-    as little as possible but whose weakest focus reaches 95 % of the upper bound.
+    With a setup and drives, for example from another program, the drives are compared
+    with "best". Each drive is also compared with a mended version (see
+    ``nearest_drive``), whose phases differ as little as possible but whose weakest
+    focus reaches 95 % of the upper bound.
 
     With a scene, an array, drives, a target and a solver, this function is ``evaluation.compare``.
 

@@ -31,7 +31,8 @@ class Cause:
     Attributes
     ----------
     name : short description of what changes.
-    pressures : (F,) pressure at each focus with this cause and all causes before it [Pa].
+    pressures : (F,) pressure at each focus with this cause and all causes before it
+        [Pa].
     remedy : what would remove the cause; empty if nothing can.
     """
 
@@ -50,7 +51,8 @@ class Explanation:
     ----------
     foci : names of the F foci.
     causes : the causes in order, beginning with open air.
-    advice : sentence on the change that would increase the pressure at the weakest focus most.
+    advice : sentence on the change that would increase the pressure at the weakest
+        focus most.
     """
 
     foci: tuple[str, ...]

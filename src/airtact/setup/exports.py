@@ -68,8 +68,9 @@ def write_triangles(
 ) -> int:
     """Write quadratic triangles [m] in the format given by the file name's ending.
 
-    A .vtkhdf file also contains ``cells``. Return the number of open edges of the flat triangles.
-    These occur between panels of different sizes. The number is 0 for curved panels.
+    A .vtkhdf file also contains ``cells``. Return the number of open edges of the flat
+    triangles. These occur between panels of different sizes. The number is 0 for curved
+    panels.
     """
     check_output(path)
     if path.suffix.lower() == CURVED:
@@ -89,8 +90,9 @@ def write_triangles(
 def flat_triangles(quadratic_triangles: QuadraticTriangles) -> tuple[Vertices, Triangles]:
     """Divide each panel into four flat triangles, and merge the nodes of neighbouring panels.
 
-    Each panel is projected onto the surface separately, so the nodes of neighbours differ by
-    micrometres. Where panels of two sizes meet, the smaller ones have additional nodes.
+    Each panel is projected onto the surface separately, so the nodes of neighbours
+    differ by micrometres. Where panels of two sizes meet, the smaller ones have
+    additional nodes.
     """
     nodes = quadratic_triangles.reshape(-1, 3)
     shortest = np.repeat(edge_lengths(quadratic_triangles).min(axis=1), 6)

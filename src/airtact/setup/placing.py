@@ -1,9 +1,10 @@
 """Search for board positions that maximise the pressure at the weakest focus over all hand poses.
 
-For each pose of the hand, one solve computes the field of a beacon at each focus, which is then
-expanded in outgoing waves. For each candidate layout it is then enough to evaluate the field at the
-transducers and to compute a drive. Candidates face the foci and come from a low-discrepancy
-sequence. The best ones are refined board by board (Nelder-Mead), which also tilts the boards.
+For each pose of the hand, one solve computes the field of a beacon at each focus, which
+is then expanded in outgoing waves. For each candidate layout it is then enough to
+evaluate the field at the transducers and to compute a drive. Candidates face the foci
+and come from a low-discrepancy sequence. The best ones are refined board by board
+(Nelder-Mead), which also tilts the boards.
 """
 
 import re
@@ -221,23 +222,27 @@ def place(
     board : kind of the boards; see ``airtact boards``.
     distance : smallest distance of any part of a board from the bodies and foci, and largest
         distance of a board's centre from the centre of the foci [m].
-    region : two opposite corners of a box in which all boards must be [m], or a function that maps
-        points (N, 3) to True or False (N,) for where boards may be; by default, anywhere.
+    region : two opposite corners of a box in which all boards must be [m], or a
+        function that maps points (N, 3) to True or False (N,) for where boards may be;
+        by default, anywhere.
     hands : poses of the hand for which the layouts are optimised, in place of that of the setup.
         Either hands that replace the only body, with all foci at its named points; or motions of
         all bodies.
     tries : number of layouts before refinement; in a small region there may be fewer.
     seed : seed of the search. The same arguments lead to the same result.
-    refine : number of layouts to refine, chosen as the best that differ by over 40 mm; may be 0.
+    refine : number of layouts to refine, chosen as the best that differ by over 40 mm;
+        may be 0.
     progress : called with a description of each step as it begins.
     keep_out : boxes without boards, each given by two opposite corners [m].
     fixed : indices of boards of the setup's array that are part of every layout. They follow the
         placed boards.
-    symmetric : axis along which boards are mirrored in pairs. The mirror plane passes through the
-        centre of the region if it is a box, otherwise through that of the foci.
+    symmetric : axis along which boards are mirrored in pairs. The mirror plane passes
+        through the centre of the region if it is a box, otherwise through that of the
+        foci.
     tilted : whether boards may be tilted; otherwise each faces the centre of the foci.
-    objective : "weakest" for the pressure at the weakest focus over all hands; "lowest_tenth" for
-        the pressure that the weakest focus exceeds with nine of ten hands.
+    objective : "weakest" for the pressure at the weakest focus over all hands;
+        "lowest_tenth" for the pressure that the weakest focus exceeds with nine of ten
+        hands.
 
     Returns
     -------

@@ -34,10 +34,12 @@ class ReachMap:
     Attributes
     ----------
     setup : scene and array.
-    vertices, normals : (V, 3) vertices on the skin of all bodies [m], and outward unit normals.
+    vertices, normals : (V, 3) vertices on the skin of all bodies [m], and outward unit
+        normals.
     triangles : (T, 3) indices of the vertices of each triangle.
     chosen : (P,) indices of the vertices at which the pressure was computed.
-    places : part of the skin at each of these points, such as "index", "palm" or a body's name.
+    places : part of the skin at each of these points, such as "index", "palm" or a
+        body's name.
     transfer : transfer matrix for these points.
     report : report of the solve.
     """
@@ -136,7 +138,8 @@ def reach(
     ----------
     setup : scene and array; the foci are ignored.
     points : number of points, from 1 to 5,000, spread evenly over the skin.
-    accuracy : requested relative error of boundary elements. Other solvers keep their own accuracy.
+    accuracy : requested relative error of boundary elements. Other solvers keep their
+        own accuracy.
     progress : called with a description of each step as it begins.
 
     Raises

@@ -68,13 +68,16 @@ class Rendering:
     steepening : effect of real air on these pressures.
     verification : comparison of the drive with its control, which the same method computes without
         the bodies. In open air there is no control.
-    drives : the drives that were verified, each with its strongest element at full scale.
+    drives : the drives that were verified, each with its strongest element at full
+        scale.
     sequence : drives for moving foci, or None.
     robustness : pressures of the drive for samples of the uncertainty that were not used to compute
         it; None without uncertainty.
     traps : verdict on the equilibrium nearest to each trap.
-    headline : sentence with the pressure at the weakest focus, with and without the hand.
-    remarks : sentences on requests that were not met, and on the share of the upper bound.
+    headline : sentence with the pressure at the weakest focus, with and without the
+        hand.
+    remarks : sentences on requests that were not met, and on the share of the upper
+        bound.
     sensation : sentences that compare the foci with the tactile threshold.
     warnings : warnings about the setup, the method and both solves.
     seconds : wall time by step [s].

@@ -36,7 +36,8 @@ class Plan:
     ----------
     stored : file with the drive or sequence.
     board : kind of board.
-    modulation : amplitude modulation of a drive; None for a sequence or a constant drive.
+    modulation : amplitude modulation of a drive; None for a sequence or a constant
+        drive.
     cap : largest amplitude of an element, as a share of full scale.
     limited : whether the cap was chosen to keep the level at a head under the limit.
     """

@@ -70,7 +70,8 @@ class Sensed:
 
     Attributes
     ----------
-    setup, fitted : the setup of the scene file, and the same setup with the estimated gap.
+    setup, fitted : the setup of the scene file, and the same setup with the estimated
+        gap.
     located : estimated pose. It transforms the obstacles of the scene file to the actual ones, in
         the same frame.
     echoes : the echoes from which the pose was estimated.

@@ -35,13 +35,16 @@ class Setup:
     scene : the medium and the bodies in it.
     array : transducers in the frame of the obstacles.
     target : the foci.
-    solver : solver for the fields; by default, boundary elements, or the closed form in open air.
-    accuracy : requested relative error; by default, that of the solver if it has one, else 0.01.
+    solver : solver for the fields; by default, boundary elements, or the closed form in
+        open air.
+    accuracy : requested relative error; by default, that of the solver if it has one,
+        else 0.01.
     method : name of the method that computes the drive, a key of ``drives.METHODS``.
     levels : amplitudes and phases to which the drive is rounded.
     modulation : modulation that makes the drive perceptible; None for a constant drive.
     uncertainty : uncertainty of the hand, the air and the transducers, or None.
-    samples, seed : number of samples of the uncertainty for computing the drive, and their seed.
+    samples, seed : number of samples of the uncertainty for computing the drive, and
+        their seed.
     bodies, foci : a name for each body and each focus.
     traps : traps, whose lobes are the first points of the target.
     board : kind of the boards that make up the array, or None.
@@ -49,9 +52,12 @@ class Setup:
     riding : for each focus, the named point on which it lies and its distance from the surface
         [m]; None if it lies on none.
     objects : virtual objects.
-    contacts : contacts of the bodies with the objects if they define the foci, else None.
-    tracker : pose of the tracker for a live hand, from its frame to that of the obstacles.
-    left_out : planes behind the boards, which the scene omits because no sound reaches them.
+    contacts : contacts of the bodies with the objects if they define the foci, else
+        None.
+    tracker : pose of the tracker for a live hand, from its frame to that of the
+        obstacles.
+    left_out : planes behind the boards, which the scene omits because no sound reaches
+        them.
     path, text : path and content of the scene file, if the setup was read from one.
 
     Raises

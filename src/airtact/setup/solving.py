@@ -196,8 +196,9 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 def verification_solver(setup: Setup) -> Solver:
     """Choose a solver that is more accurate than that of the setup, to verify the drive.
 
-    Filled bodies use finite elements of the next higher order, other bodies use boundary elements,
-    and open air uses the closed form. The solver warns if its error exceeds the setup's accuracy.
+    Filled bodies use finite elements of the next higher order, other bodies use
+    boundary elements, and open air uses the closed form. The solver warns if its error
+    exceeds the setup's accuracy.
     """
     if not setup.scene.obstacles:
         return FreeField()

@@ -72,26 +72,30 @@ def sweep(
 
     Parameters
     ----------
-    function : a scene file, or a setup read from one, to compute the drive with changed values of
-        the file's keys (see ``read_scene``). Otherwise a function that maps a point to a mapping of
-        names to numbers, text, True, False or None. Processes import this function, so define it in
-        a module, or use a ``functools.partial`` of such a function. In a script, call ``sweep``
-        under ``if __name__ == "__main__":``.
+    function : a scene file, or a setup read from one, to compute the drive with changed
+        values of the file's keys (see ``read_scene``). Otherwise a function that maps a
+        point to a mapping of names to numbers, text, True, False or None. Processes
+        import this function, so define it in a module, or use a ``functools.partial``
+        of such a function. In a script, call ``sweep`` under ``if __name__ ==
+        "__main__":``.
     points : mappings of names to values. For a scene, the names are paths of keys, such as
         ``"foci[0].offset"``.
-    executor : executor that computes the points, such as ``ThreadPoolExecutor()`` or the
-        ``get_executor()`` of a Dask client; or the number of processes, each with a single thread.
-        By default, one process per processor, or as many as fit into memory.
+    executor : executor that computes the points, such as ``ThreadPoolExecutor()`` or
+        the ``get_executor()`` of a Dask client; or the number of processes, each with a
+        single thread. By default, one process per processor, or as many as fit into
+        memory.
     store : folder with one file per result. The file name depends on the point, the function with
         its arguments and module, and the version of airtact. Stored points are not computed again,
         so an interrupted sweep can be resumed. Use another folder after changing other modules
         that the function uses.
-    progress : called with the numbers of completed points, of all points, and of failed points.
+    progress : called with the numbers of completed points, of all points, and of failed
+        points.
 
     Returns
     -------
-    A row for each point, in the same order, with its values followed by the results. ``"error"``
-    and ``"sentence"`` are empty, or contain the code and the message of an exception.
+    A row for each point, in the same order, with its values followed by the results.
+    ``"error"`` and ``"sentence"`` are empty, or contain the code and the message of an
+    exception.
 
     Raises
     ------
@@ -301,8 +305,9 @@ def _begin_process(environment: dict[str, str]) -> None:
 def names_of(function: Function, points: Iterable[Row]) -> list[str]:
     """Name points by hashes of their values and the function, with 40 hexadecimal digits each.
 
-    A function is identified by its name and the content of its module. A ``functools.partial`` is
-    also identified by its arguments, and a dataclass object by its compared fields.
+    A function is identified by its name and the content of its module. A
+    ``functools.partial`` is also identified by its arguments, and a dataclass object by
+    its compared fields.
     """
     parts: list[Any] = []
     core: Any = function

@@ -23,8 +23,9 @@ class Rule:
 
     Parameters
     ----------
-    words : "only with" rejects the key unless one of the conditions holds. "not with" rejects it if
-        one holds. "needed by" is like "only with", and also requires the key if one holds.
+    words : "only with" rejects the key unless one of the conditions holds. "not with"
+        rejects it if one holds. "needed by" is like "only with", and also requires the
+        key if one holds.
     conditions : keys, or keys with a value.
     """
 
@@ -113,17 +114,21 @@ class ArrayTable(Table, frozen=True):
 
     Attributes
     ----------
-    layout : "surrounding_box" is the paper's box around the origin, or a box of four boards of the
-        kind ``board``; "flat_boards" places AUTD3 boards edge to edge in the plane z = 0; "boards"
-        places each board at a pose; "tinylev", "biglev", "flat_8x8" and "opposed_sonicsurfaces" are
-        known arrays; a .csv file in the folder of the scene contains a custom array.
-    board : kind of board: "autd3", "sonicsurface", "nano16" or "openmpd"; by default "autd3".
+    layout : "surrounding_box" is the paper's box around the origin, or a box of four
+        boards of the kind ``board``; "flat_boards" places AUTD3 boards edge to edge in
+        the plane z = 0; "boards" places each board at a pose; "tinylev", "biglev",
+        "flat_8x8" and "opposed_sonicsurfaces" are known arrays; a .csv file in the
+        folder of the scene contains a custom array.
+    board : kind of board: "autd3", "sonicsurface", "nano16" or "openmpd"; by default
+        "autd3".
     rows, columns : number of flat boards along y and along x; by default 2.
     poses : poses of the boards.
     calibration : .csv file in the folder of the scene with the gain of each element.
     source : "piston" radiates only forward, "monopole" in all directions.
-    piston_radius : radius of a transducer [m]; by default that of the board, or 4.5 mm for .csv.
-    sensitivity : peak pressure at full scale, 1 m away, times 1 m [Pa·m]; by default 4.38.
+    piston_radius : radius of a transducer [m]; by default that of the board, or 4.5 mm
+        for .csv.
+    sensitivity : peak pressure at full scale, 1 m away, times 1 m [Pa·m]; by default
+        4.38.
     reflects : whether the boards are rigid bodies that reflect sound.
     pose : pose of the whole array in the obstacles' frame.
     """
@@ -195,14 +200,16 @@ class ObstacleTable(Table, frozen=True):
     ----------
     pinch, capsule, sphere : body defined by a formula.
     surface : mesh file in the folder of the scene.
-    joints : pose file of a scanned hand in the frame of the mesh; it defines the named places.
+    joints : pose file of a scanned hand in the frame of the mesh; it defines the named
+        places.
     scale : length of one unit of the mesh file [m]; by default 1.
     largest_hole : widest hole that is filled [m]; by default 0.002.
     sharp_degrees : angle above which edges stay sharp [°]; by default 75.
     union : whether overlapping parts are replaced by their common outer surface.
     hand : pose file of a hand.
     gap : distance to which thumb and index finger are opened [m].
-    boundary : "sound_hard" reflects fully, "impedance" absorbs sound, "filled" is another fluid.
+    boundary : "sound_hard" reflects fully, "impedance" absorbs sound, "filled" is
+        another fluid.
     ratio : surface impedance Z/(ρc); [real, imaginary] if complex.
     medium : fluid inside the body.
     pose : pose of the body and its named points.
@@ -307,8 +314,9 @@ class ObjectTable(Table, frozen=True):
     surface : closed mesh file in the folder of the scene.
     scale : length of one unit of the mesh file [m]; by default 1.
     name : name of the object in results.
-    style : "points" puts a focus where each pad is deepest; "outline" moves a focus along the edge
-        of the contact; "texture" is like "points", but stronger on the ridges of ``grating``.
+    style : "points" puts a focus where each pad is deepest; "outline" moves a focus
+        along the edge of the contact; "texture" is like "points", but stronger on the
+        ridges of ``grating``.
     grating : ridges fixed to the object.
     stiffness : increase of the strength, from 0.2 to 1, per depth [1/m]; by default 400, or 0.8
         / ``travel`` for a button.
@@ -457,7 +465,8 @@ class SurfacePointsTable(Table, frozen=True):
     ----------
     body : name of the body.
     spacing : mean distance between neighbours [m].
-    facing : direction that the selected part of the surface faces; by default the whole surface.
+    facing : direction that the selected part of the surface faces; by default the whole
+        surface.
     within : largest angle between the surface's normal and ``facing`` [°].
     """
 
@@ -530,7 +539,8 @@ class TrapTable(Table, frozen=True):
     Attributes
     ----------
     point : centre of the bead [m].
-    kind : "twin" has two lobes of opposite phase along ``axis``; "vortex" has a ring around it.
+    kind : "twin" has two lobes of opposite phase along ``axis``; "vortex" has a ring
+        around it.
     axis : axis of the trap, of any length.
     radius : radius of the bead [m].
     density : density of the bead [kg/m³].
@@ -668,7 +678,8 @@ class SceneFile(Table, frozen=True):
     obstacles : bodies.
     planes : rigid plane; at most one.
     frequency : frequency of the sound [Hz].
-    merge_bodies : whether to merge sound-hard bodies that overlap or are less than 0.3 mm apart.
+    merge_bodies : whether to merge sound-hard bodies that overlap or are less than 0.3
+        mm apart.
     most_points : largest number of foci and suppression points together.
     solver : computation of the field.
     drive : computation of the drive.

@@ -29,7 +29,8 @@ def touched(
     file, folder : the scene file, and the folder of the files that it names.
     bodies, obstacles : names of the bodies, and the bodies themselves.
     hands : hands by the names of their bodies.
-    moving : whether the bodies will move later, so that contacts may be missing at first.
+    moving : whether the bodies will move later, so that contacts may be missing at
+        first.
 
     Raises
     ------

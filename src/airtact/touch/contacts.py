@@ -110,9 +110,10 @@ class Contacts:
     def target(self, most: int = MAX_FOCI, wavelength: float = WAVELENGTH) -> Target:
         """Return the target that makes the contacts perceptible.
 
-        Its foci are those of ``foci``, and its shares are proportional to their strengths. For
-        objects of the style "outline", its points lie 2.5 mm apart along all outlines, so that a
-        single focus can run through them (see ``at.drives.Motion("stm")``).
+        Its foci are those of ``foci``, and its shares are proportional to their
+        strengths. For objects of the style "outline", its points lie 2.5 mm apart along
+        all outlines, so that a single focus can run through them (see
+        ``at.drives.Motion("stm")``).
 
         Raises
         ------
@@ -154,7 +155,8 @@ def contact(
     ----------
     hand : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to them, in the
         frame of the objects.
-    objects : at most 64 virtual objects. Unnamed objects are called "object 1" and so on.
+    objects : at most 64 virtual objects. Unnamed objects are called "object 1" and so
+        on.
     offset : distance of the foci from the skin [m], at most 0.1.
 
     Returns

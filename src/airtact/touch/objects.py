@@ -35,8 +35,9 @@ class VirtualObject:
     style : "points" for foci where the skin is deepest; "outline" for a focus that runs along the
         curve where the skin meets the object; "texture" for foci as with "points", with strengths
         modulated by ``texture``.
-    stiffness : increase of the strength per depth [1/m]. The strength is 0.2 at the surface and at
-        most 1. By default, it reaches 1 at a depth of 2 mm, or at the end of a button's travel.
+    stiffness : increase of the strength per depth [1/m]. The strength is 0.2 at the
+        surface and at most 1. By default, it reaches 1 at a depth of 2 mm, or at the
+        end of a button's travel.
     texture : a ``Grating`` or ``HeightMap``; only for the style "texture".
 
     Raises

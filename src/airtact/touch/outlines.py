@@ -23,8 +23,9 @@ def outline_of(
 
     Returns
     -------
-    Curves (P, 3) [m] through the edges from inner to outer points, linearly interpolated and then
-    projected onto the exact surface of the skin. The last point of a closed curve is its first.
+    Curves (P, 3) [m] through the edges from inner to outer points, linearly
+    interpolated and then projected onto the exact surface of the skin. The last point
+    of a closed curve is its first.
     """
     depths = thing.depth(skin.points)
     inner = np.zeros(len(skin.points), dtype=bool)

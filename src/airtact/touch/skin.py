@@ -44,8 +44,9 @@ class Skin:
     neighbours : (N, K) indices of the points that share an edge with each point, padded with its
         own index; by default, found from the triangles.
     bodies : exact surface of the body of each part; None if unknown.
-    look : for a moved skin, a function that returns the signed distances (P,) [m] of points (P, 3)
-        from its exact surface, and the outward unit normals (P, 3) there; None if unknown.
+    look : for a moved skin, a function that returns the signed distances (P,) [m] of
+        points (P, 3) from its exact surface, and the outward unit normals (P, 3) there;
+        None if unknown.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -77,7 +78,8 @@ class Skin:
         ----------
         points : (N, 3) new positions [m].
         normals : (N, 3) new outward unit normals.
-        look : exact surface, see the attribute ``look``. Contacts are then found exactly.
+        look : exact surface, see the attribute ``look``. Contacts are then found
+            exactly.
         """
         return replace(self, points=points, normals=normals, bodies=None, look=look)
 
@@ -87,10 +89,12 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
 
     Parameters
     ----------
-    bodies : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to them.
-    longest_edge : longest distance between neighbours [m]. With the default, several points of a
-        fingertip are inside a ball that it enters by 2 mm, and a hand has about 6,000 points. With
-        10 mm, a hand has 1,600 points, as dense at the finger pads, which suits a live loop.
+    bodies : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to
+        them.
+    longest_edge : longest distance between neighbours [m]. With the default, several
+        points of a fingertip are inside a ball that it enters by 2 mm, and a hand has
+        about 6,000 points. With 10 mm, a hand has 1,600 points, as dense at the finger
+        pads, which suits a live loop.
 
     Returns
     -------

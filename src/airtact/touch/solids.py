@@ -212,7 +212,8 @@ class Button(Solid):
     centre : (3,) centre of the disc at rest [m].
     radius : radius of the disc [m].
     travel : distance by which the disc can be pressed [m].
-    normal : (3,) vector that points out of the button, opposite to the direction of pressing.
+    normal : (3,) vector that points out of the button, opposite to the direction of
+        pressing.
 
     Raises
     ------
@@ -261,8 +262,9 @@ class Button(Solid):
 class SurfaceSolid(Solid):
     """The inside of a closed surface; depths are exact for spheres and capsules.
 
-    For a mesh, an exact depth takes 10 µs per point. ``depth`` therefore interpolates between the
-    nodes of a grid whose spacing is 1/40 of the longest side, which takes 0.3 µs.
+    For a mesh, an exact depth takes 10 µs per point. ``depth`` therefore interpolates
+    between the nodes of a grid whose spacing is 1/40 of the longest side, which takes
+    0.3 µs.
 
     Attributes
     ----------

@@ -31,8 +31,9 @@ class _Focus:
 class TouchState:
     """Foci at the places where moving skin touches virtual objects.
 
-    A contact begins when skin enters an object, and ends when the skin is 1 mm outside, so that
-    noise does not make it flicker. Levels change slowly: from 0 to 1 takes at least 20 ms.
+    A contact begins when skin enters an object, and ends when the skin is 1 mm outside,
+    so that noise does not make it flicker. Levels change slowly: from 0 to 1 takes at
+    least 20 ms.
 
     Parameters
     ----------
@@ -105,7 +106,8 @@ class TouchState:
         Parameters
         ----------
         skin : the skin in this frame, with the same triangles in all frames.
-        time : time of the frame [s]. If it is earlier than the previous one, levels do not change.
+        time : time of the frame [s]. If it is earlier than the previous one, levels do
+            not change.
 
         Returns
         -------

@@ -39,7 +39,8 @@ class Board:
     max_boards : largest number of boards on one link.
     amplitudes, phases : number of amplitude levels and of phase levels.
     transducer : kind of transducer.
-    radius : radius of a piston with the directivity of this transducer [m]; see ``piston``.
+    radius : radius of a piston with the directivity of this transducer [m]; see
+        ``piston``.
     source : documents from which the layout and the message are known.
     """
 

@@ -23,9 +23,10 @@ MOTION = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, "elements"]:
     """Read the gains of an array's elements from a .csv file.
 
-    The columns are ``element``, ``gain`` and ``phase``: the index of an element from 0, its
-    pressure relative to that of a nominal element, and its phase lag behind a nominal element
-    [rad]. A gain of 0 marks a dead element. Elements that are not listed are nominal.
+    The columns are ``element``, ``gain`` and ``phase``: the index of an element from 0,
+    its pressure relative to that of a nominal element, and its phase lag behind a
+    nominal element [rad]. A gain of 0 marks a dead element. Elements that are not
+    listed are nominal.
 
     Parameters
     ----------
@@ -80,9 +81,10 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
 
     Parameters
     ----------
-    path : file as for ``load_calibration``. Optional columns are the displacement of an element x,
-        y, z [m] and the rotation vector of its face turn_x, turn_y, turn_z [rad], both in the
-        array's frame. Elements that are not listed have no deviation.
+    path : file as for ``load_calibration``. Optional columns are the displacement of an
+        element x, y, z [m] and the rotation vector of its face turn_x, turn_y, turn_z
+        [rad], both in the array's frame. Elements that are not listed have no
+        deviation.
     array : the nominal array.
 
     Raises

@@ -16,8 +16,9 @@ def known_array(name: str, element: Element | None = None) -> PhasedArray:
 
     Parameters
     ----------
-    name : "tinylev" or "biglev" for two caps of 36 transducers each; "flat_8x8" for 64 transducers
-        in the plane y = 0; "opposed_sonicsurfaces" for two boards of 256 transducers.
+    name : "tinylev" or "biglev" for two caps of 36 transducers each; "flat_8x8" for 64
+        transducers in the plane y = 0; "opposed_sonicsurfaces" for two boards of 256
+        transducers.
     element : kind of transducer; by default, a piston with a radius of 4.5 mm.
 
     Raises

@@ -41,8 +41,9 @@ class PhasedArray:
     normals : (E, 3) directions in which the elements radiate; stored as unit vectors.
     element : kind of transducer at every position. By default, a piston with a radius of 4.5 mm,
         which only radiates forward; without normals, a monopole.
-    tangents : (E, 3) directions of the elements' x axes, which orient the points on their faces;
-        stored as unit vectors. By default, any directions perpendicular to the normals.
+    tangents : (E, 3) directions of the elements' x axes, which orient the points on
+        their faces; stored as unit vectors. By default, any directions perpendicular to
+        the normals.
     gains : (E,) complex gain of each element relative to a nominal one, for the phasor
         Re[p e^{−iωt}]: 1 by default, 0 for a dead element. See ``calibrated``.
 
@@ -212,7 +213,8 @@ class PhasedArray:
 
         Parameters
         ----------
-        gains : (E,) complex gain of each element; 0 for a dead element. They replace earlier gains.
+        gains : (E,) complex gain of each element; 0 for a dead element. They replace
+            earlier gains.
 
         Raises
         ------
@@ -279,7 +281,8 @@ def board_array(
     board : name of the kind, such as "autd3".
     poses : pose of each board, from its own frame, in which it radiates toward +z, to that of the
         array. By default, a single board at the origin.
-    element : kind of transducer; by default, the piston of the board (see ``Board.radius``).
+    element : kind of transducer; by default, the piston of the board (see
+        ``Board.radius``).
 
     Raises
     ------
@@ -313,7 +316,8 @@ def autd3_board(pose: Pose | None = None, element: Element | None = None) -> Pha
     Parameters
     ----------
     pose : pose of the board in the array's frame; by default, the identity.
-    element : kind of transducer; by default, the piston of the board (see ``Board.radius``).
+    element : kind of transducer; by default, the piston of the board (see
+        ``Board.radius``).
 
     Examples
     --------
@@ -332,20 +336,22 @@ def _centred(board: Board, element: Element | None) -> PhasedArray:
 def surrounding_box(element: Element | None = None, board: str | None = None) -> PhasedArray:
     """Return the paper's array (section 3.3): four AUTD3 boards around a box of 14 x 14 x 18 cm.
 
-    The origin is the centre of the box, and z is its long axis. The faces are at x = +70 mm, x =
-    -70 mm, y = +70 mm and y = -70 mm, in this order. One board is centred on each face and radiates
-    inward. The elements of each board keep their order. The board's x axis (18 elements) runs along
-    +z on every face, so its y axis (14 elements) runs along +y, -y, -x and +x: each face is the
-    first one rotated about z. The box is 140 mm wide, but a real board is 151.4 mm wide and would
-    extend 5.7 mm beyond its neighbours at each corner. Use ``board="autd3"`` for a box that real
+    The origin is the centre of the box, and z is its long axis. The faces are at x =
+    +70 mm, x = -70 mm, y = +70 mm and y = -70 mm, in this order. One board is centred
+    on each face and radiates inward. The elements of each board keep their order. The
+    board's x axis (18 elements) runs along +z on every face, so its y axis (14
+    elements) runs along +y, -y, -x and +x: each face is the first one rotated about z.
+    The box is 140 mm wide, but a real board is 151.4 mm wide and would extend 5.7 mm
+    beyond its neighbours at each corner. Use ``board="autd3"`` for a box that real
     boards fit.
 
     Parameters
     ----------
     element : kind of transducer; by default, the piston of the board. The paper uses
         ``monopole()`` (section 4.1).
-    board : name of a real board. Each face is then half the board's height from the centre (75.7 mm
-        for "autd3"), so that thin boards touch along their long edges. By default, the paper's box.
+    board : name of a real board. Each face is then half the board's height from the
+        centre (75.7 mm for "autd3"), so that thin boards touch along their long edges.
+        By default, the paper's box.
 
     Raises
     ------
@@ -380,13 +386,15 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
 def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None) -> PhasedArray:
     """Return a grid of AUTD3 boards in the plane z = 0, centred on the origin, facing +z.
 
-    Boards touch edge to edge: they are spaced by the size of a board, 192.0 mm along x and 151.4 mm
-    along y. Boards are numbered along x first, and the elements of each board keep their order.
+    Boards touch edge to edge: they are spaced by the size of a board, 192.0 mm along x
+    and 151.4 mm along y. Boards are numbered along x first, and the elements of each
+    board keep their order.
 
     Parameters
     ----------
     rows, columns : number of boards along y and along x.
-    element : kind of transducer; by default, the piston of the board (see ``Board.radius``).
+    element : kind of transducer; by default, the piston of the board (see
+        ``Board.radius``).
 
     Raises
     ------

@@ -17,8 +17,9 @@ class Levels:
 
     Attributes
     ----------
-    amplitudes : (A,) amplitude of each level as a fraction of full scale, increasing from 0 to 1,
-        with A from 2 to 256. A board with two levels only switches elements on and off.
+    amplitudes : (A,) amplitude of each level as a fraction of full scale, increasing
+        from 0 to 1, with A from 2 to 256. A board with two levels only switches
+        elements on and off.
     phases : number of phase levels, 2 to 256. Level k is the phase 2π k/phases.
 
     Raises

@@ -25,8 +25,9 @@ def check_placement(
 ) -> None:
     """Check that elements overlap neither each other nor bodies, and that they face the foci.
 
-    Foci (F, 3) and bodies must be in front of directional elements. In scenes with reflecting
-    boards, bodies may also be behind the elements, where the boards shade them.
+    Foci (F, 3) and bodies must be in front of directional elements. In scenes with
+    reflecting boards, bodies may also be behind the elements, where the boards shade
+    them.
 
     Raises
     ------
@@ -226,8 +227,9 @@ def open_air_bound(
 ) -> Float64[np.ndarray, "points"]:
     """Return the peak pressure at points if all elements are at full scale and in phase there.
 
-    It is the sum of |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e that face the point,
-    with gain g_e and weights w_j. Without bodies, no drive can produce a higher pressure.
+    It is the sum of |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e that face
+    the point, with gain g_e and weights w_j. Without bodies, no drive can produce a
+    higher pressure.
 
     Parameters
     ----------

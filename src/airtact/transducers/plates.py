@@ -29,7 +29,8 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     Parameters
     ----------
     array : array of boards whose outline is known.
-    thickness : distance from the faces of the transducers to the back of a board [m], 0.5 to 50 mm.
+    thickness : distance from the faces of the transducers to the back of a board [m],
+        0.5 to 50 mm.
 
     Raises
     ------

@@ -81,7 +81,8 @@ class Derivatives:
     Attributes
     ----------
     pressure : (P,) pressure at the points [Pa].
-    first, second, third : derivatives (P, 3) [Pa/m], (P, 3, 3) [Pa/m²] and (P, 3, 3, 3) [Pa/m³].
+    first, second, third : derivatives (P, 3) [Pa/m], (P, 3, 3) [Pa/m²] and (P, 3, 3, 3)
+        [Pa/m³].
     """
 
     pressure: Complex128[np.ndarray, "points"]
@@ -131,7 +132,8 @@ def force(
     points : (P, 3) positions of the centre of the bead [m].
     radius : radius of the bead [m], at most an eighth of a wavelength. For larger beads use
         ``body_force``.
-    density, sound_speed : of the bead [kg/m³, m/s]; by default, those of expanded polystyrene.
+    density, sound_speed : of the bead [kg/m³, m/s]; by default, those of expanded
+        polystyrene.
     solver : solver for the field. By default, the closed form for open air if the scene has no
         body, and boundary elements otherwise.
 
@@ -173,8 +175,9 @@ def stiffness(
 ) -> Float64[np.ndarray, "points 3 3"]:
     """Return the stiffness of a trap at points (P, 3, 3) [N/m]; see ``force`` for the arguments.
 
-    The stiffness matrix consists of the second derivatives of the potential, ∂²U/∂x_i∂x_j =
-    −∂F_i/∂x_j. It is positive along an axis if the force pushes the bead back.
+    The stiffness matrix consists of the second derivatives of the potential,
+    ∂²U/∂x_i∂x_j = −∂F_i/∂x_j. It is positive along an axis if the force pushes the bead
+    back.
     """
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return stiffness_of(derivatives(field, points, bead), bead, scene)
@@ -226,11 +229,12 @@ def derivatives(
 
     ``excitations`` (P,) selects the excitation of the field for each point; the first by default.
 
-    In a ball without sources and bodies, the pressure is a sum of regular spherical waves
-    j_l(kr) Y_lm. The moments of the pressure over a sphere around the point give the waves of order
-    l ≤ 3, and only these contribute to derivatives up to the third at the centre. For a plane wave
-    e^{iks·x}, the moment of order l is i^l j_l(kr) times the trace-free tensor of s, and the
-    derivatives are (ik)^l s…s. The factors below follow from this.
+    In a ball without sources and bodies, the pressure is a sum of regular spherical
+    waves j_l(kr) Y_lm. The moments of the pressure over a sphere around the point give
+    the waves of order l ≤ 3, and only these contribute to derivatives up to the third
+    at the centre. For a plane wave e^{iks·x}, the moment of order l is i^l j_l(kr)
+    times the trace-free tensor of s, and the derivatives are (ik)^l s…s. The factors
+    below follow from this.
     """
     points = points_of(points, "bead points")
     wavenumber = field.scene.wavenumber

@@ -29,8 +29,9 @@ class Trap:
     Attributes
     ----------
     point : (3,) position of the centre of the bead [m].
-    kind : "twin" for two lobes of opposite phase, one on each side of the bead along ``axis``;
-        "vortex" for a ring around ``axis``, along which the phase increases by 2π.
+    kind : "twin" for two lobes of opposite phase, one on each side of the bead along
+        ``axis``; "vortex" for a ring around ``axis``, along which the phase increases
+        by 2π.
     axis : (3,) direction of the axis, of any length.
     radius, density, sound_speed : of the bead [m, kg/m³, m/s]; by default, those of expanded
         polystyrene.

@@ -30,9 +30,10 @@ def body_force(
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
     """Return the radiation force and torque on a body of any size and shape.
 
-    The body is added to the scene, and the field that it scatters is computed, including
-    reflections from the other bodies. Force and torque are the mean flux of momentum through a
-    sphere around the body. They do not include streaming, viscosity or weight.
+    The body is added to the scene, and the field that it scatters is computed,
+    including reflections from the other bodies. Force and torque are the mean flux of
+    momentum through a sphere around the body. They do not include streaming, viscosity
+    or weight.
 
     Parameters
     ----------
@@ -42,8 +43,9 @@ def body_force(
     body : the body, such as ``sound_hard(sphere(2e-3, 1e-3))``. A filled sphere also represents a
         light solid, such as expanded polystyrene.
     about : (3,) reference point of the torque [m]; by default, the centre of the body.
-    solver : solver for the field; by default, boundary elements with an error of 1 %. If a body is
-        filled, it is the series solution for a single sphere in open air, else finite elements.
+    solver : solver for the field; by default, boundary elements with an error of 1 %.
+        If a body is filled, it is the series solution for a single sphere in open air,
+        else finite elements.
 
     Returns
     -------

@@ -42,10 +42,11 @@ def path(
 ) -> Sequence:
     """Return a sequence of drives that carries a bead along straight lines, and back.
 
-    A bead follows if the next trap is closer than the distance at which its restoring force peaks,
-    which is an eighth of a wavelength in a standing wave. Each frame is checked: its trap must be
-    able to hold more than the bead's weight, and the resting position of the previous frame must be
-    where the force still rises. Inertia and drag are not included.
+    A bead follows if the next trap is closer than the distance at which its restoring
+    force peaks, which is an eighth of a wavelength in a standing wave. Each frame is
+    checked: its trap must be able to hold more than the bead's weight, and the resting
+    position of the previous frame must be where the force still rises. Inertia and drag
+    are not included.
 
     Parameters
     ----------

@@ -29,7 +29,8 @@ class Verdict:
     point : (3,) position of the centre of the bead [m].
     force : (3,) radiation force at the point [N].
     stiffness : (3, 3) stiffness matrix [N/m].
-    shift : (3,) estimated vector from the point to the equilibrium [m], from force and stiffness.
+    shift : (3,) estimated vector from the point to the equilibrium [m], from force and
+        stiffness.
     holds : largest restoring force within a quarter of a wavelength, divided by the weight of the
         bead, along the weakest of the six directions ±x, ±y and ±z.
     excess : relative amount by which Gor'kov's potential overestimates force and stiffness for this

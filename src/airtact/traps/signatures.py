@@ -1,7 +1,8 @@
 """Signatures, which convert the drive for a focus into the drive for a trap at the same point.
 
-Source: A. Marzo, S. A. Seah, B. W. Drinkwater, D. R. Sahoo, B. Long, S. Subramanian, "Holographic
-acoustic elements for manipulation of levitated objects", Nat. Commun. 6, 8661 (2015).
+Source: A. Marzo, S. A. Seah, B. W. Drinkwater, D. R. Sahoo, B. Long, S. Subramanian,
+"Holographic acoustic elements for manipulation of levitated objects", Nat. Commun. 6,
+8661 (2015).
 """
 
 from typing import Literal

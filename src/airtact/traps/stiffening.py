@@ -38,8 +38,9 @@ def stiffest(
 ) -> Drive:
     """Return the drive that maximises the smallest stiffness of the weakest trap.
 
-    All elements are at full scale. Starting from ``hold``, L-BFGS improves the phases to a local
-    maximum. It also keeps the force at the points small, so that the beads rest there.
+    All elements are at full scale. Starting from ``hold``, L-BFGS improves the phases
+    to a local maximum. It also keeps the force at the points small, so that the beads
+    rest there.
 
     Parameters
     ----------

@@ -262,7 +262,8 @@ class BendingPanels:
     scene : scene of the live loop.
     posed : the hand in the pose in which it is meshed.
     accuracy : relative error of the solutions.
-    min_seen : share of the elements that a panel must face to be kept; 0 keeps all panels.
+    min_seen : share of the elements that a panel must face to be kept; 0 keeps all
+        panels.
 
     Raises
     ------

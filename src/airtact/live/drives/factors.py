@@ -179,8 +179,9 @@ def factors_of(
 class RigidParts:
     """The last phalanges that carry the foci of a scene, as rigid bodies that are factorised once.
 
-    A new pose takes about a fifth of the time of ``solved``. The bodies keep their size, although
-    the bone lengths reported by a tracker vary from frame to frame. All foci must be on fingers.
+    A new pose takes about a fifth of the time of ``solved``. The bodies keep their
+    size, although the bone lengths reported by a tracker vary from frame to frame. All
+    foci must be on fingers.
 
     Parameters
     ----------

@@ -39,17 +39,19 @@ def expected_kept(
 ) -> Poses:
     """Return the expected share of the attainable pressure at the weakest focus of a drive.
 
-    The shares are medians over 1,700 pairs of poses of a pinch. One pose of each pair is solved and
-    the other is played, with solutions for the whole hand. The thumb and index finger open and
-    close 200 mm in front of 2 x 2 flat boards, while the hand moves by 150 mm. The share falls
-    within a millimetre, an eighth of the wavelength, because of multiple reflections between the
-    two fingers. Solutions for the whole hand lose their benefit as fast as those for the phalanges.
+    The shares are medians over 1,700 pairs of poses of a pinch. One pose of each pair
+    is solved and the other is played, with solutions for the whole hand. The thumb and
+    index finger open and close 200 mm in front of 2 x 2 flat boards, while the hand
+    moves by 150 mm. The share falls within a millimetre, an eighth of the wavelength,
+    because of multiple reflections between the two fingers. Solutions for the whole
+    hand lose their benefit as fast as those for the phalanges.
 
     The effect of noise, as filtered by ``Predictor``, is fitted by hand to medians from
-    ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 23 drives for the same
-    motion kept 0.78. For an open hand with waving fingers, 17 drives from moved solutions for the
-    whole hand kept 0.70 (0.89 without noise). The decrease with the number of foci was measured on
-    160 pairs of poses of an open hand with foci at its palm and all fingertips.
+    ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 23 drives for
+    the same motion kept 0.78. For an open hand with waving fingers, 17 drives from
+    moved solutions for the whole hand kept 0.70 (0.89 without noise). The decrease with
+    the number of foci was measured on 160 pairs of poses of an open hand with foci at
+    its palm and all fingertips.
 
     Parameters
     ----------

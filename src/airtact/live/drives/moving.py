@@ -53,8 +53,9 @@ class Rounds:
 
         Returns
         -------
-        (N, E) drives. The global phase of each is chosen closest to the previous frame and to the
-        same frame of the previous round, so that amplitudes and phases change little over time.
+        (N, E) drives. The global phase of each is chosen closest to the previous frame
+        and to the same frame of the previous round, so that amplitudes and phases
+        change little over time.
         """
         points = moving_points(self._moving, posed)
         rows = self._rows(posed, points.reshape(-1, 3))

@@ -48,7 +48,8 @@ class Shown:
     drives : number of moments so far.
     status : status of the loop as text.
     objects : virtual objects.
-    meshes : vertices [m] and triangles of the shapes that the page has not received yet, by number.
+    meshes : vertices [m] and triangles of the shapes that the page has not received
+        yet, by number.
     """
 
     moment: Moment
@@ -95,9 +96,11 @@ class PageProcess:
     port : port to listen on; 0 selects a free port, which then appears in ``address``.
     host : address to listen on. Unless it is ``127.0.0.1``, ``address`` contains a token that every
         request must include.
-    hand : (25, 3) initial joints of a hand that can be dragged on the page [m]; none by default.
-    stream : receives the frames of the dragged hand, with times by ``time.monotonic``, while the
-        page is open, and hands tracked by a headset. Closing the page counts as losing them.
+    hand : (25, 3) initial joints of a hand that can be dragged on the page [m]; none by
+        default.
+    stream : receives the frames of the dragged hand, with times by ``time.monotonic``,
+        while the page is open, and hands tracked by a headset. Closing the page counts
+        as losing them.
     controls : initial settings.
     on_emergency : called in a separate thread as soon as the emergency stop is pressed.
     world : virtual objects, which the page can move; by default, those of the moments.

@@ -1,7 +1,8 @@
 """The pressure shown on the skin and in a slice of the page, including scattering by the hand.
 
-A low-priority process solves for the whole hand with the newest drive, on panels that bend with the
-hand. This takes most of a second, so the page displays the age of the result.
+A low-priority process solves for the whole hand with the newest drive, on panels that
+bend with the hand. This takes most of a second, so the page displays the age of the
+result.
 """
 
 import time

@@ -42,7 +42,8 @@ class Picture:
     ----------
     facts : numbers and texts.
     arrays : arrays that change with every picture.
-    kept : groups of arrays by key. The page keeps a group for as long as pictures contain its key.
+    kept : groups of arrays by key. The page keeps a group for as long as pictures
+        contain its key.
     """
 
     facts: dict[str, Any]
@@ -81,7 +82,8 @@ class View:
         shown : data from the loop.
         across : axis normal to the slice of the field.
         offset : offset of the slice from the foci along that axis [m].
-        joints : (25, 3) joints of a hand that is being dragged on the page [m], or None.
+        joints : (25, 3) joints of a hand that is being dragged on the page [m], or
+            None.
         """
         moment = shown.moment
         # Map phases from -π to π to 0 to 254; 255 represents silence.
@@ -286,7 +288,8 @@ class MovingSkin:
 
     Attributes
     ----------
-    triangles : (T, 3) indices of the vertices of each triangle; empty before the first pose.
+    triangles : (T, 3) indices of the vertices of each triangle; empty before the first
+        pose.
     count : number of times that the skin has been meshed.
     """
 
