@@ -311,7 +311,7 @@ class _Loop:
         return max(until - time.monotonic(), 0.0)
 
     def _next_drive(self) -> float:
-        """Return when to start a drive without a new frame so that it does not delay the next."""
+        """Return when to start a drive if no frame arrives, without delaying the next drive."""
         begin = self.begun + float(np.clip(2.0 * self.duration, MIN_INTERVAL, 1.0 / 66.0))
         if len(self.arrivals) > 1:
             first = self.arrivals[0][1]

@@ -1,4 +1,4 @@
-"""Output of the live loop: boards, through an emission, or none."""
+"""Output of the live loop: boards, driven through an emission, or nothing."""
 
 from pathlib import Path
 from typing import Any
@@ -15,23 +15,24 @@ from airtact.transducers.modulation import AmplitudeModulation
 
 
 class Output:
-    """Receiver of drives: boards behind a link, or nothing. A ``with`` block ends in silence.
+    """Receiver of drives: boards behind a link, or nothing.
 
-    Drives above a cap, which is full scale by default, are scaled down. After silence, the sound
-    rises within 0.2 s. If the boards fail, the methods raise ``LinkFailed``.
+    Use it in a ``with`` block, which ends in silence. Drives above the cap, which is full
+    scale by default, are scaled down. After silence, the sound rises within 0.2 s. The
+    methods raise ``LinkFailed`` if the boards fail.
 
     Parameters
     ----------
-    link : link to the boards; by default nothing is emitted.
-    log : file for one line per event at the link, see ``Emission``.
+    link : link to the boards; by default, nothing is emitted.
+    log : file to which one line per event at the link is written; see ``Emission``.
 
     Attributes
     ----------
     words : description of the output.
-    stopped : whether the emergency stop was pressed; nothing is emitted after that.
+    stopped : whether the emergency stop was pressed. After that, nothing is emitted.
     levels : amplitudes and phases of the boards; None without boards.
-    lead : longest time by which a drive can be sent ahead of the time at which it acts [s]; 0 if
-        drives act when they arrive.
+    lead : longest time by which a drive can be sent before it takes effect [s]; 0 if drives
+        take effect on arrival.
     """
 
     words: str = "no boards"
@@ -58,7 +59,7 @@ class Output:
 
     @property
     def share(self) -> float:
-        """Share of the newest drive's amplitude that was emitted when it was sent; 1 at most."""
+        """Share of the newest drive's amplitude that was emitted when it was sent, at most 1."""
         return 1.0 if self._emission is None else self._emission.share
 
     def limit(self, cap: float) -> None:
@@ -68,12 +69,12 @@ class Output:
             self._emission.cap = cap
 
     def send(self, amplitudes: Amplitudes, at: float | None = None) -> None:
-        """Emit a drive from now, or from a time on; return when it has reached the link."""
+        """Emit a drive from now or from a given time on; return once it has reached the link."""
         if self._emission is not None:
             self._emission.send(Drive(amplitudes), wait=False, at=at)
 
     def cycles(self, frames: int, rate: float) -> bool:
-        """Whether the boards and the link can play a number of frames at a rate [1/s]."""
+        """Return whether boards and link can play this many frames at a rate [1/s]."""
         try:
             if self._emission is not None:
                 self._emission.link.check_sequence(frames, rate)
@@ -87,18 +88,18 @@ class Output:
             self._emission.cycle(Sequence(frames, rate), wait=False)
 
     def beat(self) -> None:
-        """Keep the output as it is, and reset the watchdog."""
+        """Keep the output unchanged, and reset the watchdog."""
         if self._emission is not None:
             self._emission.beat()
 
     def modulate(self, modulation: AmplitudeModulation | None) -> None:
-        """Modulate the amplitude of all that is sent from now on."""
+        """Modulate the amplitude of everything that is sent from now on."""
         if self._emission is not None:
             self._emission.set_modulation(modulation)
 
     def stop(self) -> None:
-        """Emergency stop: silence at once and permanently. Any thread may call it."""
-        # Set first, so that nothing is sent from now on even if the link is not open yet.
+        """Emergency stop: silence at once and for good. Any thread may call this method."""
+        # Set this first, so that nothing is sent from now on even if the link is not open yet.
         self.stopped = True
         try:
             if self._emission is not None:

@@ -1,4 +1,4 @@
-"""Pose of the tracker, fitted to the user's touches of known transducers."""
+"""Pose of a tracker, fitted to touches of transducers whose positions are known."""
 
 import queue
 import re
@@ -33,15 +33,16 @@ from airtact.transducers.layout import PhasedArray
 
 @dataclass(frozen=True)
 class TouchStep:
-    """Progress of a registration, for a page or a terminal.
+    """Progress of a registration, to be shown on a page or a terminal.
 
     Attributes
     ----------
-    number, count : number of the touch, from 1, and of all touches.
-    element, point : transducer to touch, and its position in the scene (3,) [m].
+    number, count : number of the current touch, from 1, and number of all touches.
+    element, point : index of the transducer to touch, and its position in the scene (3,)
+        [m].
     words : name of the transducer.
-    share : share of the second that the fingertip has rested; 1 when the touch is
-        taken.
+    share : share of the required second for which the fingertip has rested; 1 once the
+        touch is recorded.
     trouble : reason why no fingertip is seen; "" if one is seen.
     """
 
@@ -55,7 +56,7 @@ class TouchStep:
 
     def __str__(self) -> str:
         """One line of text."""
-        state = "taken; move away" if self.share == 1.0 else f"hold for {1.0 - self.share:.1f} s"
+        state = "recorded; move away" if self.share == 1.0 else f"hold for {1.0 - self.share:.1f} s"
         return f"touch {self.number} of {self.count}: {self.words}: {self.trouble or state}"
 
 
@@ -65,9 +66,9 @@ class RegisteredTracker:
 
     Attributes
     ----------
-    fit : the pose with its uncertainty.
-    elements : (T,) touched transducers.
-    words : their names.
+    fit : the fitted pose with its uncertainty.
+    elements : (T,) indices of the touched transducers.
+    words : names of these transducers.
     """
 
     fit: Registration
@@ -75,13 +76,13 @@ class RegisteredTracker:
     words: tuple[str, ...]
 
     def table(self) -> str:
-        """Write the ``[tracker]`` table of a scene file."""
+        """Return the table ``[tracker]`` for a scene file as text."""
         values = _values(self.fit.tracker)
         return "\n".join(["[tracker]", *(f"{key} = {value}" for key, value in values.items())])
 
 
 def elements_to_touch(array: PhasedArray, count: int = 6) -> tuple[int, ...]:
-    """Return transducers that are far apart, such as those at the corners of boards.
+    """Return the indices of transducers that are far apart, such as at the corners of boards.
 
     Raises
     ------
@@ -91,13 +92,13 @@ def elements_to_touch(array: PhasedArray, count: int = 6) -> tuple[int, ...]:
     positions = array.positions
     if not 3 <= count <= len(positions):
         raise InvalidInput(
-            f"{count} touches are not possible: use 3 to {len(positions)}, better 6 or more.",
+            f"{count} touches are not possible: use 3 to {len(positions)}, preferably at least 6.",
             code="out_of_range",
         )
     chosen = [int(np.argmax(np.linalg.norm(positions - positions.mean(axis=0), axis=1)))]
     while len(chosen) < count:
         distances = np.linalg.norm(positions[:, None] - positions[chosen], axis=2)
-        # The product prefers corners; the smallest distance would prefer places between them.
+        # The product prefers corners, whereas the smallest distance would prefer places in between.
         chosen.append(int(distances.prod(axis=1).argmax()))
     return tuple(chosen)
 
@@ -112,28 +113,28 @@ def register_tracker(
     fit_scale: bool = False,
     report: Callable[[TouchStep], None] = lambda step: None,
 ) -> RegisteredTracker:
-    """Find the pose of a tracker from touches of transducers with an index fingertip.
+    """Determine the pose of a tracker from touches of transducers with an index fingertip.
 
-    The user touches each transducer for a second, in order, and moves the finger away in between. A
-    touch that contradicts the others must be repeated, up to three times.
+    The user touches the transducers in order, each for a second, and moves the finger away
+    in between. A touch that contradicts the others must be repeated, up to three times.
 
     Parameters
     ----------
     setup : scene with the array.
-    source : "websocket", with ":PORT" for another port, or a recording of the touches.
-    elements : transducers to touch, in order; by default those of
+    source : "websocket", optionally with ":PORT", or a recording of the touches.
+    elements : indices of the transducers to touch, in order; by default, those of
         ``elements_to_touch``.
-    offset : distance of the fingertip's joint from a touched face [m]; by default the radius of the
-        scene's hand, or of a generic one.
-    fit_offset, fit_scale : whether the offset, or a factor on the tracker's lengths, is
-        fitted.
+    offset : distance of the fingertip's joint from a touched face [m]; by default, the
+        radius of the scene's hand at this joint, or that of a generic hand.
+    fit_offset, fit_scale : whether to fit the offset, or a factor on all lengths of the
+        tracker, as well.
     report : called with the progress, up to ten times per second.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``register``; if an element does not exist; or a recording has too
-        few touches.
+        For the reasons listed in ``register``, if an element does not exist, or if a
+        recording contains too few touches.
     """
     chosen = elements_to_touch(setup.array) if elements is None else tuple(elements)
     wrong = [element for element in chosen if not 0 <= element < len(setup.array)]
@@ -148,7 +149,7 @@ def register_tracker(
     if offset is None:
         radii = setup.hands[0].radii if setup.hands else GENERIC_RADII
         offset = float(radii[INDEX_TIP])
-    # The other hand may rest elsewhere.
+    # The other hand may rest anywhere.
     side = setup.hands[0].side if setup.hands else None
     touched = np.full((len(chosen), 3), np.nan)
     pending = list(range(len(chosen)))
@@ -194,15 +195,15 @@ def register_tracker(
     if fit is None:
         count = int(np.isfinite(touched[:, 0]).sum())
         raise InvalidInput(
-            f"{source} has {count} touches, but {len(chosen)} transducers must be touched: rest "
-            "the fingertip on each for a second, and move it away in between.",
+            f"{source} contains {count} touches, but {len(chosen)} are required: rest the "
+            "fingertip on each transducer for a second, and move it away in between.",
             code="too_few",
         )
     return RegisteredTracker(fit, chosen, words)
 
 
 def _frames(source: str) -> Iterator[HandFrame | str]:
-    """Yield the frames of a recording or tracker in its own axes, or why one is missing."""
+    """Yield the frames of a recording or tracker in its own axes, or why a frame is missing."""
     hands = received(source)
     if hands is None:
         yield from load_recording(source, leave_out=True).frames
@@ -227,7 +228,7 @@ def _frames(source: str) -> Iterator[HandFrame | str]:
 
 
 def _named(setup: Setup, element: int) -> str:
-    """Name a transducer by its number, on its board if there are several."""
+    """Name a transducer by its number and position, and by its board if there are several."""
     place = in_mm(setup.array.positions[element])
     count = len(board_named(setup.board)) if setup.board is not None else len(setup.array)
     if len(setup.array) <= count:
@@ -236,7 +237,7 @@ def _named(setup: Setup, element: int) -> str:
 
 
 def _values(pose: Pose) -> dict[str, str]:
-    """Write a pose as the values of a table in a scene file."""
+    """Write a pose as the keys and values of a table in a scene file."""
     turn = Rotation.from_matrix(pose.rotation).as_rotvec()
     angle = float(np.linalg.norm(turn))
     axis = turn / angle if angle > 0.0 else np.array([1.0, 0.0, 0.0])
@@ -248,12 +249,12 @@ def _values(pose: Pose) -> dict[str, str]:
 
 
 def with_tracker(text: str, pose: Pose) -> str:
-    """Return the text of a scene file with another ``[tracker]``; the rest is unchanged.
+    """Return the text of a scene file with a new table ``[tracker]`` and no other change.
 
     Raises
     ------
     InvalidInput
-        If the tracker is not written as a table ``[tracker]``.
+        If the file defines the tracker in any other way than a table ``[tracker]``.
     """
     values = _values(pose)
     lines = text.splitlines(keepends=True)
@@ -293,13 +294,13 @@ def with_tracker(text: str, pose: Pose) -> str:
 
 
 def write_tracker(scene: str | Path, pose: Pose, copy: str | Path | None = None) -> None:
-    """Write ``[tracker]`` into a scene file, or into a copy; the rest is unchanged.
+    """Write a table ``[tracker]`` to a scene file or to a copy, without any other change.
 
     Parameters
     ----------
-    scene : the scene file; without ``copy`` it is changed.
+    scene : scene file; it is changed unless ``copy`` is given.
     pose : pose of the tracker.
-    copy : file for the copy, in the same folder if the scene names other files.
+    copy : file for the copy. If the scene names other files, use the same folder.
 
     Raises
     ------

@@ -180,7 +180,7 @@ class World:
         Raises
         ------
         InvalidInput
-            If the message requests something impossible.
+            If a request in the message cannot be fulfilled.
         """
         if isinstance(message, ObjectsMessage):
             self._change_objects(message, source)

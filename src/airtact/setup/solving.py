@@ -54,7 +54,7 @@ def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> Radi
 def transfer_to_array(
     setup: Setup, beacons: RadiatedField, clock: Clock
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Evaluate the beacons at the transducers, and also at samples of them if there are any.
+    """Evaluate the beacons at the transducers; with an uncertainty, also at samples of them.
 
     Returns
     -------

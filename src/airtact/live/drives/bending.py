@@ -318,7 +318,7 @@ class BendingPanels:
         )
 
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve another pose for sources away from the skin, using all panels."""
+        """Solve for another pose, with sources away from the skin and all panels."""
         _, corners, inside = self.bent(posed.hand)
         return self.panels.received(corners, inside, sources, residual)
 

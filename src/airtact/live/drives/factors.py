@@ -73,7 +73,7 @@ class HandFactors:
 
 
 def beacon_points(scene: LiveScene, posed: PosedHand) -> Float64[np.ndarray, "points 3"]:
-    """Return the beacons (P, 3) [m]: the foci, then the foci in each frame of their paths."""
+    """Return the beacon positions (P, 3) [m]: first the foci, then those of each frame."""
     if scene.moving is None:
         return posed.foci
     return np.concatenate([posed.foci, moving_points(scene.moving, posed).reshape(-1, 3)])

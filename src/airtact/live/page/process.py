@@ -67,8 +67,8 @@ class PageSettings:
     ----------
     scene : the fixed part of the scene.
     port, host, certificate : see ``start_server``.
-    hand : (25, 3) initial joints of a hand to drag [m], or None.
-    follows : whether the loop follows hands of the page.
+    hand : (25, 3) initial joints of a hand that can be dragged [m], or None.
+    follows : whether the loop follows hands from the page.
     controls : initial settings of the loop.
     """
 
