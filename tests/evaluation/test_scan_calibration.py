@@ -25,8 +25,8 @@ def face_of_rings(radius: float) -> np.ndarray:
 class Bench:
     """An array whose gains are off by 3 % and 0.05 rad, and a stage that is tilted by 7 degrees."""
 
-    def __init__(self, board: str) -> None:
-        self.random = random = np.random.default_rng(3)
+    def __init__(self, board: str, seed: int = 3) -> None:
+        self.random = random = np.random.default_rng(seed)
         self.array = at.transducers.board_array(board)
         count = len(self.array)
         phases = 0.4 + 0.05 * random.normal(size=count)
@@ -95,6 +95,20 @@ def test_a_focus_gives_sensitivity_and_tilt() -> None:
     # 121 positions cannot distinguish 249 elements.
     assert not calibrated.determined.any()
     assert (calibrated.array.gains == 1.0).all()
+
+
+@pytest.mark.slow
+def test_the_stated_deviation_covers_the_tilt_from_a_focus_of_twelve_elements() -> None:
+    covered = []
+    for seed in range(50):
+        bench = Bench("nano16", seed)
+        drive = bench.focus()
+        calibrated = at.evaluation.calibrate_from_scans(
+            [bench.scan(drive)], [drive], bench.array, SCENE
+        )
+        errors = calibrated.misalignment[:2] - bench.turn.as_rotvec()[:2]
+        covered.append(np.abs(errors) < 1.96 * calibrated.misalignment_deviation[:2])
+    assert 0.9 <= np.mean(covered) <= 0.99
 
 
 def test_magnitudes_give_sensitivity_and_tilt(small) -> None:

@@ -237,7 +237,7 @@ def test_moving_foci_are_saved_as_a_sequence_and_an_older_one_goes(tmp_path):
     stored = read_drive_file(tmp_path / "sequence.h5")
     assert isinstance(sequence, at.drives.Sequence)
     assert (len(sequence), sequence.rate) == (4, 400.0)
-    assert "spatiotemporal" in result.sensation[1]
+    assert "spatiotemporal" in result.sensation[-1]
     sources = at.evaluation.drive_sources(
         setup.array, [sequence.drive(frame) for frame in range(4)]
     )
@@ -253,6 +253,24 @@ def test_moving_foci_are_saved_as_a_sequence_and_an_older_one_goes(tmp_path):
     assert not (tmp_path / "sequence.h5").exists()
     assert read_drive_file(tmp_path / "drive.h5").modulation == at.transducers.AmplitudeModulation()
     assert "557 Pa" in result.sensation[0]
+
+
+def test_moving_foci_have_the_pressures_in_real_air_of_each_drive():
+    board = at.autd3_board()
+    target = at.Target((0.09, 0.07, 0.2))
+    circle = at.drives.Motion("stm", size=0.01, frames=4)
+    result = at.render(at.Setup(at.Scene(at.air(), []), board, target, modulation=circle))
+    moving = result.sequence
+    for frame, point in enumerate(moving.target.points):
+        drive = moving.sequence.drive(frame)
+        evaluated = at.evaluate(
+            result.setup.scene, board, drive, at.Target(point), solver=at.FreeField()
+        )
+        assert moving.pressures[frame] == pytest.approx(evaluated.magnitudes[0])
+        assert moving.expected[frame] == pytest.approx(evaluated.expected[0])
+        assert moving.expected[frame] < 0.85 * moving.pressures[frame]
+    steepest = moving.expected[moving.steepening.second.argmax()]
+    assert f"{1e-3 * steepest:.2f} kPa" in " ".join(result.sensation)
 
 
 def test_a_setup_rejects_parts_that_do_not_fit(result):

@@ -141,6 +141,13 @@ def _record(result: "Rendering") -> dict[str, Any]:
             }
             for verdict in result.traps
         ],
+        "sequence": None
+        if result.sequence is None
+        else {
+            "frames": len(result.sequence.sequence),
+            "pressures": result.sequence.pressures.tolist(),
+            "expected": result.sequence.expected.tolist(),
+        },
         "sensation": list(result.sensation),
         "estimated_error": result.estimated_error,
         "seconds": dict(result.seconds),

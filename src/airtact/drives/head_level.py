@@ -113,6 +113,10 @@ def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:
 class HeadLevel:
     """Sound pressure level at a head 0.5 m from an array in open air, for drives under a cap.
 
+    The level ignores nonlinear steepening. At ``MAX_HEAD_LEVEL`` the steepening is negligible, so
+    ``safe_cap`` is as safe as with it. At full scale, steepening moves sound from loud points
+    beyond a focus to quieter ones (``python -m benchmarks.nonlinear beyond``).
+
     Attributes
     ----------
     drives : (N, E) complex amplitudes of the drives that are played in turn; 1 is full scale.

@@ -72,7 +72,9 @@ class Comparison:
     def steepening(self, name: str) -> Steepening:
         """Effect of real air at the foci for a drive with its strongest element at full scale."""
         column = self.column(name)
-        return steepening(self.field, self.target.points, self.at_foci[:, column], column)
+        field = self.field
+        pressures = self.at_foci[:, column]
+        return steepening(field.scene, field.sources, self.target.points, pressures, column)
 
     def column(self, name: str, phase_only: bool = False) -> int:
         """Return the excitation of ``field`` that belongs to a drive, or to its phases alone.

@@ -227,5 +227,5 @@ def evaluate(
     # Contiguous, because the array is shared and stored.
     pressures = np.ascontiguousarray(field.at(target.points)[:, 0])
     report = field.report_at(target.points)
-    steepened = steepening(field, target.points, pressures)
+    steepened = steepening(scene, field.sources, target.points, pressures)
     return Evaluation(target, pressures, report, field, steepened)

@@ -93,9 +93,10 @@ class _Fit:
     deviations: Float64[np.ndarray, "parts"]
     # Covariance of the unknowns and ε
     covariance: Float64[np.ndarray, "all all"]
-    # Estimates of noise and spread from this fit
+    # Estimates from this fit: the noise, and the spreads of the real and the imaginary parts,
+    # because phases often differ more than amplitudes.
     noise: float
-    spread: float
+    spread: Float64[np.ndarray, "2"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,12 +175,13 @@ class _Readings:
     def fit(self, before: _Fit) -> _Fit:
         """Fit the unknowns to the residual of the best ε, around which the model is linearised."""
         noise = before.noise
-        spread = before.spread
+        number = len(self.array)
+        spread = before.spread.repeat(number)
         gains = 1.0 + before.deviations.reshape(2, -1).T @ [1.0, 1.0j]
         slopes = self.slopes(before.unknowns, gains)
         offset = slopes @ before.deviations
         rows, parts = slopes.shape
-        if_known = np.linalg.inv(slopes.T @ slopes / noise**2 + np.eye(parts) / spread**2)
+        if_known = np.linalg.inv(slopes.T @ slopes / noise**2 + np.diag(spread**-2.0))
         solution = if_known @ slopes.T / noise**2
 
         def residual(unknowns: Unknowns) -> Float64[np.ndarray, "residuals"]:
@@ -199,10 +201,13 @@ class _Readings:
         found = least_squares(residual, before.unknowns, x_scale=scales, ftol=1e-6, max_nfev=50)
         deviations = spread * found.fun[rows : rows + parts]
         # The best ε follow the unknowns, and are uncertain even for known unknowns.
-        follows = np.vstack([np.eye(8), spread * found.jac[rows : rows + parts]])
+        follows = np.vstack([np.eye(8), spread[:, None] * found.jac[rows : rows + parts]])
         covariance = follows @ np.linalg.inv(found.jac.T @ found.jac) @ follows.T
         covariance[8:, 8:] += if_known
-        squares = deviations @ deviations + np.trace(covariance[8:, 8:])
+        squares = (deviations**2 + np.diag(covariance)[8:]).reshape(2, number).sum(axis=1)
+        # A few elements do not determine their spread, so a spread of 0.1 counts like two elements.
+        # Without it, the tilt from a focus of 12 elements would be off by 1.4 of its deviations.
+        squares += 2.0 * 0.1**2
         left = noise * found.fun[:rows]
         free = max(rows - np.sum(solution * slopes.T) - 8, 1.0)
         return _Fit(
@@ -211,7 +216,7 @@ class _Readings:
             covariance,
             # Smaller values would not change the result.
             max(float(np.sqrt(left @ left / free)), 1e-6),
-            max(float(np.sqrt(squares / parts)), 1e-3),
+            np.sqrt(squares / (number + 2.0)),
         )
 
 
@@ -276,8 +281,8 @@ def calibrate_from_scans(
     tilts = product(np.radians([-8.0, -4.0, 0.0, 4.0, 8.0]), repeat=2)
     _, unknowns = min(map(readings.start, tilts), key=lambda start: start[0])
     # The spread is not known before the misalignment is.
-    start = _Fit(unknowns, np.zeros(2 * number), np.zeros((8, 8)), 0.1, 0.1)
-    fit = replace(readings.fit(start), spread=0.1)
+    start = _Fit(unknowns, np.zeros(2 * number), np.zeros((8, 8)), 0.1, np.full(2, 0.1))
+    fit = replace(readings.fit(start), spread=start.spread)
     for _ in range(15):
         before = fit
         fit = readings.fit(before)
@@ -301,15 +306,17 @@ def calibrate_from_scans(
     sensitivity = float(rms * np.exp(fit.unknowns[6]) * level)
     # The mean gain changes with the scale, with ε, and with the elements that do not emit.
     slope = np.concatenate([np.eye(8)[6], np.repeat([1.0 / count, 0.0], number)])
-    variance = slope @ fit.covariance @ slope + fit.spread**2 * (count - number) / count**2
+    silent = (count - number) / count**2
+    variance = slope @ fit.covariance @ slope + fit.spread[0] ** 2 * silent
     # Relative error of the model of a piston within 30 degrees of its axis, by a finer rule
     variance += 1e-3**2
     # Gains relative to the mean share its errors.
     centred = np.kron(np.eye(2), np.eye(number) - 1.0 / count)
     variances = np.diag(centred @ fit.covariance[8:, 8:] @ centred.T).reshape(2, number)
-    gain_deviations = np.full(count, fit.spread)
+    gain_deviations = np.full(count, fit.spread.max())
     gain_deviations[driven] = np.sqrt(variances.max(axis=0))
-    determined = (gain_deviations < 0.5 * fit.spread) & phased
+    determined = np.zeros(count, dtype=bool)
+    determined[driven] = (variances < (0.5 * fit.spread[:, None]) ** 2).all(axis=0) & phased
     factors *= abs(mean) / (mean * level)
     turn = Rotation.from_rotvec(fit.unknowns[:3]).as_matrix()
     middle = readings.points.mean(axis=0)

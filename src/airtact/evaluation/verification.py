@@ -16,7 +16,7 @@ from airtact.drives.reach import check_foci
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.errors import Vector, counted, in_mm, of_kind, one_line, points_of, span
 from airtact.evaluation.field import radiate_drives
-from airtact.evaluation.metrics import Evaluation
+from airtact.evaluation.metrics import Evaluation, in_real_air
 from airtact.evaluation.radiation import RadiationMap, radiation_of
 from airtact.evaluation.steepening import steepening
 from airtact.evaluation.tactile_thresholds import sensation
@@ -69,7 +69,7 @@ class Verification:
     side_lobe : strongest pressure more than a wavelength from every focus, on the bodies and in
         the air up to two wavelengths beyond the foci.
     suppression_points : (Q,) complex pressure at the target's suppression points [Pa].
-    head : (N,) linear level at the points of a head [dB SPL]; the level in real air is not higher.
+    head : (N,) level at the points of a head [dB SPL] without steepening, see ``HeadLevel``.
     """
 
     evaluation: Evaluation
@@ -139,6 +139,8 @@ class Verification:
         lines.append(sensation(float(felt.min()), "amplitude"))
         if len(self.head):
             level = f"{self.head.max():.1f} dB SPL"
+            if in_real_air(self.evaluation.pressures, self.evaluation.steepening):
+                level += " without nonlinear steepening, which changes it by up to 2 dB"
             lines.append(f"level at the head: at most {level}. {NO_SAFETY_ASSESSMENT}")
         return "\n".join(lines)
 
@@ -203,8 +205,8 @@ def verify(
     points = np.concatenate([target.points, suppressed, head])
     exact, quantised = np.ascontiguousarray(field.at(points).T)
     report = field.report_at(points)
-    steepened = steepening(field, target.points, exact[:foci])
-    rounding = steepening(field, target.points, quantised[:foci], 1)
+    steepened = steepening(scene, field.sources, target.points, exact[:foci])
+    rounding = steepening(scene, field.sources, target.points, quantised[:foci], 1)
     skin = radiation_of(field, 0) if scene.obstacles else None
     progress("searching for side lobes")
     return Verification(

@@ -330,7 +330,9 @@ def _compare_methods(
         )
         at_foci = np.abs(field.at(setup.target.points).T)
         strongest = int(at_foci.max(axis=1).argmax())
-        steepened = steepening(field, setup.target.points, at_foci[strongest], strongest)
+        steepened = steepening(
+            setup.scene, field.sources, setup.target.points, at_foci[strongest], strongest
+        )
         suppressed = np.abs(field.at(setup.target.suppression_points).T)
     kept: dict[str, float] = {}
     if setup.uncertainty is not None:

@@ -1,7 +1,7 @@
 """Causes of a weak focus, and the pressure that each of them costs."""
 
 import csv
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -167,8 +167,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     in_real_air = np.ones(count)
     if last.any():
         sources = drive_sources(setup.array, [emitted], setup.scene)
-        emitting = replace(result.verification.field, sources=sources)
-        in_real_air = steepening(emitting, target.points, last).kept
+        in_real_air = steepening(setup.scene, sources, target.points, last).kept
     known = np.isfinite(in_real_air)
     if not known.all() or in_real_air.min() < 0.99:
         last = last * np.where(known, in_real_air, 1.0)

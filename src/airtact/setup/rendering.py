@@ -329,7 +329,7 @@ def render(
         sensation=sensations(
             setup,
             np.fmin(pressures, pressures * steepening.kept),
-            None if sequence is None else sequence.weakest,
+            sequence,
         ),
         warnings=(
             *reach_cautions(setup),

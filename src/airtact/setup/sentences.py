@@ -176,7 +176,7 @@ def facing_away(setup: Setup) -> Iterator[str]:
 def sensations(
     setup: Setup,
     pressures: Float64[np.ndarray, "foci"],
-    moving: Float64[np.ndarray, "frames"] | None = None,
+    moving: "at.setup.MovingDrive | None" = None,
 ) -> tuple[str, ...]:
     """Compare the foci, or the weakest focus of a sequence, with the tactile threshold.
 
@@ -192,11 +192,7 @@ def sensations(
             "that could feel it.",
         )
     if moving is not None:
-        return (
-            f"The foci move in {len(moving)} frames. The pressure at the weakest focus is "
-            f"{moving.min():,.0f} Pa.",
-            sensation(float(moving.min()), "spatiotemporal"),
-        )
+        return moving.sentences()
     weakest = float(pressures[skin].min())
     if isinstance(setup.modulation, AmplitudeModulation):
         return (sensation(weakest, "amplitude", setup.modulation.depth),)

@@ -7,11 +7,15 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.acoustics.target import Target
-from airtact.drives.drive import Drive
+from airtact.drives.drive import Amplitudes, Drive
 from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.motion import Motion, moving_foci, moving_target
 from airtact.drives.sequence import Sequence
 from airtact.drives.transfer import TransferMatrix
+from airtact.evaluation.field import drive_sources
+from airtact.evaluation.metrics import in_real_air
+from airtact.evaluation.steepening import Steepening, steepening
+from airtact.evaluation.tactile_thresholds import sensation
 from airtact.setup.setup import Setup
 from airtact.setup.solving import solve_foci, synthesise
 from airtact.timing import Clock
@@ -24,16 +28,35 @@ class MovingDrive:
     Attributes
     ----------
     sequence : the sequence of drives.
-    transfer, target : transfer matrix and target for all positions of the foci.
-    weakest : (frames,) pressure at the weakest focus in each frame [Pa].
+    transfer, target : transfer matrix and target for all P positions of the foci, in the order of
+        ``moving_target``.
+    pressures : (P,) linear peak pressure at each position while a focus is there [Pa].
+    steepening : effect of real air on these pressures. The motion of the foci is ignored.
     warnings : warnings of methods that stopped early.
     """
 
     sequence: Sequence
     transfer: TransferMatrix
     target: Target
-    weakest: Float64[np.ndarray, "frames"]
+    pressures: Float64[np.ndarray, "positions"]
+    steepening: Steepening
     warnings: tuple[str, ...]
+
+    @property
+    def expected(self) -> Float64[np.ndarray, "positions"]:
+        """(P,) pressure in real air [Pa], as in ``Evaluation``; NaN where it is unknown."""
+        return self.pressures * self.steepening.kept
+
+    def sentences(self) -> tuple[str, ...]:
+        """State the pressure at the weakest position, and the effect of real air if noticeable."""
+        # Where the estimate is invalid, the linear pressure is far above the threshold.
+        felt = np.fmin(self.pressures, self.expected)
+        return (
+            f"The foci move in {len(self.sequence)} frames. The pressure at the weakest focus is "
+            f"{self.pressures.min():,.0f} Pa.",
+            *(f"While moving: {words}" for words in in_real_air(self.pressures, self.steepening)),
+            sensation(float(felt.min()), "spatiotemporal"),
+        )
 
     def save(self, path: Path, setup: Setup) -> None:
         """Write the sequence together with all data required to emit it."""
@@ -78,20 +101,37 @@ def moving_drive(
     points = len(target.points)
     with clock.step("sequence", f"computing the drives of foci at {points} positions"):
         sequence = moving_foci(transfer, target, together, turns, method, clock=setup.frequency)
-    pressures = np.abs(sequence.pressure(transfer))[:, :points]
-    # The foci at one position are `together` adjacent columns.
-    positions = np.arange(len(sequence)) * (points // together) // len(sequence)
-    weakest = [
-        row[position * together : (position + 1) * together].min()
-        for row, position in zip(pressures, positions, strict=True)
-    ]
+    with clock.step("air", "estimating the pressures of moving foci in real air"):
+        pressures = []
+        effects = []
+        # Short paths repeat every position, and the foci of a frame are adjacent points.
+        drives = sequence.drives[:: len(sequence) * together // points]
+        for drive, focus in zip(drives, range(0, points, together), strict=True):
+            here = slice(focus, focus + together)
+            pressures.append(np.abs(transfer.matrix[here] @ drive))
+            effects.append(_steepening(setup, drive, target.points[here], pressures[-1]))
     return MovingDrive(
         sequence,
         transfer,
         target,
-        np.array(weakest),
+        np.concatenate(pressures),
+        Steepening(*np.concatenate(effects, axis=1)),
         tuple(dict.fromkeys(stalled)),
     )
+
+
+def _steepening(
+    setup: Setup,
+    drive: Amplitudes,
+    points: Float64[np.ndarray, "foci 3"],
+    pressures: Float64[np.ndarray, "foci"],
+) -> Float64[np.ndarray, "3 foci"]:
+    """Return the attributes of the steepening at the foci of a drive; 0 for a silent drive."""
+    if not (setup.array.gains * drive).any():
+        return np.zeros((3, len(points)))
+    sources = drive_sources(setup.array, [Drive(drive)], setup.scene)
+    effect = steepening(setup.scene, sources, points, pressures)
+    return np.stack([effect.second, effect.depletion, effect.doubt])
 
 
 def paths_of(setup: Setup) -> Float64[np.ndarray, "paths frames 3"]:
