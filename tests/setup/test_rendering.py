@@ -261,6 +261,7 @@ def test_moving_foci_have_the_pressures_in_real_air_of_each_drive():
     circle = at.drives.Motion("stm", size=0.01, frames=4)
     result = at.render(at.Setup(at.Scene(at.air(), []), board, target, modulation=circle))
     moving = result.sequence
+    assert moving is not None
     for frame, point in enumerate(moving.target.points):
         drive = moving.sequence.drive(frame)
         evaluated = at.evaluate(
