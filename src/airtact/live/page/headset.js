@@ -1,8 +1,8 @@
-// The live page in a headset (WebXR): the scene is drawn where it is felt, and the tracked hands are sent to the loop.
+// The live page in a headset (WebXR): the scene is drawn at its real position, and tracked hands are sent to the loop.
 "use strict";
 
-const PINCHED = 0.015; // distance of the tips of thumb and index finger in a pinch [m]
-const HELD = 2000; // ms for which both hands pinch to place the scene
+const PINCHED = 0.015; // largest distance between the tips of thumb and index finger in a pinch [m]
+const HELD = 2000; // time for which both hands must pinch to place the scene [ms]
 const [THUMB_TIP, INDEX_TIP] = [4, 9];
 
 class Headset {
@@ -28,7 +28,7 @@ class Headset {
     this.session = await navigator.xr.requestSession(this.mode, { optionalFeatures: ["hand-tracking"] });
     xr.enabled = true;
     xr.setReferenceSpaceType("local");
-    for (let index = 0; index < 8; index++) xr.getController(index); // three.js fails without them at the session's end
+    for (let index = 0; index < 8; index++) xr.getController(index); // without them, three.js fails at the end of the session
     Object.assign(room.camera, { near: 0.02, far: 20 });
     await xr.setSession(this.session);
     this.session.addEventListener("end", () => this.leave());
@@ -37,7 +37,7 @@ class Headset {
     panel.control("place").hidden = false;
     const words = panel.facts.follows
       ? "Pinch with both hands for 2 s to place the scene between them."
-      : "Start with --from page, and the sound follows your hands.";
+      : "To make the sound follow your hands, start the loop with --from page.";
     panel.root.querySelector("header .hint").textContent = words;
     room.renderer.setAnimationLoop((time, frame) => frame && this.draw(time, frame));
   }
@@ -79,14 +79,14 @@ class Headset {
     room.answer();
   }
 
-  // The 25 joints of a hand in the reference space; null if one is not tracked.
+  // The 25 joints of a hand in the reference space; null if any joint is not tracked.
   joints(frame, hand, space) {
     const poses = [...hand.values()].map((joint) => frame.getJointPose(joint, space));
     if (!poses.every((pose) => pose)) return null;
     return poses.map(({ transform: { position } }) => new THREE.Vector3(position.x, position.y, position.z));
   }
 
-  // Send a hand as trackers do, in the scene's coordinates, or once that it is lost.
+  // Send a hand in scene coordinates, as trackers do; if it is lost, say so once.
   tell(side, time, joints) {
     const { room, panel } = this;
     if (!panel.facts.follows || (!joints && !this.seen[side])) return;
@@ -97,7 +97,7 @@ class Headset {
     panel.send({ frame: { time: time / 1e3, side, sequence, landmarks } });
   }
 
-  // Place the scene's origin 0.5 m in front of the user and 0.4 m below the eyes, y pointing away.
+  // Place the origin of the scene 0.5 m in front of the user and 0.4 m below the eyes, with y pointing away.
   placeBefore({ position, orientation }) {
     const turn = new THREE.Quaternion(orientation.x, orientation.y, orientation.z, orientation.w);
     const right = new THREE.Vector3(1, 0, 0).applyQuaternion(turn);
@@ -107,13 +107,13 @@ class Headset {
     this.placed = true;
   }
 
-  // Place the scene's origin between two points, x pointing from the first to the second.
+  // Place the origin of the scene between two points, with x pointing from the first to the second.
   placeBetween(left, right) {
     this.turn(right.clone().sub(left));
     this.room.scene.position.copy(left.clone().lerp(right, 0.5));
   }
 
-  // Turn the scene so that z points up and x along a direction; return the direction of y.
+  // Rotate the scene so that z points up and x in a given direction; return the direction of y.
   turn(right) {
     right.setY(0).normalize();
     const up = new THREE.Vector3(0, 1, 0);

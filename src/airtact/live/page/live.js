@@ -2,7 +2,7 @@
 "use strict";
 
 const SECONDS = 10; // time span of the curves
-const OLD = 5; // age of the shown pressure that is mentioned [s]
+const OLD = 5; // age of the displayed pressure above which it is mentioned [s]
 const STATES = {
   waiting: ["waiting for a hand", "#868e96"],
   playing: ["playing", "#2f9e44"],
@@ -11,11 +11,11 @@ const STATES = {
   stopped: ["stopped for good", "#c92a2a"],
 };
 const RULES = {
-  distances: "The phases follow from path lengths, without the hand.",
-  phalanges: "The drive uses a solution of the last phalanges.",
-  hand: "The drive uses a solution of the whole hand.",
-  carried: "The drive uses a solution of the whole hand, moved with its bones.",
-  contacts: "The drive uses a solution of the skin at the contacts.",
+  distances: "The phases are computed from path lengths, ignoring the hand.",
+  phalanges: "The drive uses a solution for the last phalanges.",
+  hand: "The drive uses a solution for the whole hand.",
+  carried: "The drive uses a solution for the whole hand, moved with its bones.",
+  contacts: "The drive uses a solution for the skin at the contacts.",
 };
 const CURVES = [
   ["latency, frame to sound [ms]", "#1971c2", 150],
@@ -54,7 +54,7 @@ class Panel {
     this.socket = new WebSocket(location.href.replace(/^http/, "ws").replace(/#.*/, ""));
     this.socket.binaryType = "arraybuffer";
     this.socket.onmessage = (message) => this.take(message.data);
-    this.socket.onopen = () => this.lost && location.reload(); // it may be another loop
+    this.socket.onopen = () => this.lost && location.reload(); // it may be a new loop
     this.socket.onclose = () => {
       this.lost = true;
       this.write("no connection to the loop", "#c92a2a");
@@ -78,7 +78,7 @@ class Panel {
     this.change({ playing: false });
   }
 
-  // Send changed controls. Pictures that are on their way have the old value, so the input ignores them for a while.
+  // Send changed controls. Pictures in transit still contain the old value, so the input ignores them for a while.
   change(controls, input) {
     if (input) input.until = performance.now() + 700;
     this.send({ controls });
@@ -152,7 +152,7 @@ class Panel {
     element("words").textContent = facts.status;
     let words = "";
     if (sound && sound.age > OLD) words = `The pressure shown is ${grouped(sound.age)} s old.`;
-    else if (!sound && facts.mean > 0) words = "The pressure on skin and slice is not solved yet.";
+    else if (!sound && facts.mean > 0) words = "The pressure on the skin and in the slice has not been computed yet.";
     element("sound").textContent = words;
     this.showFoci(facts);
     this.drawCurves(curves);
@@ -164,7 +164,7 @@ class Panel {
     return row;
   }
 
-  // A row for each focus, with its own switch and strength.
+  // One row per focus, with a switch and a strength.
   showFoci({ foci, controls }) {
     if (foci.map(({ name }) => name).join("\n") !== [...this.rows.keys()].join("\n")) {
       this.rows = new Map(foci.map(({ name }) => [name, this.focusRow(name, controls.levels[name] ?? 1)]));
@@ -207,7 +207,7 @@ class Panel {
 
   // --- curves ------------------------------------------------------------------------------------------------------
 
-  // Points (s before now, value) of each curve.
+  // Points of each curve: time relative to now [s], and value.
   curves() {
     const now = this.history.at(-1)[0];
     this.history = this.history.filter(([time]) => time > now - SECONDS);

@@ -1,14 +1,14 @@
-// The 3-D scene of the live page: array, hands, virtual objects, foci, contacts, and a slice of the field. Lengths are in m.
+// The 3-D scene of the live page: array, hands, virtual objects, foci, contacts, and a slice of the field. Lengths are in metres.
 "use strict";
 
-const MOST_BALLS = 256; // foci or contacts that are drawn
+const MOST_BALLS = 256; // largest number of foci, and of contacts, that are drawn
 
-// A slice: low pressures are transparent, so that what is behind stays visible.
+// A slice. Low pressures are transparent, so that objects behind it stay visible.
 const FIELD = {
   vertexShader: `
     varying vec2 at;
     void main() {
-      at = vec2(uv.x, 1.0 - uv.y); // rows begin at the top
+      at = vec2(uv.x, 1.0 - uv.y); // the first row is at the top
       gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
     }`,
   fragmentShader: `
@@ -21,7 +21,7 @@ const FIELD = {
     }`,
 };
 
-// Whether the processor draws; smooth edges would take it almost twice as long.
+// Whether the scene is drawn in software; smooth edges would then almost double the time.
 function bySoftware() {
   const context = document.createElement("canvas").getContext("webgl2");
   const named = context?.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL;
@@ -44,7 +44,7 @@ class Room extends Stage {
   }
 
   build() {
-    this.elements = this.discs(6); // corners slow down a software renderer
+    this.elements = this.discs(6); // more corners would slow down a software renderer
     this.uniforms.field = { value: null };
     this.slice = new THREE.Mesh(
       new THREE.PlaneGeometry(this.facts.slice, this.facts.slice),
@@ -60,7 +60,7 @@ class Room extends Stage {
     this.scene.add(this.elements, this.slice, this.foci, this.contacts, ...sheets);
   }
 
-  // Balls that are visible through everything.
+  // Balls that stay visible behind other objects.
   balls(radius, color) {
     const material = new THREE.MeshBasicMaterial({ color, depthTest: false, transparent: true });
     const balls = new THREE.InstancedMesh(new THREE.SphereGeometry(radius, 10, 8), material, MOST_BALLS);
@@ -77,7 +77,7 @@ class Room extends Stage {
     balls.instanceMatrix.needsUpdate = true;
   }
 
-  // Take the facts of a picture and a function that returns its arrays by name.
+  // Show a picture, given its facts and a function that returns its arrays by name.
   take(facts, array) {
     for (const key of this.kept.keys()) if (!facts.keys.includes(key)) this.kept.delete(key);
     for (const key of facts.keys.filter((one) => !this.kept.has(one))) {
@@ -109,7 +109,7 @@ class Room extends Stage {
     this.show();
   }
 
-  // Make the drawn things those of a list: a new thing where one is missing or has another key.
+  // Match the drawn objects to a list: create an object if it is missing or has another key.
   update(drawn, wanted, make) {
     for (const [name, mesh] of drawn) {
       if (wanted.some((one) => one.name === name && one.key === mesh.key)) continue;
@@ -130,7 +130,7 @@ class Room extends Stage {
     const count = triangles.reduce((most, vertex) => Math.max(most, vertex), 0) + 1;
     const mesh = this.surfaceOf(new Float32Array(3 * count), triangles);
     this.colourSkin(mesh, new Uint8Array(count));
-    this.sound = null; // the newest pressure is not on this mesh yet
+    this.sound = null; // the newest pressure does not belong to this mesh
     return mesh;
   }
 
@@ -172,7 +172,7 @@ class Room extends Stage {
     this.draw();
   }
 
-  // In a headset, the session asks for pictures.
+  // In a headset, the session requests pictures.
   draw() {
     if (!this.renderer.xr.isPresenting) super.draw();
   }
@@ -185,7 +185,7 @@ class Room extends Stage {
     const words = ({ name, pressure }) => (pressure === null ? name : `${name}  ${grouped(pressure)} Pa`);
     const foci = newest.foci.filter((focus) => focus.position);
     overlay.facts.foci = foci.map((focus) => ({ name: words(focus), position: focus.position }));
-    // Labels point away from the middle of the foci.
+    // Labels point away from the centre of the foci.
     const mean = (axis) => foci.reduce((sum, { position }) => sum + position[axis] / foci.length, 0);
     overlay.facts.views.foci.middle = [0, 1, 2].map(mean);
     const heard = newest.sound && (this.slice.visible || !this.uniforms.plain.value);
@@ -193,7 +193,7 @@ class Room extends Stage {
     this.answer();
   }
 
-  // Ask for as many pictures as were drawn.
+  // Request one new picture for each that was drawn.
   answer() {
     for (; this.undrawn > 0; this.undrawn--) this.send({ drawn: true });
   }
@@ -208,7 +208,7 @@ class Room extends Stage {
     return ray;
   }
 
-  // Grab the hand or an object, if one is pointed at.
+  // Grab the hand or object under the pointer, if any.
   grab(event) {
     const hand = this.facts.dragged ? [this.skins.get("hand")] : [];
     const things = [...hand, ...this.objects.values()].filter((thing) => thing);

@@ -16,10 +16,10 @@ class Reach extends Stage {
 
   build() {
     this.bounds = this.array("bounds");
-    // Levels that the colours span: the whole range in steps of 5 dB, at most 40 dB
+    // Range of the colours: the whole range of levels in steps of 5 dB, at most 40 dB
     const range = this.bounds.reduce((most, pressure) => Math.max(most, -this.below(pressure)), 0);
     this.span = Math.min(40, 5 * Math.ceil(range / 5 + 1e-6));
-    this.uniforms.shown.value = 1; // no fading of low pressures
+    this.uniforms.shown.value = 1; // do not fade low pressures
     this.surface = this.surfaceOf(this.array("vertices"), this.array("triangles"));
     this.elements = this.discs(16);
     this.colourDiscs(this.elements, "phase", new Array(this.array("positions").length / 3).fill(-1));
@@ -33,7 +33,7 @@ class Reach extends Stage {
     this.shown = this.control("shown").value;
     this.elements.visible = this.control("array").checked;
     this.dots.visible = this.control("points").checked;
-    // The shader draws levels over LEVELS dB: this value makes its share of the colour scale the one that is wanted.
+    // The shader maps LEVELS dB to the colour scale; this value corrects for the range used here.
     const value = (pressure) => 10 ** ((LEVELS / 20) * (this.share(pressure) - 1) / 2);
     this.surface.geometry.setAttribute("one", this.numbersOf(Float32Array.from(this.bounds, value), 1));
     this.draw();
@@ -50,7 +50,7 @@ class Reach extends Stage {
   }
 
   prepare() {
-    this.elements.material.uniforms.strength.value = 0.35; // they are the background
+    this.elements.material.uniforms.strength.value = 0.35; // they are only the background
   }
 
   annotate() {
@@ -80,7 +80,7 @@ class Reach extends Stage {
     this.readout.style.top = `${Math.max(4, y - this.readout.offsetHeight - 12)}px`;
   }
 
-  // The part, the position and the interpolated bound where the skin is hit.
+  // The part, the position and the interpolated bound at the point of the skin under the pointer.
   lines({ point, face }) {
     const corners = [face.a, face.b, face.c];
     const { position } = this.surface.geometry.attributes;

@@ -138,7 +138,7 @@ class Viewer extends Stage {
     const { turning, facts } = this;
     const { first, array } = facts.views;
     const far = facts.backs ? 1 : Math.min(1, Math.max(0, (turning.distance - 5 * first.reach) / array.reach));
-    this.elements.material.uniforms.strength.value = 0.3 + 0.7 * far; // close up they are the background
+    this.elements.material.uniforms.strength.value = 0.3 + 0.7 * far; // close up, they are only the background
     this.surface.material.clippingPlanes = this.cutting();
   }
 

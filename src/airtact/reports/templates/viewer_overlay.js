@@ -3,7 +3,7 @@
 
 const DIFFERENCE = 6; // dB at the ends of the colours of a difference
 const LEVELS = 40; // range of the colours of levels [dB]
-const MOST_NAMES = 8; // largest number of foci that are drawn with names and large rings
+const MOST_NAMES = 8; // largest number of foci with names and large rings
 
 const grouped = (number, digits = 0) =>
   number.toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }).replace("-", "−");
@@ -19,7 +19,7 @@ class Overlay {
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
   }
 
-  // Pixel position of a point in the camera's view.
+  // Position of a point in the camera's view, in pixels.
   seen(point) {
     const { x, y } = point.clone().project(this.camera);
     return [((1 + x) * this.width) / 2, ((1 - y) * this.height) / 2];
@@ -41,8 +41,8 @@ class Overlay {
     this.add("text", { x, y, fill: this.ink, "font-size": size, "text-anchor": anchor, ...halo }, text);
   }
 
-  // shown: "pressure", "level" or "difference" of two drives by name, or "" for no colour scale; array: "phase", "amplitude" or "hidden", of which
-  // the largest amplitude is written; turning: from where the scene is seen.
+  // shown: "pressure", "level" or "difference" for two drives given by name, or "" without a colour scale; array:
+  // "phase", "amplitude" or "hidden"; turning: the position of the viewer. The scale states the largest amplitude.
   draw({ shown, drive, other, array, largest, turning }) {
     const style = getComputedStyle(this.svg);
     this.ink = style.getPropertyValue("--ink").trim();
@@ -84,9 +84,9 @@ class Overlay {
       this.add("circle", { ...ring, stroke: this.paper, "stroke-width": 3.5 });
       this.add("circle", { ...ring, stroke: "#e8590c", "stroke-width": 1.8 });
       if (!few) continue;
-      // A name that would leave a narrow screen is moved, up or down too, so that two do not cover each other.
+      // A name that would leave a narrow screen is moved, also up or down, so that no two names overlap.
       const side = x < middle ? -1 : 1;
-      const long = 6.6 * name.length; // about
+      const long = 6.6 * name.length; // approximate width
       const start = side < 0 ? Math.max(x - 14, long) : Math.min(x + 14, this.width - long);
       const moved = start === x + 14 * side ? 0 : 16 * side;
       this.write(start, y + 4 + moved, name, 13, side < 0 ? "end" : "start");
@@ -112,7 +112,7 @@ class Overlay {
     }
   }
 
-  // Positions on the scale (0 to 1) and their labels.
+  // Positions on the scale, from 0 to 1, and their labels.
   ticks(shown, count) {
     const most = this.facts.most;
     const signed = (share) => `${share > 0 ? "+" : ""}${grouped(share * DIFFERENCE)}`;
@@ -143,7 +143,7 @@ class Overlay {
     }
   }
 
-  // The scene and its overlay as one SVG.
+  // The scene and its overlay as a single SVG.
   saved(canvas) {
     const { width, height } = this;
     const copy = this.svg.cloneNode(true);

@@ -1,12 +1,12 @@
-// The parts that all 3-D scenes share, drawn with three.js: the array, bodies with the pressure on them, rigid planes,
-// virtual objects, and the camera. Pictures are drawn only after changes. Pressures are bytes, 255 √(p / most).
+// The common parts of all 3-D scenes, drawn with three.js: the array, bodies with the pressure on them, rigid planes,
+// virtual objects, and the camera. The scene is only drawn after changes. Pressures are bytes: 255 √(p / most).
 "use strict";
 
 const FAINT = 0.1; // share of the largest pressure below which a difference fades to grey
 const SHEET = 0x735c40; // colour of a rigid plane
 const OBJECT = 0x2f7fb8; // colour of a virtual object
 const SILENT = [150, 150, 155]; // colour of a transducer without sound
-const SLOW = 60; // ms between frames above which a drag is drawn more coarsely
+const SLOW = 60; // time between frames above which dragging draws at a lower resolution [ms]
 
 // Colour of a pressure, or of the ratio of two pressures, from the square roots of pressure / largest.
 const COLOUR = `
@@ -86,7 +86,7 @@ function arrayIn(buffer, [kind, offset, count], start = 0) {
   return new kinds[kind](buffer, start + offset, count);
 }
 
-// Run three.js from the page, which defines THREE.
+// Run three.js, which is embedded in the page and defines THREE.
 async function loadThree() {
   const script = document.createElement("script");
   script.textContent = new TextDecoder().decode(await unpacked("three"));
@@ -94,7 +94,7 @@ async function loadThree() {
 }
 
 class Stage {
-  // limits: nearest and farthest distance of the camera; antialias: whether edges are smooth.
+  // limits: smallest and largest distance of the camera; antialias: whether edges are smooth.
   constructor(root, facts, numbers, limits, antialias = true) {
     Object.assign(this, { root, facts, numbers, fine: 1, last: 0, frames: 0, wanted: false });
     this.canvas = root.querySelector("canvas");
@@ -141,19 +141,19 @@ class Stage {
     return geometry.setIndex(this.numbersOf(triangles, 1));
   }
 
-  // A virtual object: its front and back are translucent, so that the skin inside stays visible.
+  // A virtual object. Its front and back are translucent, so that the skin inside stays visible.
   virtualObject(vertices, triangles) {
     const glass = { transparent: true, opacity: 0.3, depthWrite: false, side: THREE.DoubleSide };
     return new THREE.Mesh(
       this.meshOf(vertices, triangles), new THREE.MeshBasicMaterial({ color: OBJECT, ...glass }));
   }
 
-  // A rigid plane: a translucent sheet from the front, and only its edge from behind, so that it tints no pressure.
+  // A rigid plane: a translucent sheet from the front, but only its edge from behind, so that it does not tint the pressure.
   sheet(corners) {
     const points = corners.map((corner) => new THREE.Vector3(...corner));
     const geometry = new THREE.BufferGeometry().setFromPoints(points).setIndex([0, 1, 2, 0, 2, 3]);
     const glass = { transparent: true, opacity: 0.3, depthWrite: false };
-    const behind = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 4 }; // elements may lie on it
+    const behind = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 4 }; // elements may lie in the plane
     const sheet = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: SHEET, ...glass, ...behind }));
     const line = new THREE.BufferGeometry().setFromPoints(points);
     sheet.add(new THREE.LineLoop(line, new THREE.LineBasicMaterial({ color: SHEET })));
@@ -191,7 +191,7 @@ class Stage {
       }
     }
     const uniforms = { paper: { value: new THREE.Color() }, strength: { value: 1 } };
-    const side = this.facts.backs ? THREE.DoubleSide : THREE.FrontSide; // backs of a box would hide the bodies
+    const side = this.facts.backs ? THREE.DoubleSide : THREE.FrontSide; // the backs of a box would hide the bodies
     const material = new THREE.ShaderMaterial({ uniforms, side, ...DISCS });
     const discs = new THREE.Mesh(this.meshOf(vertices, new Uint32Array(triangles)), material);
     discs.geometry.setAttribute("shade", this.numbersOf(new Uint8Array(vertices.length), 3, true));
@@ -234,7 +234,7 @@ class Stage {
     this.last = now;
     if (turning.dragging && since > SLOW && since < 10 * SLOW) this.fine = Math.max(0.4, 0.8 * this.fine);
     const ratio = Math.min(devicePixelRatio, 2) * this.fine;
-    if (ratio !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(ratio); // it makes all buffers anew
+    if (ratio !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(ratio); // this recreates all buffers
     turning.place();
     this.elements.material.uniforms.paper.value.set(getComputedStyle(this.root).getPropertyValue("--paper").trim());
     this.prepare();

@@ -1,4 +1,4 @@
-// Rotates, moves and zooms a camera around a point by mouse, touch and keys; z stays upright.
+// Rotates, moves and zooms a camera around a point with mouse, touch or keys; z stays upright.
 "use strict";
 
 class Turning {
@@ -32,7 +32,7 @@ class Turning {
     return this.pointers.size > 0;
   }
 
-  // Look at a ball of this radius around a point, from a direction given by azimuth and elevation.
+  // Look at a ball with this radius around a point, from the given azimuth and elevation.
   look(target, radius, [azimuth, elevation]) {
     const half = Math.sin((this.camera.fov * Math.PI) / 360);
     Object.assign(this, { azimuth, elevation, distance: radius / half / Math.min(1, this.camera.aspect) });

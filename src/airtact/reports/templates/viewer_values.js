@@ -1,4 +1,4 @@
-// The values at the pointer.
+// The values at the position of the pointer.
 "use strict";
 
 class Values {
