@@ -10,6 +10,7 @@ import pytest
 import trimesh
 
 import airtact as at
+from airtact.setup import rendering
 from cli.running import done, output, rejected
 from geometry.mesh.meshes import box_mesh
 from paths import EXAMPLES, ROOT
@@ -233,11 +234,11 @@ def test_a_folder_that_cannot_be_made_is_rejected_before_anything_is_solved(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent another way there")
-def test_ctrl_c_leaves_whole_files_or_none(tmp_path):
-    """The drive is written once, after its verification, so that an older one stays until then."""
+def test_ctrl_c_during_the_verification_leaves_the_drive(tmp_path):
+    """The drive is written before its verification; files of an older run do not stay beside it."""
     folder = tmp_path / "out"
     folder.mkdir()
-    (folder / "drive.h5").write_text("older")
+    (folder / "report.html").write_text("older")
     command = [sys.executable, "-m", "airtact", "render", "pinch", "--out", str(folder)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -251,5 +252,41 @@ def test_ctrl_c_leaves_whole_files_or_none(tmp_path):
         assert process.wait() == 130
     assert errors.splitlines()[-1].endswith("[interrupted]")
     assert "Traceback" not in errors
-    assert (folder / "drive.h5").read_text() == "older"
-    assert [entry.name for entry in folder.iterdir()] == ["drive.h5"]
+    assert f"The drive in {folder} is not verified" in errors
+    assert sorted(entry.name for entry in folder.iterdir()) == ["drive.csv", "drive.h5"]
+    assert at.load_drive(folder / "drive.h5").peak == pytest.approx(1.0)
+
+
+def test_a_drive_is_on_disk_before_its_verification_which_keeps_it(capsys, monkeypatch, tmp_path):
+    scene = tmp_path / "air.toml"
+    text = BALL.read_text(encoding="utf-8")
+    for line in ("[[obstacles]]\nsphere = { radius = 5e-3 }\n", "[solver]\naccuracy = 0.05\n"):
+        text = text.replace(line, "")
+    at_full_scale = text.replace("pressure = ", "#")
+    compare = rendering.compare_drives
+    files = [tmp_path / "out" / name for name in ("drive.csv", "drive.h5")]
+    written = []
+
+    def observed(*arguments, **options):
+        written[:] = [(file.read_bytes(), file.stat().st_mtime_ns) for file in files]
+        return compare(*arguments, **options)
+
+    monkeypatch.setattr(rendering, "compare_drives", observed)
+    command = ["render", scene, "--no-pictures", "--out", tmp_path / "out"]
+    scene.write_text(at_full_scale, encoding="utf-8")
+    done(capsys, *command)
+    assert [(file.read_bytes(), file.stat().st_mtime_ns) for file in files] == written
+    # Requested pressures are scaled to the verified ones.
+    scene.write_text(text, encoding="utf-8")
+    done(capsys, *command)
+    assert at.load_drive(files[1]).amplitudes.shape == (249,)
+    assert files[1].stat().st_mtime_ns > written[1][1]
+
+    def failing(*arguments, **options):
+        raise at.NotConverged("the residual is 0.1.", code="not_converged")
+
+    monkeypatch.setattr(rendering, "compare_drives", failing)
+    files[1].unlink()
+    errors = rejected(capsys, *command)
+    assert f"The drive in {tmp_path / 'out'} is not verified." in errors
+    assert at.load_drive(files[1]).amplitudes.shape == (249,)

@@ -53,26 +53,39 @@ def render(
         report_step(f"reading {scene.name}")
         import airtact as at
         from airtact.files.atomic import writable_folder
+        from airtact.setup.rendering import compute, save_files, verify
+        from airtact.timing import Clock
 
         setup = at.read_scene(scene)
         if method is not None:
             setup = replace(setup, method=method)
         writable_folder(folder)
-        files: list[Path] = []
         if pictures:
             # Import Matplotlib while the kernels compute, because this takes half a second.
             Thread(target=import_module, args=["mpl_toolkits.mplot3d.art3d"], daemon=True).start()
+        files: list[Path] = []
+        unverified = ""
+        clock = Clock(report_step)
         try:
-            result = at.render(setup, store=store, progress=report_step)
-            files += result.save(folder)
+            computed = compute(setup, clock, store)
+            report_step(f"writing the drive, which is not yet verified, to {folder}")
+            files += save_files(computed, folder)
+            # A full disk raises before this line, so that it cannot lose the files of an older run.
+            for name in {*FILES} - {file.name for file in files}:
+                (folder / name).unlink(missing_ok=True)
+            unverified = f" The drive in {folder} is not verified."
+            result = verify(computed, clock, store)
+            if result.drive is not computed.drive:
+                report_step("writing the drive, scaled to the requested pressures")
+                result.save(folder)
+            unverified = ""
             if pictures:
                 files += at.write_report(result, folder, progress=report_step)
         except KeyboardInterrupt:
             words = ", ".join(file.name for file in files) or "no files of this run"
-            raise KeyboardInterrupt(f"{words} in {folder}, each complete") from None
-        # Remove files of an older run last, so that a full disk cannot lose them.
-        for name in {*FILES} - {file.name for file in files}:
-            (folder / name).unlink(missing_ok=True)
+            raise KeyboardInterrupt(f"{words} in {folder}, each complete.{unverified}") from None
+        except (at.InvalidInput, at.NotConverged) as fault:
+            raise type(fault)(f"{fault}{unverified}", code=fault.code) from fault
     written = {file.name: str(file) for file in files}
     last = folder / ("report.html" if pictures else "drive.h5")
     show(

@@ -12,7 +12,7 @@ from jaxtyping import Float64, Real
 import airtact as at
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.problem import SolveReport
+from airtact.acoustics.solvers.problem import RadiatedField, SolveReport
 from airtact.acoustics.target import PerFocus, Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.drive_file import SEQUENCE_FILE
@@ -143,17 +143,42 @@ class Rendering:
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write drive.csv, drive.h5 and, for moving foci, sequence.h5; return their paths."""
-        folder = writable_folder(Path(folder))
-        files = [folder / name for name in ("drive.csv", "drive.h5")]
-        for file in files:
-            save_drive(file, self.drive, self.setup, self.transfer, self.beacons)
-        sequence = folder / SEQUENCE_FILE
-        if self.sequence is not None:
-            self.sequence.save(sequence, self.setup)
-            files.append(sequence)
-        else:
-            sequence.unlink(missing_ok=True)  # from an older run
-        return tuple(files)
+        return save_files(self, Path(folder))
+
+
+@dataclass(frozen=True, eq=False)
+class ComputedDrive:
+    """A drive before its verification.
+
+    Attributes
+    ----------
+    setup, transfer, beacons, drive, sequence : as in ``Rendering``.
+    field : field of the beacons.
+    notes : warnings of the method.
+    """
+
+    setup: Setup
+    field: RadiatedField
+    transfer: TransferMatrix
+    beacons: SolveReport
+    drive: Drive
+    sequence: "at.setup.MovingDrive | None"
+    notes: tuple[str, ...]
+
+
+def save_files(run: ComputedDrive | Rendering, folder: Path) -> tuple[Path, ...]:
+    """Write drive.csv, drive.h5 and, for moving foci, sequence.h5; return their paths."""
+    folder = writable_folder(folder)
+    files = [folder / name for name in ("drive.csv", "drive.h5")]
+    for file in files:
+        save_drive(file, run.drive, run.setup, run.transfer, run.beacons)
+    sequence = folder / SEQUENCE_FILE
+    if run.sequence is not None:
+        run.sequence.save(sequence, run.setup)
+        files.append(sequence)
+    else:
+        sequence.unlink(missing_ok=True)  # from an older run
+    return tuple(files)
 
 
 def save_drive(
@@ -244,17 +269,35 @@ def render(
     of_kind(setup, Setup, "the setup", "read_scene(path) or Setup(scene, array, target)")
     clock = Clock(progress)
     store = None if store is None else Path(store)
+    return verify(compute(setup, clock, store), clock, store)
+
+
+def compute(setup: Setup, clock: Clock, store: Path | None = None) -> ComputedDrive:
+    """Compute the drive of a setup; the first half of ``render``."""
     field = solve_beacons(setup, clock, store)
     transfer, beacons = transfer_to_array(setup, field, clock)
     with clock.step("drive", f"computing the drive by {method_words(setup)}"):
         drive, notes = synthesise(setup.synthesise, transfer, setup.target)
+    if setup.traps:
+        drive = drive.at_full_scale()
     sequence = None
     if setup.motion is not None:
         from airtact.setup.sequences import moving_drive
 
         sequence = moving_drive(setup, setup.motion, transfer, clock, store)
         notes += sequence.warnings
+    return ComputedDrive(setup, field, transfer, beacons, drive, sequence, notes)
 
+
+def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> Rendering:
+    """Verify a drive with a more accurate solve; the second half of ``render``.
+
+    If pressures are requested, a drive below full scale is scaled to them. Otherwise the result has
+    the same drive.
+    """
+    setup = computed.setup
+    transfer = computed.transfer
+    drive = computed.drive
     names = drive_names(setup.bodies)
     drives = {names[0]: drive}
     control = control_drive(setup, setup.synthesise)
@@ -272,18 +315,15 @@ def render(
         )
     # The verification compares drives at full scale, but requested pressures may require less.
     at_full_scale = comparison.pressures["equal peak"][0]
-    # Scale the drive so that the weakest focus reaches its requested pressure, up to full scale.
     peak = drive.peak
-    if peak < 1.0:
-        share = 1.0
-        if setup.target.pressures is not None:
-            share = float(np.nanmin(fraction(peak * at_full_scale, setup.target)))
+    if peak < 1.0 and setup.target.pressures is not None and not setup.traps:
+        # Scale the drive so that the weakest focus reaches its requested pressure, up to full scale
+        share = float(np.nanmin(fraction(peak * at_full_scale, setup.target)))
         drive = Drive(drive.amplitudes / max(share, peak))
     traps = ()
     if setup.traps:
         from airtact.traps.search import settled
 
-        drive = drive.at_full_scale()  # the first excitation of the verification
         traps = tuple(
             settled(comparison.field, point_of(trap.point, "a trap"), trap.bead(setup.scene))
             for trap in setup.traps
@@ -303,18 +343,18 @@ def render(
                 compared["robust"] = at.robust(transfer, setup.target)
             if setup.method != "time_reversal":
                 compared["time reversal"] = at.time_reversal(transfer, setup.target)
-            robustness = held_out(other_samples(setup, field), setup.target, compared)
+            robustness = held_out(other_samples(setup, computed.field), setup.target, compared)
         remarks = (*remarks, robustness.sentence())
     return Rendering(
         setup=setup,
         transfer=transfer,
-        beacons=beacons,
+        beacons=computed.beacons,
         drive=drive,
         pressures=pressures,
         steepening=steepening,
         verification=comparison,
         drives={name: emitted.at_full_scale() for name, emitted in drives.items()},
-        sequence=sequence,
+        sequence=computed.sequence,
         robustness=robustness,
         traps=traps,
         headline=headline(comparison, drive, body_word(setup.bodies), setup.foci),
@@ -329,11 +369,11 @@ def render(
         sensation=sensations(
             setup,
             np.fmin(pressures, pressures * steepening.kept),
-            sequence,
+            computed.sequence,
         ),
         warnings=(
             *reach_cautions(setup),
-            *notes,
+            *computed.notes,
             *shadows(setup, transfer),
             *disagreement(setup, transfer, drive, pressures),
             *named(comparison.report.warnings, setup.bodies),

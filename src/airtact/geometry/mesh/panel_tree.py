@@ -1,6 +1,7 @@
 """A tree of boxes around curved panels that finds the panel closest to a point."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -25,6 +26,12 @@ class PanelTree:
     lower: BoxCorners
     upper: BoxCorners
 
+    @cached_property
+    def _near(self) -> float:
+        """A twentieth of the median size of the leaves [m]."""
+        leaves = len(self.lower) // 2
+        return 0.05 * float(np.median((self.upper - self.lower)[leaves:].max(axis=1)))
+
     def closest(
         self, points: Points, within: PointLengths | None = None
     ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 2"], PointLengths]:
@@ -33,9 +40,20 @@ class PanelTree:
         The closest point is returned as reference coordinates, together with its distance [m]. If
         no panel is closer than ``within`` [m], the panel is arbitrary and the distance infinite.
         """
-        return _kernels.closest_on_panels(
-            points, self.quadratic_triangles, self.order, self.lower, self.upper, within
+        tree = (self.quadratic_triangles, self.order, self.lower, self.upper)
+        if within is not None:
+            return _kernels.closest_on_panels(points, *tree, within)
+        # Most points are near the surface. A search in a small radius takes half the time, because
+        # it visits no distant panels before the closest one.
+        panel, reference, distance = _kernels.closest_on_panels(
+            points, *tree, np.full(len(points), self._near)
         )
+        rest = np.flatnonzero(np.isinf(distance))
+        if len(rest):
+            panel[rest], reference[rest], distance[rest] = _kernels.closest_on_panels(
+                np.ascontiguousarray(points[rest]), *tree, None
+            )
+        return panel, reference, distance
 
 
 def panel_tree(panels: QuadraticTriangles) -> PanelTree:
