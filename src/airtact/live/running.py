@@ -205,7 +205,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     source : a recording; a session or its folder; "websocket" or "osc", optionally with ":PORT",
         where port 0 selects a free one; or "page" for the hand on the page. By default, an example
         motion is repeated.
-    folder : folder for the session of this run. The source must not be in it.
+    folder : folder for the session of this run. The source must be another session.
 
     Raises
     ------

@@ -44,8 +44,8 @@ def body_force(
         light solid, such as expanded polystyrene.
     about : (3,) reference point of the torque [m]; by default, the centre of the body.
     solver : solver for the field; by default, boundary elements with an error of 1 %.
-        If a body is filled, it is the series solution for a single sphere in open air,
-        else finite elements.
+        For filled bodies, the default is the series solution if there is only one
+        sphere in open air, and finite elements otherwise.
 
     Returns
     -------
