@@ -80,7 +80,7 @@ def test_a_difference_is_in_decibels_and_fades_where_both_are_faint():
     pressure = np.abs(2.0 * field).reshape(UPRIGHT.shape)
     assert strength[pressure > 1.5 * FAINT * 2000.0].min() == 1.0
     assert strength[pressure < 0.5 * FAINT * 2000.0].max() == 0.0
-    assert figure.axes[1].get_xlabel() == "strong over weak [dB]"
+    assert figure.axes[1].get_xlabel() == "strong relative to weak [dB]"
 
 
 def test_the_field_is_drawn_where_it_is():
