@@ -24,7 +24,8 @@ class Clock:
 
     Attributes
     ----------
-    seconds : wall time of each step by name [s]; the times of a repeated step add up.
+    seconds : wall time of each step by name [s]; the times of a repeated step add
+        up.
 
     Examples
     --------

@@ -50,8 +50,10 @@ class Status:
     age : median time from the newest frame to the sound in the air [s]; NaN without
         drives.
     kept : median of the expected share of the attainable pressure; NaN if unknown.
-    unrecorded : data missing from the session, with the reason; None if it is complete.
-    rejected : reason why the newest message was rejected; empty after a few seconds.
+    unrecorded : data missing from the session, with the reason; None if it is
+        complete.
+    rejected : reason why the newest message was rejected; empty after a few
+        seconds.
     """
 
     state: str
@@ -97,7 +99,8 @@ class Followed:
     stopped : whether the emergency stop was pressed.
     state : final state, with the reason for silence.
     processes : processes that ended during the run; empty if none.
-    unrecorded : data missing from the session, with the reason; None if it is complete.
+    unrecorded : data missing from the session, with the reason; None if it is
+        complete.
     """
 
     seconds: float
@@ -181,8 +184,9 @@ def follow(
     controls : initial settings. If there is a page, its settings replace them.
     page : shows every drive and can change the controls.
     report : called twice a second with the status.
-    world : objects and foci that applications can change. The loop reports its state to it. By
-        default, the objects of the scene are used and do not change.
+    world : objects and foci that applications can change. The loop reports its
+        state to it. By default, the objects of the scene are used and do not
+        change.
 
     Returns
     -------

@@ -40,10 +40,12 @@ class Moment:
     joints : (25, 3) predicted joint positions at ``time`` [m]; None if the hand is
         lost.
     foci : (F, 3) predicted foci at ``time`` [m]; None if no hand is seen.
-    amplitudes : (E,) complex amplitudes, as shares of full scale; zeros for silence.
+    amplitudes : (E,) complex amplitudes, as shares of full scale; zeros for
+        silence.
     pressures : (F,) predicted pressures at the foci [Pa], or None.
     rule : how the drive was computed.
-    shape_age : time from the solved pose to ``time`` [s]; None if no solution was used.
+    shape_age : time from the solved pose to ``time`` [s]; None if no solution was
+        used.
     kept : expected share of the attainable pressure at the weakest focus, or None.
     state : state of the loop.
     frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci
@@ -52,7 +54,8 @@ class Moment:
     other : (25, 3) predicted joints of the other hand [m], or None.
     names : a name for each focus; empty if the foci are at the places of the scene.
     strengths : (F,) strengths of the foci, from 0 to 1; None if all are equal.
-    contacts : (C, 3) points of the skin that touch an object [m]; None without objects.
+    contacts : (C, 3) points of the skin that touch an object [m]; None without
+        objects.
     depths : (C,) depths of these points in the objects [m], or None.
     touching : part of the hand and name of the object for each contact.
     objects : the virtual objects.
@@ -97,7 +100,8 @@ class Controls:
     ----------
     ignore_hand : whether phases are set from path lengths alone, as if there were no
         hand.
-    method : name of the method that computes the drives; None for the scene's method.
+    method : name of the method that computes the drives; None for the scene's
+        method.
     cap : largest amplitude of an element, as a share of full scale.
     offset : distance of all foci from the skin [m]; None for the scene's distances.
     modulated : whether the amplitude is modulated or the foci move, so that the drive

@@ -29,7 +29,8 @@ class Output:
     Attributes
     ----------
     words : description of the output.
-    stopped : whether the emergency stop was pressed. After that, nothing is emitted.
+    stopped : whether the emergency stop was pressed. After that, nothing is
+        emitted.
     levels : amplitudes and phases of the boards; None without boards.
     lead : longest time by which a drive can be sent before it takes effect [s]; 0 if drives
         take effect on arrival.

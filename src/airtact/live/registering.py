@@ -115,8 +115,9 @@ def register_tracker(
 ) -> RegisteredTracker:
     """Determine the pose of a tracker from touches of transducers with an index fingertip.
 
-    The user touches the transducers in order, each for a second, and moves the finger away
-    in between. A touch that contradicts the others must be repeated, up to three times.
+    The user touches the transducers in order, each for a second, and moves the
+    finger away in between. A touch that contradicts the others must be repeated, up
+    to three times.
 
     Parameters
     ----------

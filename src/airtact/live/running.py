@@ -64,7 +64,8 @@ def run(
     output : receiver of the drives, as returned by ``output_to``; by default, nothing
         is emitted.
     folder : folder in which ``session.h5`` is written.
-    seconds : duration [s]; by default, until the recording ends or Ctrl-C is pressed.
+    seconds : duration [s]; by default, until the recording ends or Ctrl-C is
+        pressed.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s].
     cap : largest amplitude of an element, as a share of full scale; by default, a safe one that
@@ -72,7 +73,8 @@ def run(
     ignore_hand : whether phases are set from path lengths alone, as if there were no
         hand.
     page : port and host of the page; no page by default.
-    certificate : PEM file with a certificate and its key, to serve the page over HTTPS.
+    certificate : PEM file with a certificate and its key, to serve the page over
+        HTTPS.
     report_step : called with each step of the start.
     report : called twice a second with the status.
 

@@ -326,7 +326,8 @@ class PosedHand:
     hand : the hand, in scene coordinates.
     foci : (F, 3) foci on the hand [m].
     frames : (F, 3, 3) axes of the bone that carries each focus, one per row.
-    distances : (K,) distances between all pairs of foci and ends of their bones [m].
+    distances : (K,) distances between all pairs of foci and ends of their bones
+        [m].
     directions : (F, S, 3) unit vectors from each focus to S elements spread over the array, in the
         axes of the focus's bone.
     """
@@ -358,7 +359,8 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
     ----------
     scene : scene; its places, offsets, radii and array are used.
     joints : (25, 3) joints in scene coordinates [m].
-    offset : distance of all foci from the skin [m]; by default, the scene's offsets.
+    offset : distance of all foci from the skin [m]; by default, the scene's
+        offsets.
 
     Raises
     ------

@@ -71,13 +71,16 @@ class Session:
         foci.
     joints : (N, 25, 3) predicted joints of the hand [m]; NaN if it was lost.
     frame_time : (M,) timestamps of the tracker's frames [s].
-    landmarks : (M, 25, 3) landmarks in scene coordinates [m]; NaN if the hand was lost.
+    landmarks : (M, 25, 3) landmarks in scene coordinates [m]; NaN if the hand was
+        lost.
     sides : (M,) side of the hand in each frame.
     strengths : (N, F) strengths of the foci; 1 if all are equal.
     contacts : (N, C, 3) points of the skin in contact with objects [m]; NaN if there
         were fewer.
-    depths : (N, C) depths of these points in the objects [m]; NaN if there were fewer.
-    other : (N, 25, 3) predicted joints of the other hand [m]; NaN if it was not seen.
+    depths : (N, C) depths of these points in the objects [m]; NaN if there were
+        fewer.
+    other : (N, 25, 3) predicted joints of the other hand [m]; NaN if it was not
+        seen.
     """
 
     scene: LiveScene

@@ -172,7 +172,8 @@ class World:
 
         Parameters
         ----------
-        message : the message. Messages with hands only show that the sender is alive.
+        message : the message. Messages with hands only show that the sender is
+            alive.
         source : name of the connection.
         keep : whether the earlier foci of the source that are not in the message stay. Foci with
             zero strength are then removed.

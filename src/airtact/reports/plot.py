@@ -53,8 +53,9 @@ def field(
 
     Parameters
     ----------
-    result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a solver's field. The
-        result of ``render`` is drawn with the amplitudes of its drive.
+    result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a
+        solver's field. The result of ``render`` is drawn with the amplitudes of its
+        drive.
     target : the foci; only required for a solver's field that is not the field of
         beacons.
     drive : name of a drive in a comparison, or index of an excitation in a solver's
@@ -179,7 +180,8 @@ def scene(
     array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
     drive : drive of the transducers.
     target : the foci.
-    ax : axes with ``projection="3d"`` to draw into; by default, those of a new figure.
+    ax : axes with ``projection="3d"`` to draw into; by default, those of a new
+        figure.
 
     Raises
     ------

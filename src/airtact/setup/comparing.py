@@ -226,8 +226,9 @@ def compare(
 ) -> MethodComparison | Comparison:
     """Compare all methods for a setup, or compare given drives.
 
-    With a setup, every method computes a drive from the same transfer matrix, and a more accurate
-    solve verifies all drives. The method chosen in the setup is ignored.
+    With a setup, every method computes a drive from the same transfer matrix, and a
+    more accurate solve verifies all drives. The method chosen in the setup is
+    ignored.
 
     With a setup and drives, for example from another program, the drives are compared
     with "best". Each drive is also compared with a mended version (see

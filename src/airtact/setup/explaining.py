@@ -87,8 +87,9 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     Parameters
     ----------
     result : result of ``render``.
-    kept : share of the attainable pressure that remained in a recorded session despite the error
-        and the age of the tracked pose; by default, tracking is not included.
+    kept : share of the attainable pressure that remained in a recorded session
+        despite the error and the age of the tracked pose; by default, tracking is
+        not included.
 
     Examples
     --------

@@ -99,9 +99,10 @@ class Placement:
         of the hand; NaN if a pose does not fit the array.
     verified : pressure at the weakest focus with the best layout [Pa], from a finer solve of its
         drives.
-    moves : (B, 6) relative change of the weakest focus of the best layout if one board is moved by
-        1 cm along x, y or z, or turned by 5 degrees about one of these axes through its centre. It
-        is the worse of both directions, with a new drive.
+    moves : (B, 6) relative change of the weakest focus of the best layout if one
+        board is moved by 1 cm along x, y or z, or turned by 5 degrees about one of
+        these axes through its centre. It is the worse of both directions, with a
+        new drive.
     """
 
     setup: Setup
@@ -212,8 +213,9 @@ def place(
 ) -> Placement:
     """Search for the layouts of boards that maximise the pressure at the weakest focus.
 
-    Boards do not overlap, no board is between another board and a focus, and the whole hand is in
-    front of each board. Sound reflected by the boards is not included.
+    Boards do not overlap, no board is between another board and a focus, and the
+    whole hand is in front of each board. Sound reflected by the boards is not
+    included.
 
     Parameters
     ----------
@@ -228,7 +230,8 @@ def place(
     hands : poses of the hand for which the layouts are optimised, in place of that of the setup.
         Either hands that replace the only body, with all foci at its named points; or motions of
         all bodies.
-    tries : number of layouts before refinement; in a small region there may be fewer.
+    tries : number of layouts before refinement; in a small region there may be
+        fewer.
     seed : seed of the search. The same arguments lead to the same result.
     refine : number of layouts to refine, chosen as the best that differ by over 40 mm;
         may be 0.
@@ -239,7 +242,8 @@ def place(
     symmetric : axis along which boards are mirrored in pairs. The mirror plane passes
         through the centre of the region if it is a box, otherwise through that of the
         foci.
-    tilted : whether boards may be tilted; otherwise each faces the centre of the foci.
+    tilted : whether boards may be tilted; otherwise each faces the centre of the
+        foci.
     objective : "weakest" for the pressure at the weakest focus over all hands;
         "lowest_tenth" for the pressure that the weakest focus exceeds with nine of ten
         hands.

@@ -212,7 +212,8 @@ def focus(
     ----------
     array : the transducers.
     points : (F, 3) foci in the array's frame [m], or (3,) for a single focus.
-    hand : a hand, the surface of another body, or a list of them, in the same frame.
+    hand : a hand, the surface of another body, or a list of them, in the same
+        frame.
     pressures : (F,) requested peak pressures [Pa], or one number for all foci; by default, as high
         as possible.
     medium : fluid around the bodies; by default, air at 20 °C.

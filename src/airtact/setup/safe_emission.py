@@ -39,7 +39,8 @@ class Plan:
     modulation : amplitude modulation of a drive; None for a sequence or a constant
         drive.
     cap : largest amplitude of an element, as a share of full scale.
-    limited : whether the cap was chosen to keep the level at a head under the limit.
+    limited : whether the cap was chosen to keep the level at a head under the
+        limit.
     """
 
     stored: DriveFile

@@ -30,8 +30,10 @@ class MovingDrive:
     sequence : the sequence of drives.
     transfer, target : transfer matrix and target for all P positions of the foci, in the order of
         ``moving_target``.
-    pressures : (P,) linear peak pressure at each position while a focus is there [Pa].
-    steepening : effect of real air on these pressures. The motion of the foci is ignored.
+    pressures : (P,) linear peak pressure at each position while a focus is there
+        [Pa].
+    steepening : effect of real air on these pressures. The motion of the foci is
+        ignored.
     warnings : warnings of methods that stopped early.
     """
 

@@ -39,16 +39,19 @@ class Setup:
         open air.
     accuracy : requested relative error; by default, that of the solver if it has one,
         else 0.01.
-    method : name of the method that computes the drive, a key of ``drives.METHODS``.
+    method : name of the method that computes the drive, a key of
+        ``drives.METHODS``.
     levels : amplitudes and phases to which the drive is rounded.
-    modulation : modulation that makes the drive perceptible; None for a constant drive.
+    modulation : modulation that makes the drive perceptible; None for a constant
+        drive.
     uncertainty : uncertainty of the hand, the air and the transducers, or None.
     samples, seed : number of samples of the uncertainty for computing the drive, and
         their seed.
     bodies, foci : a name for each body and each focus.
     traps : traps, whose lobes are the first points of the target.
     board : kind of the boards that make up the array, or None.
-    hands : hands that are bodies or define named points, in the frame of the obstacles.
+    hands : hands that are bodies or define named points, in the frame of the
+        obstacles.
     riding : for each focus, the named point on which it lies and its distance from the surface
         [m]; None if it lies on none.
     objects : virtual objects.

@@ -123,7 +123,8 @@ class ArrayTable(Table, frozen=True):
         "autd3".
     rows, columns : number of flat boards along y and along x; by default 2.
     poses : poses of the boards.
-    calibration : .csv file in the folder of the scene with the gain of each element.
+    calibration : .csv file in the folder of the scene with the gain of each
+        element.
     source : "piston" radiates only forward, "monopole" in all directions.
     piston_radius : radius of a transducer [m]; by default that of the board, or 4.5 mm
         for .csv.
@@ -310,7 +311,8 @@ class ObjectTable(Table, frozen=True):
 
     Attributes
     ----------
-    sphere, capsule, box, cylinder, half_space, button : object defined by a formula.
+    sphere, capsule, box, cylinder, half_space, button : object defined by a
+        formula.
     surface : closed mesh file in the folder of the scene.
     scale : length of one unit of the mesh file [m]; by default 1.
     name : name of the object in results.
@@ -502,7 +504,8 @@ class FocusTable(Shape, frozen=True):
 
     Attributes
     ----------
-    at : named point of a body, such as "thumb.pad", or "left.thumb.pad" with two hands.
+    at : named point of a body, such as "thumb.pad", or "left.thumb.pad" with two
+        hands.
     onto : name of a body; the points are projected onto its surface.
     offset : distance from the body's surface [m]; by default 0.0005.
     pressure : peak pressure at every point [Pa]; by default as high as possible.
@@ -585,8 +588,9 @@ class ModulationTable(Table, frozen=True):
 
     Attributes
     ----------
-    kind : "am" varies the amplitude; "lm" moves each focus along a small path around its position;
-        "stm" moves one focus through all points, or along a path.
+    kind : "am" varies the amplitude; "lm" moves each focus along a small path
+        around its position; "stm" moves one focus through all points, or along a
+        path.
     frequency : frequency of the force, or rounds of the path per second [Hz]; by default 200 for
         "am", 50 for "lm", and 7 m/s along the path for "stm".
     depth : depth of the modulation of the force, 0 to 1; by default 1.
@@ -683,7 +687,8 @@ class SceneFile(Table, frozen=True):
     most_points : largest number of foci and suppression points together.
     solver : computation of the field.
     drive : computation of the drive.
-    uncertainty : standard deviations, for the methods "robust" and "robust_phase_only".
+    uncertainty : standard deviations, for the methods "robust" and
+        "robust_phase_only".
     tracker : pose of the tracker in the obstacles' frame, for ``airtact live``.
     """
 

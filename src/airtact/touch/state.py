@@ -37,7 +37,8 @@ class TouchState:
 
     Parameters
     ----------
-    objects : the virtual objects; assign to ``objects`` to move, add or remove some.
+    objects : the virtual objects; assign to ``objects`` to move, add or remove
+        some.
     offset : distance of the foci from the skin [m].
     most : largest number of foci, including those that are fading.
     wavelength : wavelength of the sound [m].

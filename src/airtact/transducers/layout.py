@@ -38,14 +38,16 @@ class PhasedArray:
     Attributes
     ----------
     positions : (E, 3) centres of the elements' faces [m].
-    normals : (E, 3) directions in which the elements radiate; stored as unit vectors.
+    normals : (E, 3) directions in which the elements radiate; stored as unit
+        vectors.
     element : kind of transducer at every position. By default, a piston with a radius of 4.5 mm,
         which only radiates forward; without normals, a monopole.
     tangents : (E, 3) directions of the elements' x axes, which orient the points on
         their faces; stored as unit vectors. By default, any directions perpendicular to
         the normals.
-    gains : (E,) complex gain of each element relative to a nominal one, for the phasor
-        Re[p e^{−iωt}]: 1 by default, 0 for a dead element. See ``calibrated``.
+    gains : (E,) complex gain of each element relative to a nominal one, for the
+        phasor Re[p e^{−iωt}]: 1 by default, 0 for a dead element. See
+        ``calibrated``.
 
     Raises
     ------

@@ -61,7 +61,8 @@ class Levels:
 
         Parameters
         ----------
-        amplitudes, phases : number of levels of amplitude and of phase, 2 to 256 each.
+        amplitudes, phases : number of levels of amplitude and of phase, 2 to 256
+            each.
 
         Raises
         ------

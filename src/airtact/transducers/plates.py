@@ -22,9 +22,10 @@ THICKNESS = 8.7e-3
 def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple[Obstacle, ...]:
     """Model the boards of an array as rigid bodies that reflect sound.
 
-    Each board is a closed box with the outline stated by the maker, and its transducers are pistons
-    in the front face. Boards that touch or overlap form a single body. Add the bodies to the
-    obstacles of the scene, and do not move the array afterwards.
+    Each board is a closed box with the outline stated by the maker, and its
+    transducers are pistons in the front face. Boards that touch or overlap form a
+    single body. Add the bodies to the obstacles of the scene, and do not move the
+    array afterwards.
 
     Parameters
     ----------
@@ -95,9 +96,10 @@ def flush(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
 def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elements"]:
     """Return the factor on the strength of each element in a scene.
 
-    The factor is 1 in open air, and 1/2 in reflecting boards and for directional elements flush
-    with a plane. A rigid face doubles a source, but the sensitivity already includes this doubling,
-    because it is stated for a transducer in a board.
+    The factor is 1 in open air, and 1/2 in reflecting boards and for directional
+    elements flush with a plane. A rigid face doubles a source, but the sensitivity
+    already includes this doubling, because it is stated for a transducer in a
+    board.
 
     Raises
     ------

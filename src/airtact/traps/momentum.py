@@ -42,7 +42,8 @@ def body_force(
     drive : drive of the array.
     body : the body, such as ``sound_hard(sphere(2e-3, 1e-3))``. A filled sphere also represents a
         light solid, such as expanded polystyrene.
-    about : (3,) reference point of the torque [m]; by default, the centre of the body.
+    about : (3,) reference point of the torque [m]; by default, the centre of the
+        body.
     solver : solver for the field; by default, boundary elements with an error of 1 %.
         For filled bodies, the default is the series solution if there is only one
         sphere in open air, and finite elements otherwise.

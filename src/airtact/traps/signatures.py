@@ -29,12 +29,14 @@ def signature(
     ----------
     array : the transducers.
     drive : drive that creates a focus at the position of the trap.
-    kind : "twin" shifts the half of the elements on the side of ``axis`` by π. "vortex" adds to
-        each phase the angle of the element around the array's front direction. "bottle" shifts
-        the elements within a radius of that direction by π; the radius is chosen so that they have
-        about half of the total amplitude.
-    axis : (3,) direction of any length. If the array has no front direction, because its elements
-        face each other, vortices and bottles are built around ``axis``.
+    kind : "twin" shifts the half of the elements on the side of ``axis`` by π.
+        "vortex" adds to each phase the angle of the element around the array's
+        front direction. "bottle" shifts the elements within a radius of that
+        direction by π; the radius is chosen so that they have about half of the
+        total amplitude.
+    axis : (3,) direction of any length. If the array has no front direction,
+        because its elements face each other, vortices and bottles are built around
+        ``axis``.
 
     Returns
     -------

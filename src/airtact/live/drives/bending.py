@@ -1,13 +1,14 @@
 """Solutions for a whole hand on panels that bend with it, adapted to the current pose.
 
-Solving for a whole hand takes about 0.2 s. Its factors (see ``factors``) are outdated after 20 ms,
-because the phase of the sound scattered by a neighbouring finger changes with every millimetre.
-The strengths of the sources on the skin, relative to the direct sound of the beacon, hardly change:
-they are smooth functions of the position on each bone. The sources are therefore moved with their
-bones, their phases are updated for the new paths from the focus, and their field is recomputed.
-This takes 20 ms and corrects most of the error of a solution that is 0.1 s old. Until the next
-update, the sources of each bone are combined, and their common phase follows the path through their
-centre.
+Solving for a whole hand takes about 0.2 s. Its factors (see ``factors``) are
+outdated after 20 ms, because the phase of the sound scattered by a neighbouring
+finger changes with every millimetre. The strengths of the sources on the skin,
+relative to the direct sound of the beacon, hardly change: they are smooth functions
+of the position on each bone. The sources are therefore moved with their bones,
+their phases are updated for the new paths from the focus, and their field is
+recomputed. This takes 20 ms and corrects most of the error of a solution that is
+0.1 s old. Until the next update, the sources of each bone are combined, and their
+common phase follows the path through their centre.
 """
 
 from collections.abc import Sequence

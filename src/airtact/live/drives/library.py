@@ -1,7 +1,8 @@
 """Library of solutions, and the choice of the best solution for the current pose.
 
-The value of a solution depends on how similar its pose is to the current one, not on its age: a
-hand that pinches repeatedly returns to poses for which solutions exist.
+The value of a solution depends on how similar its pose is to the current one, not
+on its age: a hand that pinches repeatedly returns to poses for which solutions
+exist.
 """
 
 from collections.abc import Iterable
@@ -39,12 +40,13 @@ def expected_kept(
 ) -> Poses:
     """Return the expected share of the attainable pressure at the weakest focus of a drive.
 
-    The shares are medians over 1,700 pairs of poses of a pinch. One pose of each pair
-    is solved and the other is played, with solutions for the whole hand. The thumb and
-    index finger open and close 200 mm in front of 2 x 2 flat boards, while the hand
-    moves by 150 mm. The share falls within a millimetre, an eighth of the wavelength,
-    because of multiple reflections between the two fingers. Solutions for the whole
-    hand lose their benefit as fast as those for the phalanges.
+    The shares are medians over 1,700 pairs of poses of a pinch. One pose of each
+    pair is solved and the other is played, with solutions for the whole hand. The
+    thumb and index finger open and close 200 mm in front of 2 x 2 flat boards,
+    while the hand moves by 150 mm. The share falls within a millimetre, an eighth
+    of the wavelength, because of multiple reflections between the two fingers.
+    Solutions for the whole hand lose their benefit as fast as those for the
+    phalanges.
 
     The effect of noise, as filtered by ``Predictor``, is fitted by hand to medians from
     ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 23 drives for
@@ -149,7 +151,8 @@ class Library:
         Parameters
         ----------
         posed : the hand in its current pose.
-        noise : standard deviation of each coordinate of the tracker's landmarks [m].
+        noise : standard deviation of each coordinate of the tracker's landmarks
+            [m].
         """
         if not self._solutions:
             return 0.0, None

@@ -1,11 +1,12 @@
 """Solutions for beacons on skin that touches, or will soon touch, an object.
 
-A focus at a contact may be anywhere on the hand, and it moves along the skin. Nearly all of the
-sound that the hand scatters to the focus comes from the skin around it. At two fingertips, panels
-within 20 mm of the foci give 0.92 to 0.94 of the attainable pressure; all panels give 0.97, and
-distances alone 0.68 to 0.75. Solving these panels takes milliseconds, so every drive uses a
-solution for its own pose. Panels that face away from the elements matter here, because the sound
-bends around a fingertip.
+A focus at a contact may be anywhere on the hand, and it moves along the skin.
+Nearly all of the sound that the hand scatters to the focus comes from the skin
+around it. At two fingertips, panels within 20 mm of the foci give 0.92 to 0.94 of
+the attainable pressure; all panels give 0.97, and distances alone 0.68 to 0.75.
+Solving these panels takes milliseconds, so every drive uses a solution for its own
+pose. Panels that face away from the elements matter here, because the sound bends
+around a fingertip.
 """
 
 from collections.abc import Mapping

@@ -86,13 +86,14 @@ class _Foci:
 class TouchAware(SolvingMaker):
     """Computes drives for contacts with virtual objects and for requested foci, on both hands.
 
-    At each drive, contacts are found on the predicted hands. Their foci appear, move
-    and fade as described in ``TouchState``; requested foci rise and fall at the same
-    rate. The transfer matrix is that of open air times the factors of the newest
-    solution for the skin near contacts. A separate process computes these solutions,
-    starting before the skin touches an object. A single focus runs along the outlines
-    of all contacts with objects of the style "outline". The drive is scaled to the
-    strongest focus, so that a focus of strength s receives s times the pressure.
+    At each drive, contacts are found on the predicted hands. Their foci appear,
+    move and fade as described in ``TouchState``; requested foci rise and fall at
+    the same rate. The transfer matrix is that of open air times the factors of the
+    newest solution for the skin near contacts. A separate process computes these
+    solutions, starting before the skin touches an object. A single focus runs along
+    the outlines of all contacts with objects of the style "outline". The drive is
+    scaled to the strongest focus, so that a focus of strength s receives s times
+    the pressure.
 
     Parameters
     ----------

@@ -93,7 +93,8 @@ class PageProcess:
     Parameters
     ----------
     scene : the fixed part of the scene.
-    port : port to listen on; 0 selects a free port, which then appears in ``address``.
+    port : port to listen on; 0 selects a free port, which then appears in
+        ``address``.
     host : address to listen on. Unless it is ``127.0.0.1``, ``address`` contains a token that every
         request must include.
     hand : (25, 3) initial joints of a hand that can be dragged on the page [m]; none by
@@ -102,9 +103,12 @@ class PageProcess:
         while the page is open, and hands tracked by a headset. Closing the page counts
         as losing them.
     controls : initial settings.
-    on_emergency : called in a separate thread as soon as the emergency stop is pressed.
-    world : virtual objects, which the page can move; by default, those of the moments.
-    certificate : PEM file with a certificate and its key, to serve the page over HTTPS.
+    on_emergency : called in a separate thread as soon as the emergency stop is
+        pressed.
+    world : virtual objects, which the page can move; by default, those of the
+        moments.
+    certificate : PEM file with a certificate and its key, to serve the page over
+        HTTPS.
 
     Attributes
     ----------

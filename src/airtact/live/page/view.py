@@ -60,7 +60,8 @@ class View:
 
     Attributes
     ----------
-    objects : vertices and triangles of virtual objects, by the number of their shape.
+    objects : vertices and triangles of virtual objects, by the number of their
+        shape.
     """
 
     def __init__(self, scene: LiveScene) -> None:
