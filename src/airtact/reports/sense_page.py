@@ -117,7 +117,7 @@ def _moved(sensed: Sensed) -> Markup:
     ]
     scenes = (setup.scene, replace(fitted.scene, obstacles=moved_bodies))
     foci = np.stack([setup.target.points, pose.apply(fitted.target.points)])
-    # A window smaller than that for a field makes motions of a millimetre visible.
+    # A smaller window than for fields makes motions of a millimetre visible.
     window = plane_of_scene(setup.scene, setup.target.points)
     less = 3.0 * setup.scene.wavelength
     window = replace(window, width=window.width - less, height=window.height - less)

@@ -107,7 +107,7 @@ class SoundRequest:
     ----------
     time : time of the request by ``time.monotonic`` [s].
     joints : (25, 3) joints of the hand [m].
-    foci : (F, 3) foci [m].
+    foci : (F, 3) positions of the foci [m].
     amplitudes : (E,) amplitudes of the drive, as shares of full scale.
     skin : (V, 3) points on the skin [m].
     section : slice in which the pressure is computed.
