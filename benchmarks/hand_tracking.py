@@ -18,7 +18,7 @@ import numpy as np
 from airtact.hands.hand import hand_from_joints
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, to_json
-from airtact.hands.tracking.prediction import AGILITY, Predictor
+from airtact.hands.tracking.prediction import Predictor
 from airtact.hands.tracking.stream import HandStream
 from references.motions import Pinching
 from references.seen_by_mediapipe import seen_by_mediapipe
@@ -67,7 +67,7 @@ def free_points(frames: list[HandFrame], latency: float) -> list[np.ndarray]:
     for before, frame in pairwise(frames):
         step = frame.time - before.time
         ahead = np.array([[1.0, step], [0.0, 1.0]])
-        push = AGILITY * np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
+        push = 0.3 * np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
         state, covariance = np.tensordot(ahead, state, 1), ahead @ covariance @ ahead.T + push
         gain = covariance[:, 0] / (covariance[0, 0] + NOISE**2)
         state = state + np.multiply.outer(gain, frame.landmarks - state[0])

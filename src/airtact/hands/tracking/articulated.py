@@ -3,24 +3,27 @@
 The state has 86 degrees of freedom: shift and turn of the palm, 7 turns of each finger's joints,
 and the shape. The shape consists of 15 bone lengths and 10 positions of joints in the palm. The
 shape hardly changes, so it is learned from the first second of frames, together with any constant
-error of the tracker's landmarks. The palm and the main turns also have rates. The rates are
-constant except for white noise of the acceleration. All other degrees of freedom are constant
+error of the tracker's landmarks. The palm and the main turns also have rates and accelerations.
+The accelerations are random, and forgotten within 0.2 s. All other degrees of freedom are constant
 except for a slow random walk.
 
-The state is stored as the 25 joints and the rates. The covariance describes small changes of the
-degrees of freedom from this state, about the present axes of the joints.
+The state is stored as the 25 joints, the rates and the accelerations. The covariance describes
+small changes of the degrees of freedom from this state, about the present axes of the joints.
 
 Sources
 -------
+- R. A. Singer, "Estimating optimal tracking filter performance for manned maneuvering targets",
+  IEEE Trans. Aerosp. Electron. Syst. AES-6, 473 (1970): accelerations that are forgotten.
 - Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and
-  Navigation*, Wiley 2001: section 6.2.2, discretised continuous white noise acceleration (equations
-  6.2.2-4 and 6.2.2-9); section 10.3.2, the extended Kalman filter.
+  Navigation*, Wiley 2001: section 6.2.3, noise of an acceleration in short steps (equation
+  6.2.3-9); section 10.3.2, the extended Kalman filter.
 - R. M. Murray, Z. Li, S. S. Sastry, *A Mathematical Introduction to Robotic Manipulation*, CRC
   Press 1994: section 3.4.1, the velocity of a point as the sum over its joints' twists.
 """
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
 from airtact.hands.joints import CHAINS, Joints
@@ -42,12 +45,17 @@ LEVELS = np.array([0, 0, 0, 1, 1, 2, 2])
 USED_AXES = [0, 1, 2, 3, 4, 6, 7]
 BENDS = TURNS.start + 7 * np.arange(5)[:, None] + np.array([3, 5])
 
-# Spectral density of the acceleration for an agility of 1 m²/s³: shift of the palm [m²/s³], its
-# turn, and turns of joints [rad²/s³]. A degree of freedom without such noise has no rate.
-_FINGER = [10.0, 1.0, 1.0, 3.0, 0.0, 3.0, 0.0]
-_THUMB = [10.0, 3.0, 1.0, 3.0, 0.0, 3.0, 0.0]
-ACCELERATIONS = np.array([1.0] * 3 + [3.0] * 3 + _THUMB + 4 * _FINGER + [0.0] * 45)
+# Standard deviation of the acceleration for an agility of 1 m/s²: shift of the palm [m/s²], its
+# turn, and turns of joints [rad/s²]. A degree of freedom without acceleration has no rate.
+_FINGER = [9.0, 0.5, 0.0, 5.0, 0.0, 4.0, 0.0]
+_THUMB = [9.0, 1.0, 0.0, 5.0, 0.0, 4.0, 0.0]
+ACCELERATIONS = np.array([1.0] * 6 + _THUMB + 4 * _FINGER + [0.0] * 45)
 MOVING = np.flatnonzero(ACCELERATIONS)
+# Rows of the rates and of the accelerations in the covariance.
+RATES = COUNT + np.arange(len(MOVING))
+SECOND_RATES = RATES + len(MOVING)
+# Time after which an acceleration is forgotten [s].
+MEMORY = 0.2
 # Standard deviation of each rate of a hand in its first frame [m/s, rad/s].
 FIRST_RATES = np.where(MOVING < 3, 0.5, 4.0)
 
@@ -98,15 +106,16 @@ class ArticulatedHand:
     joints : (25, 3) joints in the first frame [m].
     side : ``"left"`` or ``"right"``.
     noise : standard deviation of each coordinate [m].
-    agility : spectral density of the acceleration of the palm [m²/s³]; the densities of the joints
-        are proportional to it.
+    agility : standard deviation of the acceleration of the palm [m/s²]; those of the joints are
+        proportional to it.
 
     Attributes
     ----------
     time : time of the estimate [s].
     joints : (25, 3) estimated joints [m].
-    rates : (31,) rates of the degrees of freedom ``MOVING`` [m/s, rad/s].
-    covariance : (117, 117) covariance of the degrees of freedom, then of the rates.
+    rates : (26,) rates of the degrees of freedom ``MOVING`` [m/s, rad/s].
+    accelerations : (26,) their accelerations [m/s², rad/s²].
+    covariance : (138, 138) covariance of the degrees of freedom, the rates and the accelerations.
     """
 
     def __init__(
@@ -120,6 +129,7 @@ class ArticulatedHand:
         self.time = time
         self.joints = np.array(joints, dtype=np.float64)
         self.rates = np.zeros(len(MOVING))
+        self.accelerations = np.zeros(len(MOVING))
         self._across_sign = 1.0 if side == "right" else -1.0
         self._agilities = np.full(6, agility)
         # Joints of the last call of ``_bones``, and its result.
@@ -129,14 +139,16 @@ class ArticulatedHand:
         twists = TURNS.start + 7 * np.arange(5) + 2
         free = np.setdiff1d(np.arange(6, COUNT), twists)
         inverse = noise * np.linalg.inv(self._slopes().reshape(75, COUNT)[:, free])
-        self.covariance = np.diag(np.append(np.zeros(COUNT), FIRST_RATES**2))
+        accelerations = agility * ACCELERATIONS[MOVING]
+        deviations = np.concatenate([np.zeros(COUNT), FIRST_RATES, accelerations])
+        self.covariance = np.diag(deviations**2)
         self.covariance[np.ix_(free, free)] = inverse @ inverse.T
 
     def joints_at(self, time: float) -> Joints:
-        """Return the joints extrapolated at their rates, within the limits of the bends [m]."""
+        """Return the joints extrapolated within the limits of the bends [m]."""
         step = time - self.time
         change = np.zeros(COUNT)
-        change[MOVING] = step * self.rates
+        change[MOVING] = step * self.rates + _shares(step)[0] * self.accelerations
         # Middle and last joints bend by -20 to 120 degrees, or as far as they already do.
         along, _, hinges, _ = self._bones()
         sines = np.sum(_cross(along[:, :-1], along[:, 1:]) * hinges[:, 1:], axis=2)
@@ -151,17 +163,24 @@ class ArticulatedHand:
         self.joints = self.joints_at(time)
         step = time - self.time
         self.time = time
-        covariance = self.covariance
-        covariance[MOVING] += step * covariance[COUNT:]
-        covariance[:, MOVING] += step * covariance[:, COUNT:]
+        of_shift, of_rate, remaining = _shares(step)
+        self.rates = self.rates + of_rate * self.accelerations
+        self.accelerations = remaining * self.accelerations
+        # Rows first, then columns. A degree of freedom changes before the rate that changes it.
+        for covariance in (self.covariance, self.covariance.T):
+            covariance[MOVING] += step * covariance[RATES] + of_shift * covariance[SECOND_RATES]
+            covariance[RATES] += of_rate * covariance[SECOND_RATES]
+            covariance[SECOND_RATES] *= remaining
+        # Noise that keeps the variance of the accelerations.
+        noise = 2.0 / MEMORY * (self._agilities[RATE_GROUPS] * ACCELERATIONS[MOVING]) ** 2
         size = abs(step)
-        noise = self._agilities[RATE_GROUPS] * ACCELERATIONS[MOVING]
-        rates = COUNT + np.arange(len(MOVING))
-        covariance[MOVING, MOVING] += noise * size**3 / 3.0
-        covariance[MOVING, rates] += noise * step * size / 2.0
-        covariance[rates, MOVING] += noise * step * size / 2.0
-        covariance[rates, rates] += noise * size
-        covariance[np.arange(COUNT), np.arange(COUNT)] += size * WALKS
+        parts = (MOVING, RATES, SECOND_RATES)
+        orders = (size**2 / 2.0, step, 1.0)
+        for first, row in enumerate(parts):
+            for second, column in enumerate(parts):
+                share = orders[first] * orders[second] * size / (5 - first - second)
+                self.covariance[row, column] += share * noise
+        self.covariance[np.arange(COUNT), np.arange(COUNT)] += size * WALKS
 
     def update(
         self,
@@ -179,26 +198,30 @@ class ArticulatedHand:
         seen : indices of the measured joints.
         noise : standard deviation of the independent error of each coordinate [m].
         common : standard deviation of the error that all joints share [m].
-        agility : smallest spectral density of the acceleration of the palm [m²/s³].
+        agility : smallest standard deviation of the acceleration of the palm [m/s²].
         """
         slopes = self._slopes()[seen].reshape(-1, COUNT)
         surprise = (landmarks - self.joints[seen]).ravel()
         mixed = slopes @ self.covariance[:COUNT]
         expected = mixed[:, :COUNT] @ slopes.T
         expected += common**2 * np.tile(np.eye(3), (len(seen), len(seen)))
-        expected += noise**2 * np.eye(len(expected))
-        gain = np.linalg.solve(expected, mixed).T
-        change = gain @ surprise
-        self.covariance -= gain @ mixed
+        # At least 1 µm, so that rounding errors do not matter.
+        expected += max(noise, 1e-6) ** 2 * np.eye(len(expected))
+        # The gain is the product of two triangular factors, which takes half the time.
+        lower = np.linalg.cholesky(expected)
+        scaled = solve_triangular(lower, mixed, lower=True, check_finite=False)
+        change = scaled.T @ solve_triangular(lower, surprise, lower=True, check_finite=False)
+        self.covariance -= scaled.T @ scaled
         self.covariance = 0.5 * (self.covariance + self.covariance.T)
         self.joints = self._changed(change[:COUNT])
-        self.rates = self.rates + change[COUNT:]
+        self.rates = self.rates + change[RATES]
+        self.accelerations = self.accelerations + change[SECOND_RATES]
         # The agility of a part rises if its motion is less predictable than expected, or else
         # falls.
         excess = (surprise**2 / np.diag(expected)).reshape(-1, 3).mean(axis=1) - 1.0
         of_groups = np.array([excess[GROUPS[seen] == group].mean() for group in range(6)])
-        self._agilities *= np.exp(0.1 * np.minimum(of_groups, 4.0))
-        self._agilities = np.clip(self._agilities, agility, 30.0 * agility)
+        self._agilities *= np.exp(0.05 * np.minimum(of_groups, 4.0))
+        self._agilities = np.clip(self._agilities, agility, 5.0 * agility)
 
     def velocities(self) -> Joints:
         """Return the velocities of the joints [m/s]."""
@@ -264,6 +287,13 @@ class ArticulatedHand:
         bones = np.cumsum(lengths[..., None] * turned[..., 0], axis=1)
         joints[FINGER_JOINTS[:, 1:]] = joints[FINGER_JOINTS[:, :1]] + bones
         return joints
+
+
+def _shares(step: float) -> tuple[float, float, float]:
+    """Return how much of an acceleration adds to a shift [s²] and to a rate [s], and its rest."""
+    remaining = float(np.exp(-step / MEMORY))
+    of_rate = MEMORY * (1.0 - remaining)
+    return MEMORY * (step - of_rate), of_rate, remaining
 
 
 def _cross(

@@ -15,10 +15,10 @@ from airtact.hands.joints import TRACKED, Points, joints_of
 from airtact.hands.tracking.articulated import ArticulatedHand
 from airtact.hands.tracking.frame import HandFrame
 
-# Default spectral density of the acceleration of the palm [m²/s³]. It is nearly optimal for
-# reaching and pinching at 0.5 m/s, at 30 to 90 frames per second and noise of 0.5 to 3 mm
+# Default standard deviation of the acceleration of the palm [m/s²]. It is nearly optimal for
+# reaching at 0.5 m/s, pinching and waving fingers, at 30 and 60 frames per second and noise of 1 mm
 # (``benchmarks/hand_tracking.py``).
-AGILITY = 0.3
+AGILITY = 0.5
 
 
 class NoiseEstimate:
@@ -68,8 +68,8 @@ class Predictor:
     latency : time from a frame to the arrival of the sound computed from it [s].
     noise : standard deviation of each coordinate of the tracker's landmarks [m], or None to
         estimate it from the frames.
-    agility : spectral density of the acceleration of the palm [m²/s³]. The densities of the joints
-        are proportional to it, and all rise while the hand is more agile.
+    agility : standard deviation of the acceleration of the palm [m/s²]. Those of the joints are
+        proportional to it, and all rise while the hand is more agile.
     patience : time without frames after which the hand counts as lost and the filter restarts [s].
 
     Raises
@@ -93,7 +93,7 @@ class Predictor:
             )
         self._given_noise = None if noise is None else positive(noise, "noise", "m")
         self._estimate = NoiseEstimate()
-        self._agility = positive(agility, "agility", "m²/s³")
+        self._agility = positive(agility, "agility", "m/s²")
         self._patience = positive(patience, "patience", "s")
         # Latest frame with landmarks, these landmarks, and the hand estimated at its time.
         self._newest: tuple[HandFrame, Points, ArticulatedHand] | None = None

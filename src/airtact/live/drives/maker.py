@@ -74,8 +74,7 @@ class HandAware(SolvingMaker):
     scene : the fixed part of the scene.
     noise : standard deviation of each coordinate of the tracker's landmarks [m]; by default, it is
         estimated from the frames.
-    agility : spectral density of the acceleration of joints [m²/s³]; see
-        ``Predictor``.
+    agility : standard deviation of the acceleration of the palm [m/s²]; see ``Predictor``.
     solvers : solvers of hands; by default, the processes for the parts of ``solved_for``. If empty,
         phases are set from path lengths alone.
 
