@@ -141,7 +141,7 @@ def test_frames_unlike_their_neighbours_keep_the_phase_that_they_had():
 
 
 def test_the_loop_leads_foci_and_the_page_holds_them_still(setup, scene, clock):
-    frames = [at.hands.HandFrame(i / 60, "left", i, setup.hands[0].joints) for i in range(12)]
+    frames = [at.hands.HandFrame(i / 60, "left", i, setup.hands[0].joints) for i in range(40)]
     outputs = []
     for modulated in (True, False):
         outputs.append(Kept(clock))

@@ -139,7 +139,7 @@ class _TrackedHand:
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=256))
     stale: list[tuple[int, float, float]] = field(default_factory=list)
     given: tuple[int, float] = (0, -np.inf)
-    disorder: float = 0.39
+    disorder: float = 0.36
     evidence: float = 0.0
     together: deque[bool] = field(default_factory=lambda: deque(maxlen=16))
     at_origin: bool = False
