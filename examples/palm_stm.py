@@ -23,8 +23,8 @@ result = at.render(setup)
 result.save(folder)
 moving = result.sequence
 print(
-    f"{len(moving.sequence)} frames; {moving.weakest.min():.0f} to {moving.weakest.max():.0f} Pa "
-    "at the focus"
+    f"{len(moving.sequence)} frames; {moving.pressures.min():.0f} to "
+    f"{moving.pressures.max():.0f} Pa at the focus"
 )
 
 # Pressure at each position of the circle in each frame

@@ -72,6 +72,17 @@ def test_degrees_and_radians_are_recognised(tmp_path, text: str, factor: float) 
     np.testing.assert_allclose(drive.amplitudes, factor * np.exp(1j * PHASES), atol=1e-8)
 
 
+def test_levels_of_256_are_named_or_suspected(tmp_path) -> None:
+    levels = np.arange(249) % 256
+    file = tmp_path / "levels.csv"
+    file.write_text("phase_level\n" + "\n".join(map(str, levels)))
+    drive = at.load_drive(file)
+    np.testing.assert_allclose(drive.amplitudes, np.exp(2j * np.pi * levels / 256), atol=1e-12)
+    file.write_text("\n".join(map(str, levels)))
+    with pytest.warns(UserWarning, match="phase_level"):
+        at.load_drive(file)
+
+
 @pytest.mark.parametrize("name", ["autd3", "sonicsurface", "nano16", "openmpd"])
 def test_messages_of_boards_come_back(tmp_path, name: str) -> None:
     codec = codec_of(name)

@@ -35,7 +35,8 @@ def replace_pressures(result, target, values, report):
     """A comparison with these pressures at the foci, whatever is held equal."""
     field = replace(result.field, report=report)
     pressures = dict.fromkeys(result.pressures, values)
-    return replace(result, target=target, pressures=pressures, field=field)
+    at_foci = values.T + 0j
+    return replace(result, target=target, pressures=pressures, field=field, at_foci=at_foci)
 
 
 def test_the_gain_is_that_of_the_weakest_foci_and_of_the_mean() -> None:

@@ -175,3 +175,8 @@ def test_a_point_has_three_numbers():
 def test_nearest_points_of_two_segments(first, second, distance):
     ends = nearest_on_segments(np.array(first, dtype=float), np.array(second, dtype=float))
     assert math.dist(*ends) == pytest.approx(distance, abs=1e-15)
+
+
+def test_a_large_sphere_has_small_panels():
+    panels = at.sphere(0.3, 0.05).shape.panels(0.015)
+    assert len(panels) >= 1.35 * 4 * math.pi * 0.3**2 / (math.sqrt(3) / 4 * 0.015**2)

@@ -57,6 +57,10 @@ def test_points_are_even_and_on_the_skin(around_ball) -> None:
     apart = np.linalg.norm(points[:, None] - points, axis=2) + np.eye(len(points))
     # 80 points on this sphere are at most 3.8 mm apart.
     assert apart.min() > 2e-3
+    np.testing.assert_allclose(around_ball.normals, points / 9e-3, atol=0.1)
+    for index in (80, -1):
+        with raises_code("out_of_range"):
+            around_ball.drive(index)
     assert set(around_ball.places) == {"body 0"}
     np.testing.assert_allclose(around_ball.on_skin[around_ball.chosen], around_ball.bounds)
     assert around_ball.on_skin.max() < 1.001 * around_ball.bounds.max()

@@ -70,9 +70,6 @@ def render(
             computed = compute(setup, clock, store)
             report_step(f"writing the drive, which is not yet verified, to {folder}")
             files += save_files(computed, folder)
-            # A full disk raises before this line, so that it cannot lose the files of an older run.
-            for name in {*FILES} - {file.name for file in files}:
-                (folder / name).unlink(missing_ok=True)
             unverified = f" The drive in {folder} is not verified."
             result = verify(computed, clock, store)
             if result.drive is not computed.drive:
@@ -81,10 +78,17 @@ def render(
             unverified = ""
             if pictures:
                 files += at.write_report(result, folder, progress=report_step)
+            _remove_older(folder, files)
         except KeyboardInterrupt:
+            if unverified:
+                _remove_older(folder, files)
             words = ", ".join(file.name for file in files) or "no files of this run"
             raise KeyboardInterrupt(f"{words} in {folder}, each complete.{unverified}") from None
         except (at.InvalidInput, at.NotConverged) as fault:
+            # A full disk must not lose the files of an older run. Otherwise an older report beside
+            # an unverified drive would mislead.
+            if unverified and fault.code != "not_writable":
+                _remove_older(folder, files)
             raise type(fault)(f"{fault}{unverified}", code=fault.code) from fault
     written = {file.name: str(file) for file in files}
     last = folder / ("report.html" if pictures else "drive.h5")
@@ -101,6 +105,12 @@ def render(
     )
     if opened:
         open_page(folder / "report.html")
+
+
+def _remove_older(folder: Path, files: list[Path]) -> None:
+    """Remove the files of an older run that this one did not write."""
+    for name in {*FILES} - {file.name for file in files}:
+        (folder / name).unlink(missing_ok=True)
 
 
 def _moving(result: "Rendering", file: Path) -> list[str]:

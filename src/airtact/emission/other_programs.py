@@ -9,6 +9,7 @@ phases.
 import gzip
 import io
 import re
+import warnings
 import xml.etree.ElementTree as ElementTree
 import zlib
 from collections.abc import Callable
@@ -165,14 +166,22 @@ def _radians(path: Path, phases: Phases, name: str) -> Phases:
     """Convert phases to radians; without a named unit, a range above 2π means degrees."""
     if "rad" in name or "deg" in name:
         return np.radians(phases) if "deg" in name else phases
+    if "level" in name:
+        return 2.0 * np.pi / 256.0 * phases
     largest = float(np.abs(phases).max())
     if largest <= 2.0 * np.pi + 1e-3:
         return phases
     if largest > 360.0 + 1e-3:
         raise InvalidInput(
             f"phases in {path.name} reach {largest:g}, which is more than a turn in radians and in "
-            "degrees; name the column phase_radians or phase_degrees.",
+            "degrees; name the column phase_radians, phase_degrees or phase_level (of 256).",
             code="out_of_range",
+        )
+    if largest <= 255.0 and np.array_equal(phases, np.round(phases)) and phases.min() >= 0.0:
+        warnings.warn(
+            f"phases in {path.name} are whole numbers up to {largest:.0f}, taken as degrees. If "
+            "they are levels of 256, name the column phase_level.",
+            stacklevel=2,
         )
     return np.radians(phases)
 

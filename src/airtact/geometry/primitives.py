@@ -1,5 +1,6 @@
 """Spheres and capsules: exact shapes and their curved meshes."""
 
+import itertools
 import math
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -131,7 +132,10 @@ class Capsule(Shape):
         min_around = math.ceil(2.0 * math.pi / (1.001 * bend))
         # With 3 or 4 points around for each ring of a cap, panels are about as high as wide.
         options = []
-        for rings in range(2, max_rings + 1):
+        for rings in itertools.count(2):
+            # Large spheres with small panels need up to a tenth more rings.
+            if rings > max_rings and options:
+                break
             for around in range(max(3 * rings, min_around), 4 * rings + 1):
                 count = _triangle_count(rings, around, length)
                 if count >= needed:

@@ -34,7 +34,7 @@ class ReachMap:
     Attributes
     ----------
     setup : scene and array.
-    vertices, normals : (V, 3) vertices on the skin of all bodies [m], and outward unit
+    vertices, vertex_normals : (V, 3) vertices on the skin of all bodies [m], and outward unit
         normals.
     triangles : (T, 3) indices of the vertices of each triangle.
     chosen : (P,) indices of the vertices at which the pressure was computed.
@@ -46,7 +46,7 @@ class ReachMap:
 
     setup: Setup
     vertices: Vertices
-    normals: Vertices
+    vertex_normals: Vertices
     triangles: Int64[np.ndarray, "triangles 3"]
     chosen: Int64[np.ndarray, "points"]
     places: tuple[str, ...]
@@ -63,6 +63,11 @@ class ReachMap:
         """(P, 3) points at which the pressure was computed [m]."""
         return self.vertices[self.chosen]
 
+    @property
+    def normals(self) -> Points:
+        """(P, 3) outward unit normals at these points."""
+        return self.vertex_normals[self.chosen]
+
     @cached_property
     def bounds(self) -> Float64[np.ndarray, "points"]:
         """(P,) largest peak pressure at each point, with all elements in phase there [Pa]."""
@@ -70,6 +75,11 @@ class ReachMap:
 
     def drive(self, point: int) -> Drive:
         """Return the drive that produces the largest pressure at the point with this index."""
+        if point not in range(len(self.chosen)):
+            raise InvalidInput(
+                f"there is no point {point!r}; use an index from 0 to {len(self.chosen) - 1}.",
+                code="out_of_range",
+            )
         return Drive(np.exp(-1j * np.angle(self.transfer.matrix[point])))
 
     @property
@@ -87,7 +97,7 @@ class ReachMap:
     def on_skin(self) -> Float64[np.ndarray, "vertices"]:
         """(V,) bound at all vertices of the skin, interpolated from the nearest points [Pa]."""
         # Opposite normals count as 16 mm apart, so that the two sides of a finger do not mix.
-        sides = np.column_stack([self.vertices, 8e-3 * self.normals])
+        sides = np.column_stack([self.vertices, 8e-3 * self.vertex_normals])
         count = min(6, len(self.chosen))
         found = map(np.asarray, KDTree(sides[self.chosen]).query(sides, k=count))
         distances, nearest = (values.reshape(-1, count) for values in found)
@@ -97,7 +107,7 @@ class ReachMap:
     def table(self) -> list[dict[str, str | float]]:
         """Return one row per point, with its place, x, y, z and normal [m], and the bound [Pa]."""
         columns = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "bound_Pa")
-        numbers = np.column_stack([self.points, self.normals[self.chosen], self.bounds])
+        numbers = np.column_stack([self.points, self.normals, self.bounds])
         return [
             {"place": place, **dict(zip(columns, row, strict=True))}
             for place, row in zip(self.places, numbers.tolist(), strict=True)

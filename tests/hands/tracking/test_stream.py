@@ -192,6 +192,17 @@ def test_a_second_tracker_of_a_hand_waits_until_the_first_ends(clock):
     assert stream.clock("left").time(clock.now) == pytest.approx(stream.latest("left").time)
 
 
+def test_a_recording_can_be_sent_again_over_a_new_connection(clock):
+    stream = HandStream(clock=clock)
+    for source in ("first", "second"):
+        used = 0
+        for index in range(1, 10):
+            clock.now += 1 / 60
+            used += stream.feed(still(index), source) is None
+        assert used >= 7
+        stream.disconnect(source, interrupted=False)
+
+
 def test_a_hand_of_half_or_one_and_a_half_the_size_is_used():
     for size in (0.5, 0.6, 0.75, 1.5):
         assert HandStream().feed(still(0, landmarks=size * JOINTS)) is None

@@ -306,6 +306,7 @@ class HandStream:
                 )
             hand.source = source
             hand.unit = 1.0
+            hand.recent.clear()  # it may replay the same recording
         number, taken = hand.given
         if frame.sequence > number or newest is None:
             # One in ten, as from a network that reorders, leads to 0.32 at most.
