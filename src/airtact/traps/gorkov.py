@@ -30,7 +30,6 @@ from airtact.transducers.layout import PhasedArray
 # change the third derivatives by 1e-7.
 _columns, _weights = lebedev_rule(11)
 DIRECTIONS = _columns.T
-WEIGHTS = _weights / (4.0 * np.pi)
 
 
 @dataclass(frozen=True)
@@ -265,7 +264,7 @@ def derivatives_inside(
     wavenumber: complex,
 ) -> Derivatives:
     """Return the derivatives at the centres of spheres from the pressures along ``DIRECTIONS``."""
-    pressure = pressure * WEIGHTS
+    pressure = pressure * (_weights / (4.0 * np.pi))
     directions = DIRECTIONS
     waves = [spherical_jn(order, wavenumber * radius) for order in range(4)]
     identity = np.eye(3)

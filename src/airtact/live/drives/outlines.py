@@ -18,11 +18,6 @@ from airtact.touch.skin import Skin
 # a wavelength.
 FRAMES = 12
 
-# Speed along the outlines [m/s], and largest number of rounds per second. Skin is most sensitive at
-# about 200 Hz, so the focus moves more slowly along outlines shorter than 35 mm.
-SPEED = 7.0
-MAX_ROUNDS = 200.0
-
 
 @dataclass(frozen=True, eq=False)
 class Outline:
@@ -100,7 +95,9 @@ def round_along(outlines: Sequence[Outline], frequency: float) -> Round:
     lengths = [_stations(outline.curve) for outline in outlines]
     ends = np.cumsum([stations[-1] for stations in lengths])
     total = max(float(ends[-1]), 1e-4)
-    rounds = min(SPEED / total, MAX_ROUNDS)
+    # The focus moves at 7 m/s. Along outlines shorter than 35 mm it is slower, because skin is most
+    # sensitive at about 200 Hz.
+    rounds = min(7.0 / total, 200.0)
     rate = frequency / round(frequency / (rounds * FRAMES))
     points: list[Point] = []
     owners = []
