@@ -51,6 +51,21 @@ def send(receiver, sequence, **options):
         assert receiver.stream.wait(PATIENCE).sequence == sequence
 
 
+class LateReceiver(WebSocketReceiver):
+    """A receiver whose threads start late, as on a busy computer."""
+
+    def _receive(self, connection):
+        time.sleep(0.1)
+        super()._receive(connection)
+
+
+def test_frames_sent_just_before_the_end_are_used(stream):
+    with LateReceiver(stream) as receiver, tracker_of(receiver) as tracker:
+        tracker.send(at.hands.to_json(still(0)))
+        tracker.close()
+    assert stream.health.used == 1
+
+
 def test_frames_come_by_websocket(receiver):
     with tracker_of(receiver) as tracker:
         tracker.send(at.hands.to_json(still(3)).decode())

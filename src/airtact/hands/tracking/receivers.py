@@ -16,6 +16,7 @@ from airtact.errors import InvalidInput, extra
 from airtact.hands.tracking.stream import HandStream
 
 if TYPE_CHECKING:
+    from websockets.http11 import Request, Response
     from websockets.sync.server import ServerConnection
 
 # Failed handshakes must not print tracebacks.
@@ -86,6 +87,7 @@ class WebSocketReceiver:
             # Local pages are allowed, and so are programs without an origin, which are not
             # browsers.
             origins=[None, re.compile(r"https?://(localhost|127\.0\.0\.1)(:\d+)?")],
+            process_response=self._open,
             max_size=MAX_MESSAGE,
             compression=None,
             close_timeout=1,
@@ -108,28 +110,36 @@ class WebSocketReceiver:
             connections = list(self._connections)
         for connection in connections:
             connection.close()
-        # Messages that were already received are still processed.
-        while self._connections:
+        # Messages that were already received are still processed. A connection that broke while it
+        # opened stays in the list, hence the limit.
+        end = time.monotonic() + 2.0
+        while self._connections and time.monotonic() < end:
             time.sleep(0.01)
         self._thread.join()
+
+    def _open(self, connection: "ServerConnection", request: "Request", answer: "Response") -> None:
+        """Note a connection before its tracker learns that it is open, so ``close`` waits for it."""
+        with self._lock:
+            if answer.status_code == 101 and not self._closed:
+                self._connections[connection] = time.monotonic()
 
     def _receive(self, connection: "ServerConnection") -> None:
         from websockets.exceptions import ConnectionClosed, ConnectionClosedOK
 
         with self._lock:
-            if self._closed:
+            if connection not in self._connections:
                 return
-            if len(self._connections) >= 64:
+            if len(self._connections) > 64:
                 # Idle connections must not keep a tracker out, so the one that has not sent a used
                 # frame for the longest time is closed.
                 idle = min(self._connections, key=self._connections.__getitem__)
+                del self._connections[idle]
                 with suppress(OSError):
                     idle.socket.shutdown(socket.SHUT_RDWR)
-            self._connections[connection] = time.monotonic()
         source = str(connection.id)
         try:
             while True:
-                if self._serve(connection, source):
+                if self._serve(connection, source) and connection in self._connections:
                     self._connections[connection] = time.monotonic()
         except ConnectionClosedOK:
             self.stream.disconnect(source, interrupted=False)
@@ -137,7 +147,7 @@ class WebSocketReceiver:
             self.stream.disconnect(source, interrupted=True)
         finally:
             with self._lock:
-                del self._connections[connection]
+                self._connections.pop(connection, None)
 
     def _serve(self, connection: "ServerConnection", source: str) -> bool:
         """Wait for a message and process it; return whether it is used."""
