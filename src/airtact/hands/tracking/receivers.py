@@ -118,7 +118,7 @@ class WebSocketReceiver:
         self._thread.join()
 
     def _open(self, connection: "ServerConnection", request: "Request", answer: "Response") -> None:
-        """Note a connection before its tracker learns that it is open, so ``close`` waits for it."""
+        """List a connection before its tracker learns that it is open; ``close`` waits for it."""
         with self._lock:
             if answer.status_code == 101 and not self._closed:
                 self._connections[connection] = time.monotonic()
