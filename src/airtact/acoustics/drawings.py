@@ -32,16 +32,17 @@ def text(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Return the points (F, 3) of text in Hershey's single-stroke letters (1967) [m].
+    """Return points (F, 3) along a text in Hershey's single-stroke letters of 1967 [m].
 
     Parameters
     ----------
-    words : text in ASCII.
+    words : the text, in ASCII characters.
     height : height of a capital letter [m].
     spacing : largest distance between neighbours along a stroke [m].
     centre : (3,) middle of the text [m].
     normal : (3,) direction toward the reader.
-    up : (3,) direction of the letters' tops; None for y, or z if the normal is nearly y.
+    up : (3,) direction in which the letters point up; by default y, or z if the normal is
+        nearly parallel to y.
 
     Raises
     ------
@@ -84,24 +85,25 @@ def svg_path(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Return points (F, 3) [m] on the lines of an SVG drawing.
+    """Return points (F, 3) along the lines of an SVG drawing [m].
 
     The drawing may contain paths, polygons, circles and transforms.
 
     Parameters
     ----------
     source : an .svg file, or the text of one path, such as "M 0 0 L 10 0 C 10 5 5 10 0 10 Z".
-    width : width of the drawing [m], or its height if it has no width.
+    width : width to which the drawing is scaled [m]; if it is one vertical line, its height.
     spacing : largest distance between neighbours along a line [m].
     centre : (3,) middle of the drawing [m].
     normal : (3,) direction toward the viewer.
-    up : (3,) direction of the drawing's top; None for y, or z if the normal is nearly y.
+    up : (3,) direction in which the drawing's top points; by default y, or z if the normal is
+        nearly parallel to y.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, is not SVG, or has no lines or too many; or under the conditions
-        listed in ``polyline``.
+        If the file cannot be read, is not SVG, or contains no lines or too many curves; or
+        under the conditions listed in ``polyline``.
     """
     width = positive(width, "the width of the drawing", "m")
     spacing = positive(spacing, "the spacing", "m")

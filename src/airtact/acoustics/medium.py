@@ -73,8 +73,8 @@ class Medium:
 def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -> Medium:
     """Return the ``Medium`` of humid air at one atmosphere (101 325 Pa).
 
-    The speed of sound is that of Cramer (1993, equation 15), the density that of CIPM-2007, and the
-    absorption at ``frequency`` that of ISO 9613-1.
+    The speed of sound follows Cramer (1993, equation 15), the density follows CIPM-2007, and
+    the absorption follows ISO 9613-1.
 
     Parameters
     ----------

@@ -42,11 +42,11 @@ class Plane:
         )
 
     def height(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Return the distance of points (P, 3) [m] from the plane [m], negative behind it."""
+        """Return the distance of points (P, 3) from the plane [m]; negative behind the plane."""
         return (points - self.point) @ self.normal
 
     def image(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-        """Return the mirror images of points (P, 3) [m] in the plane."""
+        """Return the mirror images (P, 3) of points (P, 3) in the plane [m]."""
         return points - 2.0 * self.height(points)[:, None] * self.normal
 
     def moved(self, motion: Pose) -> "Plane":
@@ -54,7 +54,7 @@ class Plane:
         return Plane(fixed(motion.apply(self.point)), fixed(motion.rotate(self.normal)))
 
     def kept_by(self, motion: Pose) -> bool:
-        """Whether a rigid motion, such as a shift along the plane, maps the plane onto itself.
+        """Return whether a rigid motion maps the plane onto itself, as a shift along it does.
 
         A field solved in front of the plane remains valid after such a motion of the bodies.
         """
@@ -66,10 +66,10 @@ class Plane:
 def plane(point: Vector, normal: Vector) -> Plane:
     """Build a rigid plane, such as a table or a wall.
 
-    The plane satisfies ∂p/∂n = 0, and all sound is in front of it. The images of sources and bodies
-    in the plane produce the exact field. A point source on the plane radiates twice its open-air
-    pressure. A transducer mounted flush in the plane keeps its sensitivity, because this is stated
-    for a transducer in a board.
+    On the plane, ∂p/∂n = 0, and all sound is in front of it. The field is exact, because it is
+    computed with mirror images of the sources and bodies. A point source on the plane radiates
+    twice its open-air pressure. A transducer mounted flush with the plane keeps its
+    sensitivity, because sensitivities are stated for transducers mounted in a board.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def plane(point: Vector, normal: Vector) -> Plane:
 
     Returns
     -------
-    The plane, whose normal has unit length.
+    The plane, with a normal of unit length.
 
     Raises
     ------

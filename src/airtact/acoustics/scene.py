@@ -41,8 +41,8 @@ class Obstacle:
     surface : closed surface of the body.
     boundary : ``"sound_hard"`` (∂p/∂n = 0), ``"impedance"`` (∂p/∂n + (ik/ratio) p = 0) or
         ``"filled"`` (another fluid).
-    ratio : impedance Z/(ρc) for the boundary "impedance", and otherwise None.
-    medium : fluid inside a filled body, and otherwise None.
+    ratio : relative impedance Z/(ρc) if ``boundary`` is "impedance", otherwise None.
+    medium : fluid inside the body if ``boundary`` is "filled", otherwise None.
     board : whether the body consists of reflecting boards of the array, with elements in their
         faces, as built by ``reflecting_boards``.
     """
@@ -110,10 +110,10 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
     Parameters
     ----------
     surface : closed surface of the body.
-    ratio : impedance Z/(ρc), where Z is the pressure divided by the velocity into the surface for
-        e^{-iωt}. It must be finite and not zero, with a real part that is not negative.
-        ``BoundaryElement`` and ``FiniteElement`` solve such bodies; ``SphereSeries`` solves a
-        single sphere.
+    ratio : relative impedance Z/(ρc), where Z is the pressure divided by the particle
+        velocity into the surface, for the time factor e^{-iωt}. It must be finite and not
+        zero, and its real part must not be negative. ``BoundaryElement`` and
+        ``FiniteElement`` solve such bodies; ``SphereSeries`` solves a single sphere.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 
 
 def filled(surface: Surface, medium: Medium) -> Obstacle:
-    """Build a body that sound enters, from its closed surface and the fluid inside it."""
+    """Build a fluid body, which sound can enter, from its closed surface and its fluid."""
     return Obstacle(surface, "filled", medium=medium)
 
 
@@ -232,10 +232,10 @@ class Scene:
         return self.medium.wavelength(self.frequency)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Return the depth of points (P, 3) [m] inside the bodies [m].
+        """Return how deep each of P points (P, 3) lies inside the bodies [m].
 
-        The depth is the largest one over all bodies. It is negative outside, and -inf if there are
-        no bodies.
+        The depth (P,) is negative outside all bodies, and -inf if there are no bodies. Inside
+        several bodies, it is the largest of their depths.
 
         Raise ``InvalidInput`` if the points have the wrong shape, or are NaN or infinite.
         """

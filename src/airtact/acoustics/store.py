@@ -151,7 +151,7 @@ def _value(tree: Any, arrays: list[np.ndarray], references: Mapping[str, object]
 
 
 class Stored(Solver):
-    """A solver that stores its fields in a folder and reads them back.
+    """A solver that stores every field in a folder and reads it back when it is needed again.
 
     The key of a field includes everything that affects it, to the last bit: vertices and mid-edge
     points, boundary conditions, medium, frequency, sources, settings of the solver, and airtact's
@@ -166,7 +166,7 @@ class Stored(Solver):
     ----------
     solver : solver for fields that are not stored yet.
     folder : folder of the files, which is created if missing. Any number of processes may share it.
-    most_bytes : largest total size of the files.
+    most_bytes : largest total size of the files [bytes].
 
     Raises
     ------
@@ -204,14 +204,14 @@ class Stored(Solver):
         self.most_bytes = int(most_bytes)
 
     def reporting(self, progress: Progress | None) -> "Stored":
-        """Return the store with a callback that receives the name of each step of its solver."""
+        """Return the store with a callback that receives the name of each step of the solver."""
         return Stored(self.solver.reporting(progress), self.folder, self.most_bytes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Return the field of the monopoles, read from the folder or solved.
 
-        The errors are those of the solver. The report of a field from the folder has ``store`` as
-        the only step in ``seconds``.
+        The method raises the errors of the solver. If the field was read from the folder,
+        ``store`` is the only step in ``seconds`` of its report.
         """
         begun = time.perf_counter()
         try:

@@ -48,14 +48,14 @@ class Beacons(Monopoles):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Foci and suppression points in the obstacles' frame, which move with the hand.
+    """Foci and suppression points, given in the obstacles' frame and so fixed to the hand.
 
     Attributes
     ----------
     points : (F, 3) foci in the obstacles' frame [m].
     pressures : (F,) requested peak pressures [Pa]; None makes the foci as strong as possible.
-    shares : (F,) relative pressures, which are made as strong as the array allows, or None. Without
-        pressures and shares, all foci have equal weight.
+    shares : (F,) relative pressures, or None. The foci get these proportions, at the highest
+        level that the array allows. Without pressures and shares, all foci have equal weight.
     phases : (F,) requested phases [rad], from complex pressures or shares; None if the drive method
         chooses them.
     suppression_points : (Q, 3) points where the pressure is suppressed [m]; none by default.
@@ -111,9 +111,9 @@ class Target:
         ------
         InvalidInput
             If there are no points, a number is NaN, infinite or negative, a point is more than 2 m
-            from the origin, no number is above zero, there are too few or too many numbers, both
-            pressures and shares are given, a suppression point is within 1 µm of a focus, or the
-            points are a position and a normal as returned by ``hand.place``.
+            from the origin, no pressure or share is above zero, their number is not that of the
+            foci, both pressures and shares are given, a suppression point is within 1 µm of a
+            focus, or the points are a position and a normal as returned by ``hand.place``.
         """
         _check_no_normal(points)
         if len(points) == 3 and all(np.ndim(coordinate) == 0 for coordinate in points):

@@ -56,11 +56,12 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
 def polyline(
     corners: Real[np.ndarray, "corners 3"], spacing: float, closed: bool = False
 ) -> Points:
-    """Return points (F, 3) on straight lines between corners, evenly spaced on each line [m].
+    """Return points (F, 3) on the lines between successive corners, evenly spaced on each line [m].
 
     Parameters
     ----------
-    corners : (C, 3) corners [m], which are included in the points.
+    corners : (C, 3) corners [m]. Each is returned as one point; a closed line does not repeat
+        the first corner at its end.
     spacing : largest distance between neighbours [m].
     closed : whether a line connects the last corner to the first.
 
@@ -171,7 +172,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
 def surface_points(
     surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0
 ) -> Points:
-    """Return points (Q, 3) on a body's surface, or on the side that faces a direction [m].
+    """Return points (Q, 3) spread over a body's surface, or over one side of it [m].
 
     Use them as suppression points of a target.
 
@@ -179,8 +180,9 @@ def surface_points(
     ----------
     surface : the body.
     spacing : approximate distance between neighbours [m].
-    facing : (3,) direction of the outward normals, or None for the whole surface.
-    within : largest angle between the normal and ``facing`` [degrees].
+    facing : (3,) direction that the side faces, or None for the whole surface.
+    within : largest angle between ``facing`` and the outward normal at a point of this side
+        [degrees].
 
     Raises
     ------

@@ -29,25 +29,28 @@ _LIMITS = {
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Standard deviations of the hand's position, the air and the transducers.
+    """Standard deviations of the hand's pose, the air and the transducers.
 
-    All are zero by default.
+    All attributes are standard deviations, except ``age``, ``velocity`` and ``dead``, and are 0
+    by default.
 
     Attributes
     ----------
-    position : standard deviation of the hand's position along each of x, y and z [m].
-    rotation : rotation of the hand about a random axis through the middle of the foci [degree].
-    own_position, own_rotation : additional position and rotation of each body, or of the bone at a
-        focus [m, degree]. A body rotates about the middle of its foci.
+    position : position of the hand along each of x, y and z [m].
+    rotation : angle of the hand's rotation about a random axis through the middle of the foci
+        [degree].
+    own_position, own_rotation : additional shift along each axis [m] and additional rotation
+        [degree] of each body, or of each bone with a focus. A body rotates about the middle of its
+        foci.
     along_skin : position of each focus on its body, in each of two directions along the surface
         [m].
     age : time since the pose was measured [s], during which the hand moves at ``velocity``.
-    velocity : (3,) velocity of the hand in the obstacles' frame [m/s]; this is not a deviation.
+    velocity : (3,) velocity of the hand in the obstacles' frame [m/s].
     temperature : temperature of the air [K].
     humidity : relative humidity of the air, as a fraction.
     gain : amplitude of each element, as a fraction of its nominal amplitude.
     phase : phase of each element [degree].
-    dead : expected fraction of the elements that emit nothing; this is not a deviation.
+    dead : expected fraction of the elements that emit nothing.
 
     Raises
     ------
@@ -101,7 +104,7 @@ class Uncertainty:
 
     @property
     def shift(self) -> float:
-        """Standard deviation of a focus along one axis, without rotations [m]."""
+        """Standard deviation of a focus's position along one axis, without rotations [m]."""
         # This is how far the hand has moved since the pose was measured.
         late = self.age * np.linalg.norm(self.velocity)
         return float(np.sqrt(self.position**2 + self.own_position**2 + late**2))

@@ -109,7 +109,7 @@ class Drive:
     def factor_to_match(
         self, reference: "Drive", held_equal: Literal["energy", "peak"] = "energy"
     ) -> float:
-        """Return the factor that scales this drive to the energy or the peak of another drive.
+        """Return the factor that gives this drive the same energy or peak as another drive.
 
         Parameters
         ----------
@@ -147,15 +147,16 @@ class Drive:
 
         Parameters
         ----------
-        path : file name that ends in .h5 (stores all data) or .csv (a table of the elements, which
-            requires ``array``). The file appears only once it is complete.
-        array : the array that the drive was computed for; emission to boards requires it.
+        path : file name that ends in .h5 (stores all data) or .csv (a table of the elements,
+            which requires ``array``). An existing file is replaced once the new one is
+            complete.
+        array : the array for which the drive was computed; emission to boards requires it.
         scene : the scene whose frequency and medium are stored.
         transfer : pressure at the foci per unit drive. ``emit`` uses it to compute the pressure
             lost by rounding.
         target : the foci.
-        levels : amplitude and phase levels of the boards; the file also contains the drive rounded
-            to these levels.
+        levels : amplitude and phase levels of the boards. The file contains both the exact
+            drive and the drive rounded to these levels.
         modulation : amplitude modulation applied during emission; a .csv file does not store it.
         texts : additional texts by name, such as the text of the scene file.
 
@@ -198,7 +199,7 @@ def check_drive(drive: Drive, name: str) -> None:
 
 
 def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:
-    """Round the amplitude and phase of every element to a level (section 3.4 of the paper).
+    """Round every amplitude and phase to the nearest level (section 3.4 of the paper).
 
     With 256 levels of each, the amplitude byte is round(255 |d|) and the phase byte is
     round(256 arg(d) / 2π) modulo 256. An element with amplitude level 0 is off and gets phase level

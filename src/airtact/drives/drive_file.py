@@ -92,15 +92,23 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class DriveFile:
-    """Contents of a drive or sequence file. Attributes for missing datasets are None.
+    """Contents of a drive or sequence file. What the file does not contain is None.
 
     Attributes
     ----------
-    drives : (N, E) complex amplitude of each element in each frame; a drive has one frame.
+    drives : (N, E) complex amplitude of each of E elements in each of N frames, as computed and not
+        rounded; 1 is full scale. A drive has one frame.
     rate : frames per second of a sequence; None for a drive.
-    levels : amplitude and phase levels; the file also contains the drives rounded to them.
+    levels : the ``Levels`` of the boards; .h5 files also contain the drives rounded to them.
+    frequency, medium : frequency of the sound [Hz], and the ``Medium`` in which it travels.
+    positions, normals : (E, 3) positions [m] and (E, 3) unit normals of the elements.
     sensitivity : peak pressure of a transducer at full scale, 1 m away on its axis [Pa·m].
-    modulation : variation of a drive's amplitude during its emission.
+    element_radius : radius of a transducer's face [m].
+    board, poses : name of the kind of board, and the pose of each board.
+    foci, wanted_pressures : (F, 3) foci [m], and (F,) requested peak pressures [Pa].
+    transfer_matrix : (F, E) complex pressure at each focus per unit drive of each element [Pa].
+    texts : texts by name, such as the text of the scene file.
+    modulation : the ``AmplitudeModulation`` of a drive during its emission.
     """
 
     drives: Complex128[np.ndarray, "frames elements"]

@@ -12,7 +12,7 @@ from airtact.transducers.levels import EIGHT_BITS, Levels
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The amplitude level and phase level that every element of a board emits.
+    """The amplitude level and the phase level of every element, as boards emit them.
 
     Attributes
     ----------

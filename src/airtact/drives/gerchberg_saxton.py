@@ -25,9 +25,9 @@ def weighted_gerchberg_saxton(
     Each iteration is d = phase(Hᴴ s), s_f = v_f · phase((H d)_f). The weights v_f start at the
     requested pressures or shares and grow for weak foci; the best iteration is returned (Di
     Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound, Marzo and Drinkwater, PNAS
-    116 (2019) 84). The method runs twice, starting with the foci in phase and with the elements in
-    phase, and returns the better drive. If the weights oscillate, as they can between two foci with
-    nearly equal rows of H, the method shortens their steps.
+    116 (2019) 84). The method runs twice, once starting with all foci in phase and once with all
+    elements in phase, and returns the better drive. If the weights oscillate, as they can between
+    two foci with nearly equal rows of H, the method shortens their steps.
 
     Parameters
     ----------
@@ -58,8 +58,9 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
     weighted by w²/|p|, and every element is set to full scale (Plasencia, Hirayama, Montano-Murillo
     and Subramanian, ACM Trans. Graph. 39 (2020) 138). This last step lowers the pressure at the
     weakest focus. A few iterations of ``weighted_gerchberg_saxton``, which are our addition to the
-    published method, restore the pressure and never lower it. The parameters, result and errors are
-    those of ``weighted_gerchberg_saxton``.
+    published method, restore the pressure and never lower it. The function takes the same
+    parameters, scales the drive in the same way and raises the same errors as
+    ``weighted_gerchberg_saxton``.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)

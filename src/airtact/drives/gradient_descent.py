@@ -28,18 +28,18 @@ def gradient(
     The pressure of each focus is divided by its request. Without suppression points the method
     maximises the power mean of these ratios with exponent −200, which is close to the smallest
     ratio. It returns the start or the end of the descent, whichever is better. With suppression
-    points it minimises their mean squared pressure, with a penalty if the power mean falls below 1
-    − ``loss`` of its start. The descent is L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci.
-    Comput. 16 (1995) 1190) on phases and on amplitudes between 0 and 1. The method ignores
-    requested phases.
+    points it minimises their mean squared pressure, with a penalty if the power mean falls
+    below 1 − ``loss`` times its initial value. The descent is L-BFGS-B (Byrd, Lu, Nocedal and
+    Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on phases and on amplitudes between 0 and 1. The
+    method ignores requested phases.
 
     Parameters
     ----------
     transfer : the transfer matrix of the foci, and of the suppression points if the target has
         some.
     target : the foci, their requested pressures and the suppression points.
-    loss : fraction of the starting pressure at the foci that may be lost to the suppression points,
-        at least 0 and below 1; the limit is soft.
+    loss : fraction of the initial pressure at the foci that may be lost in favour of the
+        suppression points, at least 0 and below 1; the limit is soft.
     iterations : largest number of steps of one descent.
 
     Returns

@@ -111,11 +111,12 @@ def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:
 
 @dataclass(frozen=True, eq=False)
 class HeadLevel:
-    """Sound pressure level at a head 0.5 m from an array in open air, for drives under a cap.
+    """Sound pressure level at a head 0.5 m from an array in open air, for capped drives.
 
-    The level ignores nonlinear steepening. At ``MAX_HEAD_LEVEL`` the steepening is negligible, so
-    ``safe_cap`` is as safe as with it. At full scale, steepening moves sound from loud points
-    beyond a focus to quieter ones (``python -m benchmarks.nonlinear beyond``).
+    The level ignores nonlinear steepening, which is negligible at
+    ``MAX_HEAD_LEVEL`` and therefore does not affect ``safe_cap``. At full
+    scale, steepening moves sound from loud points beyond a focus to quieter
+    ones (``python -m benchmarks.nonlinear beyond``).
 
     Attributes
     ----------

@@ -54,8 +54,8 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
     At equal peak amplitude, no other drive produces more pressure at a single focus, because the
     sound of every element arrives in phase. Every element is at full scale, or all are scaled down
     equally if less is enough for the requested pressures. The requested pressures or shares weight
-    the foci before the amplitudes are made equal. The method ignores suppression points. The
-    parameters and errors are those of ``time_reversal``.
+    the foci before the amplitudes are made equal. The method ignores suppression points. It takes
+    the same parameters and raises the same errors as ``time_reversal``.
     """
     return scaled_to_target(transfer, target, np.sign(_reversed(transfer, target)))
 
@@ -129,7 +129,7 @@ def _l_curve_corner(
 
 
 def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50) -> Drive:
-    """Produce the requested pressure and phase at every focus with the least peak amplitude.
+    """Compute the drive of least peak amplitude that produces every requested pressure and phase.
 
     The method minimises max_e |d_e| over all drives with H d = w. The dual problem, which minimises
     Σ_e |h_eᴴ λ| subject to Re wᴴ λ = 1, is solved by iteratively reweighted least squares

@@ -30,7 +30,7 @@ from airtact.errors import counted, one_line, positive
 
 @dataclass(frozen=True, eq=False)
 class UpperBound:
-    """Certified upper bound on the weakest focus, for all drives with amplitudes of at most 1.
+    """Certified upper bound on the pressure at the weakest focus, for all drives up to full scale.
 
     Let h_f be the row of focus f divided by its request. Let μ_f ≥ 0 be multipliers that add up to
     1, and y_e > 0 be such that diag(y) − Σ_f μ_f h_fᴴ h_f is positive semidefinite. Then every
@@ -41,8 +41,8 @@ class UpperBound:
     worst : √Σ_e y_e, an upper bound on the smallest fraction of the requested pressures. If the
         target requests shares or nothing, it bounds the smallest pressure divided by its share
         [Pa].
-    relaxed : value that the relaxation reached; no choice of multipliers lowers ``worst`` below it.
-    multipliers : (F,) μ_f, 0 for foci without a request.
+    relaxed : value reached by the relaxation; no choice of multipliers makes ``worst`` smaller.
+    multipliers : (F,) μ_f; 0 for foci without a request.
     elements : (E,) y_e.
     """
 
@@ -70,7 +70,7 @@ class UpperBound:
         return _largest_eigenvalue(matrix, multipliers, self.elements)
 
     def reached(self, transfer: TransferMatrix, target: Target, drive: Drive) -> float:
-        """Return the pressure of a drive at its weakest focus, divided by the bound; at most 1."""
+        """Return a drive's pressure at its weakest focus, divided by the bound; at most 1."""
         matrix, requests = asked_rows(transfer, target)
         return float((np.abs(matrix @ drive.amplitudes) / requests).min() / self.worst)
 
@@ -224,7 +224,7 @@ class Stalled(UserWarning):
 
 
 def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) -> Drive:
-    """Maximise the pressure at the weakest focus; the method chooses the phases at the foci.
+    """Compute the drive that maximises the pressure at the weakest focus, with any focal phases.
 
     The method first solves the semidefinite relaxation of ``upper_bound`` (Inoue, Makino and
     Shinoda, IEEE World Haptics 2015), in which every element may emit several signals in turn. It

@@ -52,15 +52,17 @@ class Motion:
     frequency : rounds of the path per second [Hz]. The default is 50 Hz for "lm"; for "stm" it is
         the frequency at which the focus moves at 7 m/s.
     frames : number of positions on a path around a focus.
-    along : "skin" for a path parallel to the nearest surface, at the distance of the focus, or
-        "array" for a path perpendicular to the direction of the array's middle. The default is
-        "skin" if a surface is within 20 mm, and "array" otherwise.
+    along : "skin" for a path that keeps the focus's distance from the nearest
+        surface, or "array" for a path perpendicular to the line from the focus
+        to the array's middle. The default is "skin" if a surface is within 20
+        mm, and "array" otherwise.
 
     Raises
     ------
     InvalidInput
-        If a word is unknown, a number is not above zero, there are fewer than 4 or more than 1024
-        frames, or ``size``, ``frames`` or ``along`` is given for a path through the points.
+        If ``kind``, ``path`` or ``along`` is unknown, a number is not above zero, there are
+        fewer than 4 or more than 1024 frames, or ``size``, ``frames`` or ``along`` is given
+        for a path through the points.
     """
 
     kind: Literal["lm", "stm"]
@@ -104,7 +106,7 @@ class Motion:
             )
 
     def through_points(self, foci: int) -> bool:
-        """Whether one focus runs through the points of a target with this many foci."""
+        """Return whether one focus moves through all points of a target with this many points."""
         return self.path == "points" or (self.kind == "stm" and self.path is None and foci > 1)
 
     def paths(self, scene: Scene, target: Target, array_middle: Real[np.ndarray, "3"]) -> Paths:
@@ -215,7 +217,7 @@ def moving_foci(
     ----------
     transfer : transfer matrix of all points in the order of ``moving_target``: all foci of the
         first frame, then those of the next.
-    target : those points.
+    target : these points, in the same order.
     foci : number of foci in one frame.
     turns : rounds per second [Hz].
     method : computes the drive of each frame from its rows of the matrix.
@@ -224,8 +226,8 @@ def moving_foci(
 
     Returns
     -------
-    A sequence of at least 4 frames, with the nearest number of rounds per second that whole periods
-    allow.
+    A sequence of at least 4 frames. Because each frame lasts a whole number of periods, its
+    rounds per second are as close to ``turns`` as possible.
 
     Raises
     ------

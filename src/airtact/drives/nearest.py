@@ -29,12 +29,12 @@ def nearest_drive(
     transfer : (F, E) transfer matrix, for example with the hand in place.
     target : the F foci.
     drive : the drive to change, for example from another program.
-    share : share of the bound that the weakest focus must reach, from 0 to 1.
+    share : fraction of the bound that the weakest focus must reach, from 0 to 1.
 
     Returns
     -------
-    The changed drive, or an equal one if the drive already reaches the share. If these amplitudes
-    cannot reach the share, the weakest focus gets as much pressure as from
+    The changed drive, or an equal one if the drive is already strong enough. If these
+    amplitudes cannot reach the fraction, the weakest focus gets as much pressure as from
     ``weighted_gerchberg_saxton``.
 
     Raises

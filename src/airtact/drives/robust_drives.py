@@ -87,14 +87,15 @@ def robust(
     ensemble : the samples, from ``ensemble``. A plain transfer matrix counts as free of
         uncertainty.
     target : the foci and their requested pressures.
-    goal : "lowest tenth", the pressure that the weakest focus exceeds in 9 of 10 samples; "mean",
-        its mean over the samples; or "worst", its smallest value.
+    goal : "lowest tenth", the pressure that the weakest focus exceeds in 9 out
+        of 10 samples; "mean", its mean over the samples; or "worst", its
+        smallest value.
     limit : "energy" maximises the goal at a given energy Σ|d|²; "phases" maximises it with every
         element at full scale.
 
     Returns
     -------
-    The drive. Its largest amplitude is 1, or less if a weaker drive reaches the requested
+    The drive. Its largest amplitude is 1, or less if a weaker drive is enough for the requested
     pressures. If nothing is uncertain, it is the drive that maximises the pressure at the weakest
     focus within that limit. For one focus this is the drive of ``time_reversal`` or, with "phases",
     of ``phase_conjugate``.
@@ -147,7 +148,7 @@ def robust_phase_only(
 ) -> Drive:
     """Compute the best drive over all samples, with every element at full scale.
 
-    The parameters, result and errors are those of ``robust`` with the limit "phases".
+    This is ``robust`` with ``limit="phases"``.
     """
     return robust(ensemble, target, goal, limit="phases")
 
@@ -155,15 +156,15 @@ def robust_phase_only(
 def goal_value(
     ensemble: TransferMatrix, target: Target, drive: Drive, goal: Goal = "lowest tenth"
 ) -> float:
-    """Return the statistic of the weakest focus over the samples for a drive.
+    """Return the value that a drive reaches for a goal of ``robust``.
 
-    The value is a pressure [Pa], or a fraction if the target requests pressures.
+    The value is a pressure [Pa], or a fraction of the request if the target requests pressures.
 
     Parameters
     ----------
     ensemble, target : the samples and the foci, as in ``robust``.
     drive : the drive of the ensemble's elements.
-    goal : the statistic of the weakest focus.
+    goal : the statistic of the weakest focus over the samples.
 
     Returns
     -------

@@ -75,7 +75,7 @@ class Sequence:
         return len(self.drives) / self.rate
 
     def drive(self, index: int) -> Drive:
-        """Return one frame, counted from 0; raise ``InvalidInput`` if there is no such frame."""
+        """Return the frame with this index, from 0; raise ``InvalidInput`` if it does not exist."""
         if not 0 <= index < len(self):
             raise InvalidInput(
                 f"there is no frame {index}. The sequence has frames 0 to {len(self) - 1}.",
@@ -102,7 +102,7 @@ class Sequence:
     ) -> None:
         """Write all frames to a .h5 file, which ``load_drive`` reads and ``airtact emit`` sends.
 
-        The parameters and errors are those of ``Drive.save``.
+        The method takes the same parameters and raises the same errors as ``Drive.save``.
         """
         save_drives(
             path,

@@ -62,7 +62,7 @@ class TransferEnsemble(TransferMatrix):
     Attributes
     ----------
     geometry : (S, F, E) matrix of each sample, with the nominal gains of the elements [Pa].
-    gains : (S, E) gain factor of each element in each sample, or None if all are 1.
+    gains : (S, E) factor on each element's gain in each sample, or None if all are 1.
     uncertainty : the distributions from which the samples were drawn.
     seed : seed of the samples.
     left_out : number of impossible samples, such as hands that overlap a transducer.
@@ -137,14 +137,15 @@ def ensemble(
     *,
     solver: Solver | None = None,
 ) -> TransferEnsemble:
-    """Compute the transfer matrices of random hands, air and transducers.
+    """Compute transfer matrices for random poses of the hand, air and transducers.
 
     A rigid motion of the hand requires no new solve: the multipole expansion of the beacons' field
-    is evaluated at the array as seen from the moved hand. If bodies move independently or foci move
-    along the skin, each focus is evaluated as if all bodies moved with it. With ``solver``, each
-    such sample is solved instead; ``BoundaryElement().factorised(scene, refined=target.points)``
-    takes milliseconds for each. Warmer air scales the wavenumber. In front of a rigid plane, one
-    solve covers all motions along the plane, and ``solver`` solves the other samples.
+    is evaluated at the elements' positions relative to the moved hand. If bodies move
+    independently or foci move along the skin, each focus is evaluated as if all bodies moved with
+    it. With ``solver``, each such sample is solved instead; ``BoundaryElement().factorised(scene,
+    refined=target.points)`` takes milliseconds for each. Warmer air scales the wavenumber. In
+    front of a rigid plane, one solve covers all motions along the plane, and ``solver`` solves the
+    other samples.
 
     Parameters
     ----------

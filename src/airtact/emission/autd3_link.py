@@ -92,15 +92,15 @@ class AUTD3Boards(Link):
 
 
 class AUTD3Link(AUTD3Boards):
-    """A chain of AUTD3 boards with firmware before 0.10 on EtherCAT, in order.
+    """Link to a chain of AUTD3 boards with firmware before 0.10, on EtherCAT.
 
-    Drives contain all phases, so the frames do not depend on the speed of sound in pyautd3, which
-    is set for simulators only.
+    Drives already contain all phases, so the frames do not depend on the speed of sound set in
+    pyautd3. Only simulators use it.
 
     Parameters
     ----------
-    poses : pose of each board, from the board's frame to the array's frame, as returned by
-        ``poses_of_boards``.
+    poses : pose of each board in the order of the chain, from the board's frame to the array's
+        frame, as returned by ``poses_of_boards``.
     through : connection to the boards: "audit" (no device; a model of the firmware in this
         process), "ethercrab" (boards on an Ethernet port of this computer), "twincat" (Beckhoff's
         TwinCAT, on this or another computer), "remote" (an AUTD server) or "simulator".

@@ -48,11 +48,10 @@ class Emission:
 
     Use it as ``with Emission(link) as emission:``. A separate process opens the link and raises the
     sound over a ramp. It sends a confirmed frame of zeros when the block is left, when this process
-    ends for any reason, and when half a second passes without a call. The calls that count are
-    ``send``, ``hold``, ``play``, ``cycle``, ``modulate``, ``set_modulation``, ``silence`` and
-    ``beat``. After silence no drive can be sent, unless the emission ``resumes`` after late calls.
-    SIGINT, SIGTERM and SIGHUP in the main thread raise ``KeyboardInterrupt`` or ``SystemExit``,
-    which ends the block.
+    ends for any reason, and when half a second passes without a call of ``send``, ``hold``,
+    ``play``, ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. The emission is
+    then over, unless only such a call was late and ``resumes`` is True. SIGINT, SIGTERM and SIGHUP
+    in the main thread raise ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
     opens the link and silences the boards. Two kinds of links are opened in this process instead:
@@ -62,23 +61,23 @@ class Emission:
     Parameters
     ----------
     link : link to the boards, which the emission opens and closes.
-    cap : largest amplitude of an element, as a share of full scale; larger drives are scaled down.
-        By default, each drive is limited to a level of 110 dB SPL at a head 0.5 m from the array in
-        open air. Computing this limit takes about 50 ms for 1,000 elements. A cap of 1 is full
-        scale.
+    cap : largest amplitude of an element, as a fraction of full scale; larger drives are
+        scaled down. By default, each drive is limited to a level of 110 dB SPL at a head 0.5 m
+        from the array in open air. Computing this limit takes about 50 ms for 1,000 elements.
+        A cap of 1 allows full scale.
     ramp : duration of the ramp [s].
     patience : time without a call after which the boards are silenced [s].
-    log : file to which the link process writes one line per event: the time of the system's
-        monotonic clock (``time.monotonic``) [s], and the event.
-    resumes : whether the next drive is played over a ramp if the boards were silenced because no
-        call was made in time; otherwise the emission ends.
+    log : file to which the link process writes one line per event: the time in seconds on the
+        clock of ``time.monotonic``, and the event.
+    resumes : whether the emission continues after the boards were silenced because no call was
+        made in time. The next drive then rises over a ramp. Otherwise the emission ends.
 
     Attributes
     ----------
-    cap : largest amplitude, as above; it may be changed.
+    cap : largest amplitude, as above; it may be changed during the emission.
     process : id of the process that opened the link; None if it is this one, or before opening.
-    share : share of the latest drive's amplitude that the boards played when it was sent; below 1
-        during a ramp.
+    share : fraction of the latest drive's amplitude that the boards played when it was sent;
+        below 1 during a ramp.
 
     Raises
     ------
@@ -216,7 +215,7 @@ class Emission:
         Parameters
         ----------
         drive : amplitude of every element.
-        wait : whether to wait for the end of the ramp; otherwise ``share`` tells its progress.
+        wait : whether to wait for the end of the ramp; otherwise ``share`` shows its progress.
         at : time at which the drive takes effect, on the clock of ``time.monotonic`` [s]. It may be
             at most the link's ``lead`` from now. During a ramp, and on links without a lead, the
             drive takes effect at once.

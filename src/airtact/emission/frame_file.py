@@ -34,10 +34,10 @@ def load_drive(
 ) -> Drive | Sequence:
     """Read a drive or a sequence from a file of airtact or another program.
 
-    The function reads the .h5 files of ``Drive.save``, ``Sequence.save`` and ``write_frames``, and
-    .csv tables of a drive, in the order of their column ``index``. The amplitudes and phases that
-    ``save`` wrote are returned to within 1e-15 (1e-9 from tables); those of ``write_frames`` are
-    rounded to the levels of the boards.
+    The function reads .h5 files that ``Drive.save``, ``Sequence.save`` or ``write_frames``
+    wrote, and .csv tables of a drive, whose rows it sorts by the column ``index``. The
+    amplitudes and phases that ``save`` wrote are returned to within 1e-15 (1e-9 from tables);
+    those of ``write_frames`` are rounded to the levels of the boards.
 
     It also reads the following files of other programs:
 
@@ -47,14 +47,15 @@ def load_drive(
     - simulations of Ultraino (.xml, .xml.gz);
     - NumPy arrays (.npy) of complex amplitudes, of phases, or of uint8 pairs of phase and intensity
       as in AUTD3's buffers;
-    - messages of boards (.bin).
+    - the bytes of messages to boards (.bin).
 
     Parameters
     ----------
     path : the file.
     rate : frames per second, if the file does not contain the rate.
     board : kind of board for which a .bin file was written.
-    elements : number of elements of all boards of a .bin file; by default one board.
+    elements : number of elements of all boards together, for a .bin file; by default that of
+        one board.
 
     Returns
     -------
@@ -133,16 +134,19 @@ def write_frames(
 
     Parameters
     ----------
-    path : file name that ends in .h5 or .bin (the bytes of the boards' messages).
+    path : file name that ends in .h5 or .bin (the bytes of the messages to the boards). An
+        existing file is replaced.
     sound : a sequence, or a drive, which is written once or for one period of its modulation.
     board : name of the kind of board.
     modulation : amplitude modulation of a drive.
-    seconds : duration of a sequence or a modulated drive [s]; by default one round or period.
-    cap : largest amplitude of an element, as a share of full scale; larger drives are scaled down.
+    seconds : duration of a sequence or a modulated drive [s]; by default one round of the
+        sequence or one period of the modulation.
+    cap : largest amplitude of an element, as a fraction of full scale; larger drives are scaled
+        down.
 
     Returns
     -------
-    The number of frames, and the frames per second, which are None for a constant drive.
+    The number of frames, and the frames per second (None for a constant drive).
 
     Raises
     ------

@@ -53,9 +53,9 @@ class Link(ABC):
     plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves;
         otherwise every frame must be sent in time.
     fastest : largest rate of the link [frames/s].
-    lead : longest time by which a frame can be sent before it takes effect [s]; 0 if frames take
+    lead : longest time that a frame may be sent before it takes effect [s]; 0 if frames take
         effect when they arrive.
-    last : last frame sent, or None.
+    last : last frame sent; None before the first.
     sent : number of frames sent since the link was opened.
     """
 
@@ -109,7 +109,7 @@ class Link(ABC):
         )
 
     def open(self) -> None:
-        """Open the link. The boards are silent when this returns.
+        """Open the link. The boards are silent when the method returns.
 
         Raises
         ------
@@ -249,7 +249,7 @@ class Link(ABC):
     def modulate(  # noqa: B027 (most boards cannot)
         self, envelope: Float64[np.ndarray, "frames"] | None, rate: float
     ) -> None:
-        """Make the boards modulate all frames sent from now on, if ``plays_itself``.
+        """Make boards that have ``plays_itself`` modulate all frames sent from now on.
 
         Parameters
         ----------
@@ -349,12 +349,12 @@ class Link(ABC):
 
 
 class RecordingLink(Link):
-    """Link that only records its frames, for tests and trials.
+    """Link that only records the frames sent to it, for tests and trials.
 
     Attributes
     ----------
     frames : frames that were sent.
-    seconds : time at which each frame was sent, measured from opening [s].
+    seconds : time at which each frame was sent, measured from the opening of the link [s].
     """
 
     name = "recording"
@@ -372,7 +372,7 @@ class RecordingLink(Link):
 
     @property
     def seconds(self) -> list[float]:
-        """Time at which each frame was sent, measured from opening [s]."""
+        """Time at which each frame was sent, measured from the opening of the link [s]."""
         self.collect()
         return self._seconds
 

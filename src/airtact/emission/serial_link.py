@@ -25,7 +25,7 @@ def serial_ports() -> list[str]:
 
 
 class SerialLink(Link):
-    """One or two SonicSurface boards, or one Nano16, on a serial port.
+    """Link to one or two SonicSurface boards, or one Nano16, on a serial port.
 
     A Nano16 echoes the reset and the swap of a frame; a frame without the echo is sent again. A
     SonicSurface never answers, so a frame counts as sent once the port has sent all its bytes. Both

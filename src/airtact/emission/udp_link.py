@@ -16,16 +16,16 @@ from airtact.geometry.pose import Pose
 
 
 class UDPLink(AUTD3Boards):
-    """A chain of AUTD3 boards with firmware 0.12, in order.
+    """Link to a chain of AUTD3 boards with firmware 0.12.
 
-    The boards silence themselves half a second after the last call of ``send``, ``play`` or
-    ``probe``; ``Emission`` probes them in time. A frame can be sent before the time at which it
-    takes effect (see ``send``).
+    The boards silence themselves half a second after the last call of ``send``,
+    ``play`` or ``probe``; an ``Emission`` calls ``probe`` often enough. A frame
+    can be sent before the time at which it takes effect (see ``send``).
 
     Parameters
     ----------
-    poses : pose of each board, from the board's frame to the array's frame, as returned by
-        ``poses_of_boards``.
+    poses : pose of each board in the order of the chain, from the board's frame to the array's
+        frame, as returned by ``poses_of_boards``.
     address : network interface of the boards (by default the first one with boards), [::1]:PORT of
         a simulator, or "emulator" for the manufacturer's model of the boards in the link process.
 

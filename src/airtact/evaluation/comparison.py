@@ -36,9 +36,10 @@ class Comparison:
     target : the foci.
     pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each
         focus [Pa].
-    field : the field of all drives with their strongest element at full scale, followed by the
-        phases alone of those drives whose elements differ in amplitude.
-    phase_columns : index of the excitation of ``field`` that has the phases of each drive alone.
+    field : field with one excitation per drive, scaled so that its strongest element is at full
+        scale. Further excitations follow for the phases alone of drives whose elements differ in
+        amplitude.
+    phase_columns : for each drive, the index of the excitation of ``field`` with its phases alone.
     at_foci : (F, S) complex pressure of each excitation of ``field`` at the foci [Pa].
     """
 
@@ -77,7 +78,7 @@ class Comparison:
         return steepening(field.scene, field.sources, self.target.points, pressures, column)
 
     def column(self, name: str, phase_only: bool = False) -> int:
-        """Return the excitation of ``field`` that belongs to a drive, or to its phases alone.
+        """Return the index of a drive's excitation in ``field``, or of its phases alone.
 
         Raises ``InvalidInput`` if no drive has that name.
         """
@@ -92,17 +93,17 @@ class Comparison:
     def at(
         self, points: Real[np.ndarray, "points 3"]
     ) -> dict[str, Complex128[np.ndarray, "points"]]:
-        """Evaluate each drive at points [m], with its strongest element at full scale.
+        """Evaluate each drive at points (P, 3), with its strongest element at full scale.
 
         Returns
         -------
-        (P,) complex total pressure [Pa] by the name of the drive, NaN inside bodies.
+        For the name of each drive, the complex total pressure (P,) [Pa]; NaN inside bodies.
         """
         pressures = self.field.at(points)
         return {name: pressures[:, self.column(name)] for name in self.names}
 
     def under(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
-        """(D, F) pressure of each drive at each focus [Pa] for one normalisation.
+        """Return the pressure (D, F) of each drive at each focus for one normalisation [Pa].
 
         Raises
         ------
@@ -117,11 +118,11 @@ class Comparison:
         return self.pressures[held_equal]
 
     def ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
-        """(D, F) ratio of each drive's pressure to that of the first, for one normalisation.
+        """Return the ratio (D, F) of each drive's pressure to that of the first drive.
 
         Parameters
         ----------
-        held_equal : "equal peak", "equal energy" or "phase only".
+        held_equal : normalisation: "equal peak", "equal energy" or "phase only".
 
         Raises
         ------
@@ -138,7 +139,7 @@ class Comparison:
         return pressures / pressures[0]
 
     def weakest(self, held_equal: str) -> Float64[np.ndarray, "drives"]:
-        """(D,) pressure of each drive at its weakest focus [Pa] for one normalisation.
+        """Return the pressure (D,) of each drive at its weakest focus for one normalisation [Pa].
 
         Foci without a request are ignored.
 
@@ -155,8 +156,8 @@ class Comparison:
         Returns
         -------
         Rows with ``held_equal``, ``drive``, ``focus``, its position ``x``, ``y``, ``z`` [m],
-        ``pressure`` [Pa] and ``ratio``, the ratio to the first drive's pressure there (NaN if that
-        is 0 Pa).
+        ``pressure`` [Pa] and ``ratio``, the ratio to the first drive's pressure at this
+        focus (NaN if the first drive's pressure is 0 Pa).
         """
         # NaN where ``ratios`` would raise, so that the other rows remain usable.
         return [

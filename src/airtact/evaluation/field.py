@@ -36,8 +36,8 @@ def drive_sources(
     Raises
     ------
     InvalidInput
-        If there is no drive, or a drive is silent, has a different number of elements than the
-        array or is not a ``Drive``.
+        If there is no drive, or a drive is silent, does not have as many elements as the array
+        or is not a ``Drive``.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(drives) == 0:
@@ -114,12 +114,14 @@ def field_map(
     Parameters
     ----------
     scene : the air and the bodies in it.
-    array : the transducers in the scene's frame, see ``PhasedArray.seen_from``.
+    array : the transducers in the scene's frame; see ``PhasedArray.seen_from``.
     drive : the drive of the array.
     points : (P, 3) points [m]. Behind the faces of directional elements the result is meaningless,
         because real elements are shielded there.
-    solver : a different or more accurate solver than the one that computed the drive.
-    progress : called with a description of each step as it begins, such as ``print``.
+    solver : solver for the field. To verify a drive, use a more accurate solver than the one
+        for its transfer matrix, or another method.
+    progress : function, such as ``print``, that is called with a description of each step as it
+        begins.
 
     Returns
     -------
@@ -128,9 +130,9 @@ def field_map(
     Raises
     ------
     InvalidInput
-        If the drive is silent or has a different number of elements than the array, an element is
-        inside a body, a body is behind the face of a directional element, a point is NaN, infinite
-        or on a source, or an argument is of the wrong kind.
+        If the drive is silent or does not have as many elements as the array, an element is
+        inside a body, a body is behind the face of a directional element, a point is NaN,
+        infinite or on a source, or an argument has the wrong type.
     """
     points = points_of(points, "points", least=0)
     # Check before the solve, because that may take a minute.

@@ -15,16 +15,14 @@ from airtact.evaluation.metrics import pascals
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """The pressure at the weakest focus for several drives, over new samples.
-
-    The samples were not used to compute the drives.
+    """The pressure of several drives at the weakest focus, over samples not used to compute them.
 
     Attributes
     ----------
     names : names of the D drives.
     pressures : (D, S) peak pressure at the weakest focus in each sample, with every drive at the
         energy of the first [Pa].
-    expected : (D,) the same pressure without deviations [Pa].
+    expected : (D,) pressure at the weakest focus without any deviation [Pa].
     left_out : number of samples skipped because they are impossible.
     """
 
@@ -37,11 +35,11 @@ class HeldOut:
 
     @property
     def lowest_tenth(self) -> Float64[np.ndarray, "drives"]:
-        """(D,) pressure that the weakest focus exceeds in 9 of 10 samples [Pa]."""
+        """(D,) pressure that the weakest focus exceeds in 9 out of 10 samples [Pa]."""
         return np.quantile(self.pressures, 0.1, axis=1)
 
     def sentence(self) -> str:
-        """State the pressure that the weakest focus exceeds in 9 of 10 samples."""
+        """Sentence with the pressure that the weakest focus exceeds in 9 out of 10 samples."""
         first, *rest = self.lowest_tenth
         words = [f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], rest, strict=True)]
         compared = f" ({', '.join(words)} at equal energy)" if words else ""

@@ -115,27 +115,28 @@ class Evaluation:
 
     @property
     def expected(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) pressure in real air, where strong sound steepens [Pa]; NaN where it is unknown."""
+        """(F,) peak pressure in real air, where strong sound steepens [Pa]; NaN if unknown."""
         return self.magnitudes * (self.steepening.kept if self.steepening else np.nan)
 
     @property
     def second_harmonic(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) ratio of the second harmonic to ``expected``, NaN where it is unknown."""
+        """(F,) ratio of the second harmonic to ``expected``; NaN if unknown."""
         if self.steepening is None:
             return np.full(len(self.pressures), np.nan)
         return self.steepening.second_harmonic
 
     @property
     def shares(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) ratio of pressure to requested pressure, NaN if the request is missing or 0 Pa."""
+        """(F,) ratio of pressure to requested pressure; NaN if the request is missing or 0 Pa."""
         return fraction(self.magnitudes, self.target)
 
     @property
     def counted(self) -> Float64[np.ndarray, "counted"]:
-        """Values at the foci with a request, for worst, mean and uniformity.
+        """Values from which ``worst``, ``mean`` and ``uniformity`` are computed.
 
-        They are fractions of the requested pressures if pressures are requested. Otherwise they are
-        pressures [Pa], divided by the requested shares if there are any.
+        The values are those at foci with a request. They are fractions of the requested pressures
+        if pressures are requested. Otherwise they are pressures [Pa], divided by the requested
+        shares if there are any.
         """
         # Foci without a request have no share and must not be treated as the worst.
         if self.target.pressures is not None:
@@ -203,11 +204,13 @@ def evaluate(
     Parameters
     ----------
     scene : the air and the bodies in it.
-    array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
+    array : the transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
     drive : the drive of the array.
     target : the F foci and their requested pressures.
-    solver : a different or more accurate solver than the one that computed the drive.
-    progress : called with a description of each step as it begins, such as ``print``.
+    solver : solver for the field. To verify a drive, use a more accurate solver than the one
+        for its transfer matrix, or another method.
+    progress : function, such as ``print``, that is called with a description of each step as it
+        begins.
 
     Returns
     -------
@@ -218,9 +221,9 @@ def evaluate(
     Raises
     ------
     InvalidInput
-        If the drive is silent or has a different number of elements than the array, an element or a
+        If the drive is silent or does not have as many elements as the array, an element or a
         focus is inside a body, a focus or a body is behind the face of a directional element, a
-        focus is on an element, or an argument is of the wrong kind.
+        focus is on an element, or an argument has the wrong type.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     field = radiate_drives(scene, array, [drive], solver, foci=target.points, progress=progress)

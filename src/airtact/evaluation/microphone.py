@@ -14,7 +14,7 @@ from airtact.transducers.element import piston
 
 @dataclass(frozen=True)
 class Microphone:
-    """A round microphone at the end of a straight housing, which does not scatter sound.
+    """A round microphone at the end of a straight housing; neither scatters sound.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Microphone:
         return turn_from_z(axis / np.linalg.norm(axis))
 
     def face(self, centres: Real[np.ndarray, "centres 3"]) -> Float64[np.ndarray, "centres face 3"]:
-        """Return the points of the face (N, Q, 3) [m] at each of its centres (N, 3) [m]."""
+        """Return the Q points of the face (N, Q, 3) for each of N centres (N, 3) [m]."""
         # The quadrature over a piston's face is exact for polynomials of degree 9.
         return centres[:, None, :] + piston(self.diameter / 2.0).points @ self._turn.T
 
@@ -90,7 +90,7 @@ class Microphone:
     def read(
         self, field: RadiatedField, centres: Real[np.ndarray, "centres 3"]
     ) -> Complex128[np.ndarray, "centres excitations"]:
-        """Return the mean pressure over the face (N, S) [Pa], NaN where a body overlaps it.
+        """Return the mean pressure (N, S) over the face [Pa]; NaN where a body overlaps it.
 
         Parameters
         ----------

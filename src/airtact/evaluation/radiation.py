@@ -21,8 +21,8 @@ def radiation_pressure(
 
     To second order the mean pressure is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2. No air crosses a hard surface at
     rest. With peak values the mean pressure is therefore |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc.
-    R. Soc. Lond. A 147, 212, 1934; T. Hasegawa, K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969). A
-    plane wave p at normal incidence exerts 2⟨p²⟩/(ρc²) on a wall.
+    R. Soc. Lond. A 147, 212, 1934; T. Hasegawa, K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969).
+    A plane wave of pressure p at normal incidence exerts 2⟨p²⟩/(ρc²) on a wall.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def radiation_pressure(
 
 @dataclass(frozen=True, eq=False)
 class RadiationMap:
-    """Sound on the surfaces of all bodies of a scene for one drive, at Q surface points.
+    """Sound that one drive produces at Q points on the surfaces of all bodies of a scene.
 
     Attributes
     ----------
@@ -69,15 +69,15 @@ class RadiationMap:
         return one_line(self, f"{len(self.points)} points on surfaces")
 
     def force(self, body: int) -> Float64[np.ndarray, "3"]:
-        """(3,) force of the sound on the body with this index [N]."""
+        """Return the force (3,) of the sound on the body with this index [N]."""
         # Pressure acts against the outward normal.
         chosen = self.body == body
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
 
     def pad_force(self, focus: Real[np.ndarray, "3"]) -> float:
-        """Force on the skin within 5 mm of a focus [N], about the area of a fingertip.
+        """Return the force on the skin within 5 mm of a focus, about a fingertip's area [N].
 
-        It is positive inward, and NaN if the skin is more than 2 mm from the focus.
+        The force is positive inward, and NaN if the skin is more than 2 mm from the focus.
         """
         nearest = int(np.linalg.norm(self.points - focus, axis=1).argmin())
         # Height of the focus above the tangent plane of the nearest point

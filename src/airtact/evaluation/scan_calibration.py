@@ -40,21 +40,22 @@ Gains = Complex128[np.ndarray, "driven"]
 
 @dataclass(frozen=True, eq=False)
 class ScanCalibration:
-    """The result of ``calibrate_from_scans``: properties of an array that scans determine.
+    """Properties of an array, determined from scans by ``calibrate_from_scans``.
 
     Attributes
     ----------
-    array : the array with this sensitivity, and with gains relative to it and to the mean phase.
-        Elements that are not determined keep their gains.
+    array : the array with the fitted sensitivity and gains. The gains are relative to this
+        sensitivity and to the mean phase. Elements whose gain is not determined keep their
+        previous gain.
     sensitivity : peak pressure of the mean element at full scale, 1 m away on its axis [Pa·m].
-    deviation : its standard deviation [Pa·m], without that of the microphone.
+    deviation : standard deviation of ``sensitivity`` [Pa·m], without the microphone's own
+        uncertainty.
     gain_deviations : (E,) relative standard deviation of the gains, and of their phases [rad].
-    determined : (E,) whether the scans determine an element's gain, which means that its
-        uncertainty is less than half of the spread of the gains. Without phases, no gain is
-        determined.
+    determined : (E,) whether the scans determine an element's gain: its uncertainty is then
+        less than half of the spread of the gains. Without phases, no gain is determined.
     pose : motion from the positions in the scans to the true positions of the microphone.
-    misalignment : (6,) its rotation vector [rad], and the shift of the middle of the scans [m].
-    misalignment_deviation : (6,) its standard deviation.
+    misalignment : (6,) rotation vector of ``pose`` [rad], and shift of the middle of the scans [m].
+    misalignment_deviation : (6,) standard deviations of ``misalignment``.
     errors : relative error of each scan after the fit, including noise.
     """
 
@@ -79,8 +80,8 @@ class ScanCalibration:
     def save(self, path: str | Path) -> None:
         """Write the gains to a table (.csv) for ``calibration`` in a scene file.
 
-        It raises ``InvalidInput`` if the file name does not end in .csv or the file cannot be
-        written.
+        An existing file is replaced. The method raises ``InvalidInput`` if the file name does
+        not end in .csv or the file cannot be written.
         """
         save_calibration(path, self.array.gains, [Pose.identity()] * len(self.array), self.array)
 
@@ -231,10 +232,11 @@ def calibrate_from_scans(
 
     Parameters
     ----------
-    scans : scans of the field of the empty array in pascals (peak), with the same misalignment and
-        reference phase. If a scan has no phases, magnitudes are compared and no gain is determined.
+    scans : scans of the field of the empty array, in pascals (peak). All have the same
+        misalignment and reference phase. If a scan has no phases, magnitudes are compared and
+        no gain is determined.
     drives : the drive of each scan.
-    array : the array with its assumed positions, in the frame of the scans.
+    array : the array at its assumed position, in the frame of the scans.
     scene : medium and frequency, without bodies and planes.
     microphone : the microphone; a point by default.
 
@@ -244,7 +246,7 @@ def calibrate_from_scans(
         If the numbers of scans, drives and elements do not match, a drive is silent, the scene has
         bodies or planes, or the negated phases fit far better.
     NotConverged
-        "pose_not_found": no misalignment near 0 explains a scan to 50 %.
+        With the code "pose_not_found", if no small misalignment explains a scan to within 50 %.
     """
     if not scans or len(scans) != len(drives):
         raise InvalidInput(

@@ -39,7 +39,7 @@ class Steepening:
     ----------
     second : (F,) ratio of the second harmonic to the linear fundamental, by second-order theory.
     depletion : (F,) lost fraction of the fundamental, by third-order theory.
-    doubt : (F,) relative error of the waves' amplitude, because the estimate simplifies the bodies.
+    doubt : (F,) relative error of the waves' amplitude that results from simplifying the bodies.
     """
 
     second: Float64[np.ndarray, "points"]
@@ -50,7 +50,7 @@ class Steepening:
         return one_line(self, f"second harmonic up to {self.second_harmonic.max():.0%}")
 
     def scaled(self, factor: float) -> "Steepening":
-        """Return the effect if the drive is multiplied by a factor."""
+        """Return the effect for a drive multiplied by a factor."""
         return replace(self, second=factor * self.second, depletion=factor**2 * self.depletion)
 
     @property
@@ -62,7 +62,7 @@ class Steepening:
 
     @property
     def kept(self) -> Float64[np.ndarray, "points"]:
-        """(F,) ratio of the fundamental to the linear pressure; NaN if shocks or bodies hide it.
+        """(F,) ratio of the fundamental to the linear pressure; NaN if too uncertain.
 
         >>> wave = Steepening(np.array([0.25]), np.array([0.5**2 / 8]), np.zeros(1))
         >>> wave.kept.round(3).tolist()  # a plane wave at σ = 0.5: 2 J₁(0.5)/0.5
@@ -76,7 +76,7 @@ class Steepening:
 
     @property
     def second_harmonic(self) -> Float64[np.ndarray, "points"]:
-        """(F,) ratio of second harmonic to fundamental, within 15 % up to 1; NaN like ``kept``."""
+        """(F,) ratio of second harmonic to fundamental, to 15 % up to 1; NaN where ``kept`` is."""
         # It feeds the third and higher harmonics. The factor 0.4 fits the computed foci.
         saturated = self.second / (1.0 + 0.4 * self.second**2)
         return np.where(np.isfinite(self.kept), saturated, np.nan)

@@ -60,16 +60,16 @@ class Verification:
     Attributes
     ----------
     evaluation : the pressure at each of the F foci.
-    quantised : the same for the drive rounded to the levels of a board.
+    quantised : the pressures at the foci for the drive rounded to the levels of a board.
     levels : the levels of the board.
     attainable : (F,) pressure at each focus at full scale if it were the only focus [Pa].
-    skin : sound on the surfaces of the bodies, None in open air.
-    forces : (F,) force on the skin within 5 mm of each focus in real air [N], NaN for foci away
+    skin : sound on the surfaces of the bodies; None in open air.
+    forces : (F,) force in real air on the skin within 5 mm of each focus [N]; NaN for foci away
         from skin and where ``evaluation.expected`` is NaN.
-    side_lobe : strongest pressure more than a wavelength from every focus, on the bodies and in
+    side_lobe : strongest pressure more than a wavelength from every focus, on the bodies or in
         the air up to two wavelengths beyond the foci.
     suppression_points : (Q,) complex pressure at the target's suppression points [Pa].
-    head : (N,) level at the points of a head [dB SPL] without steepening, see ``HeadLevel``.
+    head : (N,) level at the points of a head, without steepening [dB SPL]; see ``HeadLevel``.
     """
 
     evaluation: Evaluation
@@ -166,7 +166,7 @@ def verify(
     transfer : transfer matrix of the foci, for the attainable maximum; None to compute it with
         ``solver``.
     head : (3,) or (N, 3) points of a head [m] at which the level is evaluated.
-    levels : levels of a board; the drive rounded to these levels is verified as well.
+    levels : levels of a board; the drive rounded to them is also verified.
 
     Returns
     -------

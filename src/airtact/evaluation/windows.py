@@ -14,7 +14,7 @@ AXES = dict(zip("xyz", np.eye(3), strict=True))
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A rectangular grid of points in a plane [m]; ``right`` and ``up`` are unit vectors."""
+    """A rectangular grid of points in a plane, in metres; ``right`` and ``up`` are unit vectors."""
 
     centre: Float64[np.ndarray, "3"]
     right: Float64[np.ndarray, "3"]
@@ -44,7 +44,7 @@ class Window:
 
     @property
     def origin(self) -> Float64[np.ndarray, "3"]:
-        """Origin of the picture [m]: the frame's if the sides follow its axes, or the centre."""
+        """Origin of the picture [m]: the frame's if the sides follow its axes, else the centre."""
         aligned = [axis for axis in (self.right, self.up) if _axis_name(axis)]
         return self.centre - sum((self.centre @ axis * axis for axis in aligned), np.zeros(3))
 
@@ -62,11 +62,11 @@ class Window:
         return across - half_width, across + half_width, along - half_height, along + half_height
 
     def seen(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 2"]:
-        """Project points (P, 3) [m] into the picture: (P, 2) relative to ``origin`` [mm]."""
+        """Project points (P, 3) into the picture; return (P, 2) relative to ``origin`` [mm]."""
         return 1e3 * (points - self.origin) @ np.stack([self.right, self.up], axis=1)
 
     def height_of(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Distance of points (P, 3) from the plane, positive toward the viewer: (P,) [m]."""
+        """Return the distance of points (P, 3) from the plane [m]; positive toward the viewer."""
         return (points - self.centre) @ self.normal
 
 

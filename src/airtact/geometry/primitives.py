@@ -199,7 +199,7 @@ def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
     Parameters
     ----------
     radius : radius of the sphere [m].
-    edge : longest edge of the triangles of its mesh [m], which is used for pictures and files.
+    edge : longest edge of the triangles [m] of the mesh for pictures and files.
     centre : (3,) centre of the sphere [m].
 
     Returns

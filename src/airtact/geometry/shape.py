@@ -42,12 +42,12 @@ class Shape(ABC):
 
     @property
     def thinnest(self) -> float:
-        """Diameter of the largest inner ball at every point of the surface [m]; 0 if it varies."""
+        """Diameter of the inner ball that touches the surface [m], if equal everywhere; else 0."""
         return 0.0
 
     @property
     def least_thickness(self) -> float:
-        """Lower bound on the diameter of inner balls at the surface [m]; 0 if unknown."""
+        """Lower bound on the diameter of inner balls that touch the surface [m]; 0 if unknown."""
         return self.thinnest
 
     def thickness_at(
@@ -61,20 +61,20 @@ class Shape(ABC):
 
     @property
     def crossings(self) -> IndexPairs:
-        """Pairs of triangles (K, 2) that meet outside a common corner or edge."""
+        """Pairs of triangles (K, 2) that meet elsewhere than at a common corner or edge."""
         return np.zeros((0, 2), dtype=np.int64)
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
-        """Return a closed piece inside another, or None: both indices, depth and a point [m]."""
+        """Return both indices, depth and a point [m] of a closed piece inside another, or None."""
         return None
 
     @abstractmethod
     def depth(self, points: Points) -> PointLengths:
-        """Return the distance of points (P, 3) [m] from the surface [m], positive inside."""
+        """Return the distance of points (P, 3) from the surface [m]; positive inside the body."""
 
     @abstractmethod
     def project(self, points: Points) -> PointVectors:
-        """Return the nearest point of the surface for each of P points (P, 3) [m]."""
+        """Return the nearest point (P, 3) of the surface for each of P points (P, 3) [m]."""
 
     def project_on_sharp_edges(self, points: Points) -> PointVectors:
         """Return the nearest points of the sharp edges, or of the surface if there are none [m]."""
@@ -90,29 +90,30 @@ class Shape(ABC):
         return self.project(straight.reshape(-1, 3)).reshape(straight.shape)
 
     def off_triangles(self, points: Points) -> PointLengths:
-        """Return the distance [m] of points from the defining triangles; 0 for closed forms."""
+        """Return the distance of points from the defining triangles [m]; 0 for closed forms."""
         return np.zeros(len(points))
 
     @abstractmethod
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the surface with curved panels as large as equilateral ones with this ``edge`` [m].
+        """Cover the surface with curved panels of the area of equilateral ones with this edge [m].
 
-        On a closed form, the normal of a panel turns by at most about ``bend`` [rad] from edge to
-        edge. On smooth parts of a mesh, the rms deviation of panels is at most about ``away`` [m].
+        On a closed form, the normal turns by at most about ``bend`` [rad] from one edge of a panel
+        to another. On smooth parts of a mesh, the rms deviation of panels from the surface is at
+        most about ``away`` [m].
         """
 
     @abstractmethod
     def extreme_points(self) -> PointVectors:
-        """Return points (P, 3) [m] with the same axis-aligned bounding box as the body."""
+        """Return points (P, 3) with the same axis-aligned bounding box as the body [m]."""
 
     def farthest(self, direction: Vector3) -> Vector3:
-        """Return the point of the body (3,) [m] that is farthest along a unit direction."""
+        """Return the point (3,) of the body that is farthest along a unit direction [m]."""
         points = self.extreme_points()
         return points[(points @ direction).argmax()]
 
     @abstractmethod
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
-        """Return initial triangles for remeshing each piece, with edges of about ``edge`` [m]."""
+        """Return initial triangles for the remeshing of each piece, about ``edge`` [m] long."""
 
     @abstractmethod
     def moved(self, pose: Pose) -> "Shape":

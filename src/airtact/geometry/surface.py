@@ -45,7 +45,7 @@ from airtact.geometry.shape import Shape
 
 
 class Body:
-    """Identity of a rigid body, which its surfaces at all poses share."""
+    """Identity of a rigid body, shared by its surfaces at all poses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Surface:
     sharp_degrees : angle between neighbouring triangles above which their edge remains sharp
         [degrees]; 0 keeps the triangles flat.
     repairs : a sentence for each kind of damage that was repaired.
-    shape : the true surface, which is the exact shape or the curved triangles.
+    shape : the true surface: the exact shape or, without one, the curved triangles.
 
     Raises
     ------
@@ -171,7 +171,7 @@ class Surface:
 
     @property
     def crossings(self) -> IndexPairs:
-        """(K, 2) pairs of triangles that meet outside a common corner or edge."""
+        """(K, 2) pairs of triangles that meet elsewhere than at a common corner or edge."""
         return self.shape.crossings
 
     def panelled(self, edge: float) -> Panels:
@@ -194,7 +194,7 @@ class Surface:
         return panels_of([self.shape], edge, np.empty((0, 3)), smallest=0.5 * edge)
 
     def depth(self, points: Points) -> PointLengths:
-        """Return the depth (P,) of points (P, 3) below the true surface [m]; negative outside.
+        """Return the depth (P,) of points (P, 3) below the true surface [m]; negative outside it.
 
         The method raises ``InvalidInput`` if the shape of ``points`` is wrong or a point is not
         finite.

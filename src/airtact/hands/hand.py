@@ -60,8 +60,8 @@ class Hand:
     joints : (25, 3) positions of the joints in WebXR order [m].
     radii : (25,) radius of the skin around each joint [m].
     side : ``"right"`` or ``"left"``.
-    follows : keyframe of a sequence, or None. Its meshes are deformed to this hand if both are
-        similar.
+    follows : keyframe of a sequence, or None. If the two poses are similar, the meshes of the
+        keyframe are deformed to this hand.
     """
 
     joints: Joints
@@ -153,7 +153,7 @@ class Hand:
         return point, normal
 
     def focus(self, name: str, offset: float = 0.5e-3) -> Float64[np.ndarray, "3"]:
-        """Return the point (3,) that lies ``offset`` metres in front of a named position [m].
+        """Return the point (3,) in the air ``offset`` metres outside a named position [m].
 
         Raises
         ------
@@ -234,8 +234,8 @@ class Hand:
     def posed(self, joints: Real[np.ndarray, "joints 3"]) -> "Hand":
         """Return the same hand in the pose of the next frame of a sequence.
 
-        If the motion is small, the meshes keep their triangles. They depend only on the poses of
-        the sequence.
+        If the motion is small, the meshes keep their triangles. The meshes depend only on the
+        poses of the sequence.
 
         Parameters
         ----------

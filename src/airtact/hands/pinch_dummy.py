@@ -48,7 +48,7 @@ class Pinch:
 
         Parameters
         ----------
-        offset : distance from the skin [m]; 0 for contact.
+        offset : distance from the skin into the gap [m]; 0 for points on the skin.
 
         Raises
         ------

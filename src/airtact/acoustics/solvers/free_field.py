@@ -55,7 +55,7 @@ class OpenAirField(RadiatedField):
 
 @dataclass(frozen=True)
 class FreeField(Solver):
-    """Closed-form sound in open air or in front of a plane, for scenes without obstacles."""
+    """Solver for scenes without obstacles, in closed form: open air, or air in front of a plane."""
 
     def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:
         """Return the field of the monopoles in a scene without obstacles.

@@ -37,19 +37,19 @@ class SolveReport:
     Attributes
     ----------
     solver : name of the method.
-    residual : largest relative residual of the linear systems (0 for closed forms).
-    iterations : number of iterations for the slowest right-hand side.
+    residual : largest relative residual of the linear systems; 0 for closed forms.
+    iterations : number of iterations of the slowest right-hand side.
     nodes : number of unknowns.
-    nodes_per_square_wavelength : unknowns per λ² of the bodies' surfaces (infinite for closed
-        forms).
+    nodes_per_square_wavelength : unknowns per λ² of the bodies' surfaces; infinite for closed
+        forms.
     estimated_error : the solver's own estimate of the relative error of the field away from the
         surfaces.
     seconds : wall time of each step [s].
     settings : the solver's settings.
     warnings : warnings, one sentence each.
     citations : references for the method.
-    farthest_off_triangles, mean_off_triangles : largest and mean distance of the panels from the
-        triangles of the surface, for the worst body [m]; 0 for primitives.
+    farthest_off_triangles, mean_off_triangles : largest and mean distance between the panels
+        and the triangles of the surface, for the worst body [m]; 0 for primitives.
     """
 
     solver: str
@@ -80,13 +80,13 @@ class SolveReport:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceField:
-    """Pressure on the surfaces of the bodies, at the points where the solver computes it.
+    """Pressure at N points on the surfaces of the bodies, where the solver computes it.
 
     Attributes
     ----------
-    points, normals : points on the surfaces [m], and outward unit normals.
-    areas : area that each point represents [m²].
-    pressure : total pressure of each excitation at each point [Pa].
+    points, normals : (N, 3) points on the surfaces [m], and (N, 3) outward unit normals.
+    areas : (N,) area that each point represents [m²].
+    pressure : (N, S) total pressure of each of the S excitations at each point [Pa].
     """
 
     points: NodePoints
@@ -98,7 +98,7 @@ class SurfaceField:
 
     @classmethod
     def empty(cls, sources: Monopoles) -> "SurfaceField":
-        """Return a surface field of length 0, for fields without a surface pressure."""
+        """Return a surface field without points, for fields whose surface pressure is unknown."""
         pressure = np.zeros((0, sources.strengths.shape[1]), dtype=np.complex128)
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), pressure)
 
@@ -138,7 +138,7 @@ class RadiatedField(ABC):
     @property
     @abstractmethod
     def on_surface(self) -> SurfaceField:
-        """Total pressure on the surfaces of the bodies; arrays of length 0 if there are none."""
+        """Total pressure on the surfaces of the bodies; without points if there are no bodies."""
 
     @property
     def scattering_sources(self) -> Monopoles | None:
@@ -171,9 +171,10 @@ class RadiatedField(ABC):
     def scattered_at(self, points: Points) -> Pressures:
         """Return the scattered pressure (P, S): the total minus the open-air pressure [Pa].
 
-        The scattered pressure is finite at the sources, where ``at`` is infinite. It is NaN where
-        the field is not ``valid``, and at a source that touches a body. Some solvers subtract the
-        open-air pressure from ``at`` and raise an error at the sources.
+        The scattered pressure is finite at the sources, where the total pressure is infinite.
+        It is NaN where the field is not ``valid``, and at a source that touches a body. For
+        some solvers, it is the difference of two pressures that are infinite at a source, where
+        the method then raises an error.
 
         Raises
         ------
@@ -183,7 +184,7 @@ class RadiatedField(ABC):
         return self._scattered_at(points_of(points, "points", least=0))
 
     def valid(self, points: Points) -> Mask:
-        """Return at which points (P, 3) the field exists; inside, only filled bodies have one."""
+        """Return whether the field exists at points (P, 3): outside bodies and in filled ones."""
         return self._valid(points_of(points, "points", least=0))
 
     def velocity(self, points: Points) -> Gradients:
@@ -191,9 +192,9 @@ class RadiatedField(ABC):
 
         The velocity is computed by central differences of ``at`` over 1/40 of a wavelength, or less
         near a surface. Points within 1/200 of a wavelength of a surface count as lying on it; the
-        result there is the tangential velocity, plus the normal velocity into an impedance. The
+        result there is the tangential velocity and, on an impedance, the normal velocity. The
         velocity is NaN where the field is not ``valid``, and on the surface of a filled body. The
-        errors are those of ``at``.
+        method raises the same errors as ``at``.
         """
         points = self._receivers(points)
         scene = self.scene
@@ -263,7 +264,7 @@ class RadiatedField(ABC):
         )
 
     def nowhere(self, points: Points) -> Pressures:
-        """Return pressures of NaN for each point and excitation."""
+        """Return an array (P, S) of NaN: one pressure for each point and excitation."""
         return np.full((len(points), self.excitations), np.nan, dtype=np.complex128)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:

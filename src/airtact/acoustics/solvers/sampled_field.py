@@ -36,12 +36,12 @@ SAME_NODE = 1e-9
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SampledField(RadiatedField):
-    """A field interpolated from its pressure at nodes; NaN outside their convex hull.
+    """A field interpolated between nodes with known pressure; NaN outside their convex hull.
 
-    A Delaunay triangulation connects the nodes to tetrahedra. In each tetrahedron, p·r·e^{-ikr} is
-    interpolated linearly, where r is the distance from the nearest source, because e^{ikr}/r varies
-    far faster than the rest. The tetrahedra also fill the bodies, so do not evaluate the field
-    inside bodies. The error is not estimated (NaN).
+    A Delaunay triangulation divides the convex hull of the nodes into tetrahedra. In each
+    tetrahedron, p·r·e^{-ikr} is interpolated linearly, where r is the distance from the nearest
+    source, because e^{ikr}/r varies far faster than the rest. The tetrahedra also fill the bodies,
+    so do not evaluate the field inside bodies. The error is not estimated (NaN).
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class SampledField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Arrays of length 0, because the surfaces of the bodies are unknown."""
+        """A surface field without points, because the pressure on the bodies is unknown."""
         return SurfaceField.empty(self.sources)
 
     def _valid(self, points: Vectors) -> Mask:
@@ -176,8 +176,8 @@ def load_samples(
     sources : the monopoles that emit the sound, with one excitation for each pressure column.
     time_sign : "e^{-iωt}" as in airtact, or "e^{+jωt}" as in COMSOL, whose pressures are
         conjugated.
-    scale : metres per unit of the file's lengths; by default the unit in its comment "Length unit",
-        or 1 without such a comment.
+    scale : length of the file's unit in metres, such as 1e-3 for mm. By default the unit is
+        taken from the comment "Length unit"; without that comment it is the metre.
 
     Returns
     -------

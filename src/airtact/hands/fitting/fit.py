@@ -100,12 +100,12 @@ class FittedHand:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """Uncertainty in which each bone moves independently, by the rms error of the joints."""
+        """Uncertainty in which each bone shifts independently by the rms error of the joints."""
         return Uncertainty(own_position=float(np.sqrt(np.mean(self.joint_errors**2) / 3.0)))
 
     @cached_property
     def surface(self) -> Surface:
-        """The closed skin, moved to the points of the cloud."""
+        """The closed skin, shifted to the points of the cloud."""
         # Smaller triangles are less likely to cross between close fingers.
         return self.skin(3.5e-3, 2.5e-3)
 
@@ -121,7 +121,7 @@ class FittedHand:
     def place(self, name: str) -> Place:
         """Return the position (3,) [m] and normal (3,) of one of ``hand.places`` on ``surface``.
 
-        The errors are those of ``Hand.place``.
+        The method raises the same errors as ``Hand.place``.
         """
         point, normal = self.hand.place(name)
         return fixed(self.surface.shape.project(point[None])[0]), normal
@@ -142,8 +142,9 @@ def fit_hand(
     The fit minimises the distances of the points from the skin of a sphere mesh (Tkach, Pauly,
     Tagliasacchi, ACM Trans. Graph. 35, 222 (2016)) under priors: constant bone lengths, joint
     limits and the distribution of hand sizes. Outliers get no weight. Parts of the hand without
-    points are determined by the priors. The sizes of the person's hand are learned from the first 8
-    frames and then stay fixed.
+    points are determined by the priors. To fit several frames of one hand, pass each result as
+    ``before`` of the next call: the sizes of the person's hand are then learned from the first
+    8 frames, and stay fixed afterwards.
 
     Parameters
     ----------
@@ -153,11 +154,13 @@ def fit_hand(
     side : ``"right"`` or ``"left"``; by default it is inferred from the landmarks if the fingers
         bend enough.
     camera : (3,) position from which all points were seen [m]. Points are then matched only to skin
-        that faces the camera, and the hand stays within the observed silhouette.
-    before : the fit of the previous frame, whose pose is the initial guess. Its anatomy is used
+        that faces the camera, and the hand stays within the observed silhouette. Omit it if the
+        points were measured from several directions.
+    before : result for the previous frame. Its pose is the initial guess, and its anatomy is used
         unless ``anatomy`` is given.
-    anatomy : sizes of the person's hand from an earlier fit. By default they are those of
-        ``before``, or the population's sizes if there is no previous frame.
+    anatomy : sizes of the person's hand, from an earlier fit. They stay fixed if they were learned
+        from 8 frames; otherwise they are initial values, and learning continues. By default, the
+        anatomy of ``before``, or the sizes of the population if there is no previous frame.
     progress : function that is called with a description of each step when the step begins.
 
     Returns

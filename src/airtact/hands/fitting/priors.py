@@ -122,7 +122,7 @@ class HandAnatomy:
         return self.frames >= 8
 
     def learned(self, sizes: Sizes, covariance: SizesMatrix) -> "HandAnatomy":
-        """Add the sizes (62,) of a frame and their ``covariance`` to the mean over the frames.
+        """Include the sizes (62,) of a frame and their ``covariance`` in the mean over the frames.
 
         The covariance is not divided by the number of frames, because the shape of the model has
         the same error in every frame.

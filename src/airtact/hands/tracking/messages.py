@@ -41,7 +41,7 @@ def to_json(frame: HandFrame) -> bytes:
 
 
 def from_json(text: bytes | str) -> HandFrame:
-    """Read a frame from a JSON message, as ``to_json`` writes it.
+    """Read a frame from a JSON message in the format of ``to_json``.
 
     Raises
     ------

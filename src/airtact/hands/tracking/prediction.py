@@ -68,8 +68,9 @@ class Predictor:
     latency : time from a frame to the arrival of the sound computed from it [s].
     noise : standard deviation of each coordinate of the tracker's landmarks [m], or None to
         estimate it from the frames.
-    agility : standard deviation of the acceleration of the palm [m/s²]. Those of the joints are
-        proportional to it, and all rise while the hand is more agile.
+    agility : standard deviation of the palm's acceleration [m/s²]. The deviations for the
+        joints are proportional to it. All of them are increased while the hand accelerates more
+        strongly.
     patience : time without frames after which the hand counts as lost and the filter restarts [s].
 
     Raises
@@ -167,8 +168,8 @@ class Predictor:
 
         Returns
         -------
-        The frame at the predicted time, with the number of the latest frame. It is a lost frame if
-        the hand has not been seen for longer than the patience.
+        The frame at the predicted time, with the number of the latest frame. It is a lost frame
+        if the hand has not been seen for longer than ``patience``.
 
         Raises
         ------
@@ -184,7 +185,7 @@ class Predictor:
         return HandFrame(then, frame.side, frame.sequence, landmarks)
 
     def spread(self, time: float) -> float:
-        """Return the standard deviation of the coordinates [m] at ``latency`` after a time [s].
+        """Return the standard deviation of the coordinates that ``at(time)`` predicts [m].
 
         The result is the root mean square over all joints.
         """
@@ -198,7 +199,7 @@ class Predictor:
         return velocities[TRACKED] if len(newest) == 21 else velocities
 
     def uncertainty(self, time: float) -> Uncertainty:
-        """Return the uncertainty of the hand at ``latency`` after a time [s].
+        """Return the uncertainty of the hand that ``at(time)`` predicts.
 
         The covariance of the joints is divided into the position of the whole hand, its rotation
         and, as ``own_position``, the additional motion of its bones. Positions are limited to 0.1

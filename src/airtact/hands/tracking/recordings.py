@@ -33,7 +33,7 @@ class Recording:
     Attributes
     ----------
     frames : frames in the order of the file.
-    health : numbers of frames and faults in the file.
+    health : numbers of frames in the file and of their faults.
     note : data that the file's format lacks, or oddities of its frames; "" if there are none.
     """
 
@@ -131,7 +131,7 @@ def _of_other_program(path: Path) -> tuple[list[Item], str]:
 
 
 def save_recording(path: str | Path, frames: Iterable[HandFrame]) -> None:
-    """Write a recording. The file appears only once it is complete.
+    """Write a recording. An existing file is replaced once the new one is complete.
 
     Parameters
     ----------

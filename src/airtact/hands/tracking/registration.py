@@ -27,8 +27,8 @@ class Registration:
     Attributes
     ----------
     tracker : pose of the tracker in the scene.
-    scale : factor for the tracker's lengths, to be applied before the pose; 1 unless fitted.
-    offset : distance of the fingertip's joint from a touched face [m].
+    scale : factor by which the tracker's lengths are multiplied before the pose; 1 unless fitted.
+    offset : distance of the joint in the fingertip from a touched face [m].
     residuals : (T,) distance of each touch from its point [m].
     position_error : standard deviation of the position at the middle of the touched points, in the
         least certain direction [m].
@@ -81,7 +81,7 @@ def register(
     normals : (T, 3) outward unit normals of the touched faces.
     offset : distance between the joint and a touched face [m]. None determines it from the touches,
         which requires faces in different directions.
-    scale : factor for the tracker's lengths; None determines it from the touches.
+    scale : factor by which to multiply the tracker's lengths; None determines it from the touches.
 
     Returns
     -------
@@ -206,7 +206,7 @@ def _fitted(
 
 
 class RestingFingertip:
-    """Detector of a fingertip at rest: it finds when and where the index tip rests for a second.
+    """Detector that finds when and where the tip of the index finger rests for a second.
 
     Attributes
     ----------
@@ -219,10 +219,10 @@ class RestingFingertip:
         self.share = 0.0
 
     def take(self, frame: HandFrame) -> Float64[np.ndarray, "3"] | None:
-        """Process a frame, and return the mean tip position (3,) [m] after a second of rest.
+        """Process a frame; return the mean position (3,) of the tip after a second of rest [m].
 
-        The result is None before that. The next rest is only accepted after the tip has moved by
-        30 mm.
+        The result is None until then. The next rest is accepted only after the tip has moved by 30
+        mm.
         """
         if frame.landmarks is None:
             self._window.clear()

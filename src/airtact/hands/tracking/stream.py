@@ -46,7 +46,7 @@ class StreamHealth:
     ----------
     received : number of frames and other messages.
     used : valid frames, including those of lost hands.
-    lost : losses of a hand, reported by the tracker or detected by its silence.
+    lost : losses of a hand, reported by the tracker or detected because no frames arrived.
     unreadable : messages that are not frames.
     half_lost : frames with NaN, infinite or missing coordinates.
     unknown_count : frames with neither 25 nor 21 landmarks.
@@ -270,8 +270,7 @@ class HandStream:
 
         Returns
         -------
-        The frame of the hand that has waited longest, which may be a lost frame; None after the
-        timeout.
+        The frame that has waited longest, which may be a lost frame; None after the timeout.
         """
         end = time.monotonic() + timeout
         with self._changed:

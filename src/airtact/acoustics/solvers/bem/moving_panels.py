@@ -32,12 +32,12 @@ from airtact.geometry.mesh.arrays import QuadraticTriangles
 
 @dataclass(frozen=True, eq=False)
 class MovingPanels:
-    """Panels of a body, some of which may have been removed.
+    """Panels of one body, as they were meshed; ``facing`` returns a part of them.
 
     Attributes
     ----------
-    corners : corners and edge midpoints of the panels, as meshed [m].
-    inside : second collocation points in the body, as meshed; two for each panel [m].
+    corners : corners and edge midpoints of the panels [m].
+    inside : second collocation points, which are inside the body, two for each panel [m].
     deviation : distance of the panels from the true surface [m].
     admittance : ρc/Z of the panels; 0 for sound-hard panels.
     wavenumber : wavenumber of the sound [rad/m].
@@ -56,7 +56,7 @@ class MovingPanels:
     __repr__ = in_short
 
     def facing(self, points: Points, share: float) -> "MovingPanels":
-        """Keep the panels that face at least a fraction ``share`` of points (P, 3) [m].
+        """Return the panels that face at least the fraction ``share`` of points (P, 3) [m].
 
         Sound from sources in front of the body to such points hardly depends on panels that face
         away from most of the points.

@@ -90,25 +90,26 @@ Equation = Literal["transposed", "direct"]
 class BoundaryElement(Solver):
     """Boundary element method for sound-hard and impedance bodies, without interior resonances.
 
-    A discontinuous quadratic Nyström method on curved six-node panels solves the dual-surface
-    equation twice by GMRES. The transposed solution is accurate away from the bodies, even for
-    sources on or near their surfaces. The direct solution is the pressure on and near the surfaces.
-    The difference between the two is used to estimate the error. With hundreds of excitations, the
-    equations are solved by Gaussian elimination instead.
+    The dual-surface equation is discretised by a discontinuous quadratic Nyström method on
+    curved six-node panels. GMRES solves it in two forms. The transposed form is accurate away
+    from the bodies, even for sources on or near their surfaces. The direct form provides the
+    pressure on and near the surfaces. The error is estimated from the difference between the
+    two. With hundreds of excitations, Gaussian elimination replaces GMRES.
 
     Attributes
     ----------
-    accuracy : target of the relative error away from the surfaces (0.01 is 1 %). It determines the
+    accuracy : target for the relative error away from the surfaces (0.01 is 1 %). It determines the
         size of the panels; 0.03 is suitable for a preview.
     precision : precision of the iteration and the matrix, "float32" or "float64". With "float32"
         and an accuracy of 0.003 or more, the matrix is stored in bfloat16.
     estimate : whether to solve both equations. If False, only the transposed equation is solved,
-        which is enough for a transfer matrix. A solve then takes about half the time, the estimated
-        error is NaN, and the field raises ``InvalidInput`` on and near the surfaces. Scenes with
-        reflecting boards solve the direct equation instead. At an accuracy of 0.06 or coarser, use
-        the solution for drives only: their correlation with the exact drives was 0.995, while
-        pressures had errors of up to 8 %.
-    enough : relative error above which the report contains a warning; by default the accuracy.
+        which is enough for a transfer matrix. A solve then takes about half the time, the
+        estimated error is NaN, and evaluating the field on or near the surfaces raises
+        ``InvalidInput``. If the scene contains reflecting boards, the direct equation is solved
+        instead. At an accuracy of 0.06 or coarser, use the solution for drives only: their
+        correlation with the exact drives was 0.995, while pressures had errors of up to 8 %.
+    enough : relative error above which the report contains a warning; by default equal to
+        ``accuracy``.
     progress : callback that receives the name of each step as it begins, such as ``print``.
 
     Raises
@@ -158,7 +159,7 @@ class BoundaryElement(Solver):
         return 34.0 * (0.01 / self.accuracy) ** (2 / 3)
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
-        """Return the number of nodes (unknowns) of a solve, computed from its panels alone."""
+        """Return the number of unknowns (nodes) of a solve; the panels are made, but not solved."""
         return 6 * sum(map(len, covers(**self._covering(scene, sources.refined_positions))))
 
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField | BoardField:
@@ -167,9 +168,10 @@ class BoundaryElement(Solver):
         Parameters
         ----------
         scene : sound-hard or impedance bodies. Their images in a plane add no unknowns.
-        sources : monopoles outside the bodies or on their surfaces, and in front of a plane or on
-            it. If some are in the faces of reflecting boards, the field around the other bodies is
-            returned, and panels are not refined near these sources.
+        sources : monopoles outside the bodies or on their surfaces, and in front of the plane
+            or on it if there is one. If some lie in the faces of reflecting boards, the
+            returned field is that around the other bodies, and panels are not refined near
+            these sources.
 
         Returns
         -------
@@ -325,11 +327,12 @@ class BoundaryElement(Solver):
     ) -> "at.acoustics.FactorisedBodies":
         """Factorise each body once, for any sources and rigid motions of the bodies.
 
-        The returned solver solves for a new pose of two fingers, or for other foci, in a fraction
-        of the time of ``radiate``. Its field is only known away from the bodies, as with
-        ``estimate=False``. Factorising takes as long as tens of solves: 2 s for two fingers with
-        1,100 unknowns each. The time grows as the cube of a body's unknowns, to minutes for a hand
-        with 8,000.
+        For a new pose of two fingers, or for other foci, the returned solver
+        takes a fraction of the time of ``radiate``. Its field is known only
+        away from the bodies, as with ``estimate=False``. The factorisation
+        takes as long as tens of solves: 2 s for two fingers with 1,100 unknowns
+        each. The time grows as the cube of a body's unknowns, to minutes for a
+        hand with 8,000.
 
         Parameters
         ----------
@@ -338,7 +341,7 @@ class BoundaryElement(Solver):
 
         Returns
         -------
-        A solver for the same bodies at any poses, in the same medium and at the same frequency.
+        A solver for these bodies at any poses, in the same medium and at the same frequency.
 
         Raises
         ------
@@ -401,7 +404,7 @@ class BoundaryElement(Solver):
         )
 
     def moving_panels(self, scene: Scene, refined: Points) -> "at.acoustics.MovingPanels":
-        """Cover one body with panels that the caller may move, in single precision.
+        """Cover one body with panels that the caller may move; they are solved in single precision.
 
         Parameters
         ----------

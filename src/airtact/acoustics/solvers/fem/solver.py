@@ -74,7 +74,7 @@ class FiniteElement(Solver):
 
     @classmethod
     def reaching(cls, accuracy: float) -> "FiniteElement":
-        """Return a solver of the order for an accuracy: 4 for 3 % or more, 5 down to 0.5 %, else 6.
+        """Return a solver of suitable order: 4 for accuracies down to 3 %, 5 to 0.5 %, else 6.
 
         ``accuracy`` is the target relative error away from the surface. Values outside 0.001 to 0.3
         raise ``InvalidInput``.
@@ -99,7 +99,7 @@ class FiniteElement(Solver):
         return self.factorised(scene).radiate(scene, sources)
 
     def factorised(self, scene: Scene) -> "FactorisedScene":
-        """Mesh and assemble a scene once, and return a solver for any sources in this scene.
+        """Mesh and factorise a scene once, and return a solver for any sources in this scene.
 
         Returns
         -------

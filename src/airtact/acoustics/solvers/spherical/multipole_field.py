@@ -164,10 +164,11 @@ class MultipoleField(RadiatedField):
 def multipole_expansion(field: RadiatedField, *, progress: Progress | None = None) -> RadiatedField:
     """Expand the scattered part of a field in outgoing waves, for bodies that move rigidly.
 
-    The time of an evaluation then does not depend on the number of unknowns: a transfer matrix of
-    996 elements after a rigid motion takes about 2 ms. Within a wavelength of the ball around the
-    bodies, the original field is evaluated. In front of a fixed plane, a solve remains valid for
-    all motions that map the plane onto itself (``Plane.kept_by``).
+    The time for an evaluation then does not depend on the number of unknowns:
+    the transfer matrix of 996 elements after a rigid motion takes about 2 ms.
+    Within a wavelength of the smallest ball around the bodies, the original
+    field is evaluated instead. In front of a fixed plane, a solve remains valid
+    for all motions that map the plane onto itself (``Plane.kept_by``).
 
     Parameters
     ----------

@@ -138,7 +138,7 @@ class SphereField(RadiatedField):
 
 @dataclass(frozen=True)
 class SphereSeries(Solver):
-    """Separation of variables for a single sphere, which is the exact reference for other solvers.
+    """Solver for a single sphere by separation of variables; the exact reference for others.
 
     The sphere is sound-hard, has an impedance, or is filled. Sources lie outside or on the sphere.
     """

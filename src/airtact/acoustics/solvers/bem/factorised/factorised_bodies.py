@@ -253,7 +253,7 @@ class FactorisedField(RadiatedField):
 
 @dataclass(frozen=True, eq=False)
 class FactorisedBodies(Solver):
-    """A solver for separately factorised bodies in any later poses.
+    """Solver for bodies that were factorised separately, at any poses of these bodies.
 
     Attributes
     ----------
@@ -261,7 +261,7 @@ class FactorisedBodies(Solver):
     bodies : the reduced bodies.
     fallback : solver for scenes in which two bodies are too close together.
     tolerance : relative residual of the iteration over the bodies.
-    smallest : edge length below which no panel was refined [m].
+    smallest : edge length at which the refinement of panels stopped [m].
     report : report of the factorisation.
     """
 
@@ -286,7 +286,7 @@ class FactorisedBodies(Solver):
 
         Returns
         -------
-        The field around the bodies, known only away from their surfaces.
+        The field around the bodies, which is known only away from their surfaces.
 
         Raises
         ------
