@@ -48,8 +48,8 @@ class Client:
 
     Attributes
     ----------
-    rejected : the 16 newest reasons why the loop rejected a message. Remove those you
-        have read.
+    rejected : reasons why the loop rejected a message; only the 16 newest are kept. Remove
+        those you have read.
 
     Raises
     ------
@@ -107,7 +107,7 @@ class Client:
         return self._state
 
     def next_state(self, timeout: float = 1.0) -> StateMessage | None:
-        """Wait until the timeout [s] for a state that this method has not returned yet.
+        """Wait up to ``timeout`` seconds for a state that this method has not returned yet.
 
         Returns
         -------

@@ -49,9 +49,8 @@ class Status:
     rate : drives per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without
         drives.
-    kept : median of the expected share of the attainable pressure; NaN if unknown.
-    unrecorded : data missing from the session, with the reason; None if it is
-        complete.
+    kept : median of the expected fraction of the attainable pressure; NaN if unknown.
+    unrecorded : data missing from the session, with the reason; None if it is complete.
     rejected : reason why the newest message was rejected; empty after a few
         seconds.
     """
@@ -90,9 +89,9 @@ class Followed:
     rate : drives per second while there was sound; 0 without sound.
     age, oldest : median and 95th percentile of the time from the newest frame to the sound in the
         air [s]; NaN without drives.
-    delay : 95th percentile of the time from a frame's arrival to the first drive computed from it
-        that reached the link [s]; NaN without drives.
-    kept : median of the expected share of the attainable pressure; NaN if unknown.
+    delay : 95th percentile of the time from the arrival of a frame until the first drive
+        computed from it reached the link [s]; NaN without drives.
+    kept : median of the expected fraction of the attainable pressure; NaN if unknown.
     faded : number of fades to silence for each reason.
     dropped : number of rows missing from the session because the disk was too slow.
     health : health of the stream of frames.
@@ -178,9 +177,9 @@ def follow(
     session : records the run. This function closes it.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s].
-    cap : largest amplitude of an element, as a share of full scale. By default, the cap limits the
-        level at a head 0.5 m from the array to 110 dB SPL wherever the foci are; without boards it
-        is 1.
+    cap : largest amplitude of an element, as a fraction of full scale. By default, the cap
+        limits the level at a head 0.5 m from the array to 110 dB SPL wherever the foci are;
+        without boards it is 1.
     controls : initial settings. If there is a page, its settings replace them.
     page : shows every drive and can change the controls.
     report : called twice a second with the status.
@@ -190,7 +189,8 @@ def follow(
 
     Returns
     -------
-    A summary of the run. Ctrl-C also ends the run: it silences the output at once.
+    A summary of the run. If Ctrl-C is pressed, the output is silenced at once and the summary
+    is returned as well.
 
     Raises
     ------

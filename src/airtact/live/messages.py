@@ -150,7 +150,7 @@ class ObjectMessage(Table, frozen=True, forbid_unknown_fields=False, omit_defaul
             raise _explained(error) from None
 
     def made(self) -> VirtualObject:
-        """Build the object. The distance grid of a mesh is left for later: it takes about 1 s."""
+        """Build the object, without the distance grid of a mesh, which would take about 1 s."""
         with about(f"object {self.name}"):
             if self.mesh is not None:
                 shape = Surface(np.array(self.mesh.vertices), np.array(self.mesh.triangles))

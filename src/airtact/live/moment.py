@@ -35,18 +35,17 @@ class Moment:
 
     Attributes
     ----------
-    time : when the sound should reach the air, on the tracker's clock [s].
+    time : time at which the sound should be in the air, on the tracker's clock [s].
     frame_time : timestamp of the newest frame used [s].
     joints : (25, 3) predicted joint positions at ``time`` [m]; None if the hand is
         lost.
     foci : (F, 3) predicted foci at ``time`` [m]; None if no hand is seen.
-    amplitudes : (E,) complex amplitudes, as shares of full scale; zeros for
-        silence.
+    amplitudes : (E,) complex amplitudes, as fractions of full scale; zeros for silence.
     pressures : (F,) predicted pressures at the foci [Pa], or None.
     rule : how the drive was computed.
     shape_age : time from the solved pose to ``time`` [s]; None if no solution was
         used.
-    kept : expected share of the attainable pressure at the weakest focus, or None.
+    kept : expected fraction of the attainable pressure at the weakest focus, or None.
     state : state of the loop.
     frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci
         move.
@@ -98,14 +97,13 @@ class Controls:
 
     Attributes
     ----------
-    ignore_hand : whether phases are set from path lengths alone, as if there were no
-        hand.
-    method : name of the method that computes the drives; None for the scene's
-        method.
-    cap : largest amplitude of an element, as a share of full scale.
-    offset : distance of all foci from the skin [m]; None for the scene's distances.
-    modulated : whether the amplitude is modulated or the foci move, so that the drive
-        can be felt.
+    ignore_hand : whether scattering by the hand is ignored, so that ``method`` uses the
+        transfer matrix of open air.
+    method : name of the method that computes the drives; None for the scene's method.
+    cap : largest amplitude of an element, as a fraction of full scale.
+    offset : distance of all foci from the skin, outward [m]; None for the scene's distances.
+    modulated : whether the scene's modulation is applied: that of the amplitude, or the motion
+        of foci along paths and outlines. Without it, the drive can hardly be felt.
     playing : whether sound is emitted.
     levels : strengths of individual foci by name, from 0 (off) to 1; all others have
         strength 1.
@@ -144,11 +142,11 @@ class DriveMaker(ABC):
 
     @abstractmethod
     def take(self, frame: HandFrame) -> None:
-        """Process the tracker's newest frame, in scene coordinates; it replaces older frames."""
+        """Process the tracker's newest frame, in scene coordinates."""
 
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive for the sound in the air at a time on the tracker's clock [s]."""
+        """Compute the drive for sound that is in the air at a time of the tracker's clock [s]."""
 
     def feel(  # noqa: B027 (some makers have fixed foci)
         self, objects: Sequence[VirtualObject], foci: "Sequence[at.live.WantedFocus]"

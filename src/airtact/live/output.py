@@ -32,8 +32,8 @@ class Output:
     stopped : whether the emergency stop was pressed. After that, nothing is
         emitted.
     levels : amplitudes and phases of the boards; None without boards.
-    lead : longest time by which a drive can be sent before it takes effect [s]; 0 if drives
-        take effect on arrival.
+    lead : longest time that a drive may be sent before it takes effect [s]; 0 if drives take
+        effect on arrival.
     """
 
     words: str = "no boards"
@@ -60,17 +60,17 @@ class Output:
 
     @property
     def share(self) -> float:
-        """Share of the newest drive's amplitude that was emitted when it was sent, at most 1."""
+        """Fraction of the newest drive's amplitude that was emitted when it was sent."""
         return 1.0 if self._emission is None else self._emission.share
 
     def limit(self, cap: float) -> None:
-        """Cap the amplitudes of all drives at a share of full scale; see ``check_cap``."""
+        """Cap the amplitudes of all drives at a fraction of full scale; see ``check_cap``."""
         cap = check_cap(cap)
         if self._emission is not None:
             self._emission.cap = cap
 
     def send(self, amplitudes: Amplitudes, at: float | None = None) -> None:
-        """Emit a drive from now or from a given time on; return once it has reached the link."""
+        """Emit a drive, from now or from a given time on; return once it has reached the link."""
         if self._emission is not None:
             self._emission.send(Drive(amplitudes), wait=False, at=at)
 
@@ -84,7 +84,7 @@ class Output:
         return True
 
     def cycle(self, frames: Frames, rate: float) -> None:
-        """Emit frames in turn at a rate [1/s], starting at the current position in the round."""
+        """Emit frames in turn at a rate [1/s], continuing at the current position in the round."""
         if self._emission is not None:
             self._emission.cycle(Sequence(frames, rate), wait=False)
 

@@ -41,8 +41,8 @@ class TouchStep:
     element, point : index of the transducer to touch, and its position in the scene (3,)
         [m].
     words : name of the transducer.
-    share : share of the required second for which the fingertip has rested; 1 once the
-        touch is recorded.
+    share : fraction of the required second for which the fingertip has rested; 1 once the touch
+        is recorded.
     trouble : reason why no fingertip is seen; "" if one is seen.
     """
 
@@ -127,8 +127,8 @@ def register_tracker(
         ``elements_to_touch``.
     offset : distance of the fingertip's joint from a touched face [m]; by default, the
         radius of the scene's hand at this joint, or that of a generic hand.
-    fit_offset, fit_scale : whether to fit the offset, or a factor on all lengths of the
-        tracker, as well.
+    fit_offset, fit_scale : whether to fit, in addition, the offset or a factor for all lengths
+        of the tracker.
     report : called with the progress, up to ten times per second.
 
     Raises
@@ -301,7 +301,8 @@ def write_tracker(scene: str | Path, pose: Pose, copy: str | Path | None = None)
     ----------
     scene : scene file; it is changed unless ``copy`` is given.
     pose : pose of the tracker.
-    copy : file for the copy. If the scene names other files, use the same folder.
+    copy : file for a changed copy, which replaces an existing file. If the scene names other
+        files, the copy must be in the same folder.
 
     Raises
     ------

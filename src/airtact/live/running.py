@@ -63,13 +63,13 @@ def run(
     hands : source of the frames, as returned by ``hands_from``.
     output : receiver of the drives, as returned by ``output_to``; by default, nothing
         is emitted.
-    folder : folder in which ``session.h5`` is written.
+    folder : folder in which ``session.h5`` is written; an existing file is replaced.
     seconds : duration [s]; by default, until the recording ends or Ctrl-C is
         pressed.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s].
-    cap : largest amplitude of an element, as a share of full scale; by default, a safe one that
-        ``follow`` computes.
+    cap : largest amplitude of an element, as a fraction of full scale; by default, a safe one
+        that ``follow`` computes.
     ignore_hand : whether phases are set from path lengths alone, as if there were no
         hand.
     page : port and host of the page; no page by default.
@@ -140,13 +140,13 @@ def record(
 
     Parameters
     ----------
-    file : recording to write, in the tracker's coordinates. Its name must end in
-        ``.jsonl``.
+    file : recording to write, in the tracker's coordinates; an existing file is replaced. Its
+        name must end in ``.jsonl``.
     source : "websocket" or "osc". Append ":PORT" for another port; port 0 selects a
         free one.
     seconds : duration [s]; by default, until Ctrl-C is pressed.
-    report_step : called with the address once it is open, and whenever frames start to be rejected
-        or to stay away.
+    report_step : called with the address once it is open, and whenever frames begin to be
+        rejected or stop arriving.
 
     Raises
     ------
@@ -202,8 +202,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
 
     Parameters
     ----------
-    setup : the pose of its tracker transforms frames of recordings and trackers to the
-        scene.
+    setup : scene. Frames of recordings and trackers are transformed by the pose of its tracker.
     source : a recording; a session or its folder; "websocket" or "osc", optionally with ":PORT",
         where port 0 selects a free one; or "page" for the hand on the page. By default, an example
         motion is repeated.
@@ -301,7 +300,7 @@ def output_to(
 
 
 def drive_at_rest(setup: Setup) -> DriveFile:
-    """Return a drive for the hand of the scene file, ignoring scattering, to find a safe level."""
+    """Return a drive for the hand of the scene file without scattering, to find a safe level."""
     scene = live_scene(setup)
     drive = focus_by_distance(scene.array, setup.target, scene.medium, scene.frequency)
     return DriveFile(

@@ -45,9 +45,9 @@ class MovingFoci:
 
     Attributes
     ----------
-    places : (N, K) for each of N frames, the index of the place from which each of K
-        foci starts.
-    shifts : (N, K, 3) offset from that place [m], in the axes of its bone
+    places : (N, K) index of the place on the hand to which each of K foci is tied, for each of N
+        frames.
+    shifts : (N, K, 3) offset of each focus from its place [m], in the axes of the place's bone
         (``PosedHand.frames``).
     rate : frames per second.
     words : short description of the motion.
@@ -73,9 +73,9 @@ class WithImages:
     Attributes
     ----------
     array : R sources: first the elements, then their images.
-    imaged : (R - E,) index of the element that belongs to each image.
-    strengths : (E,) factor on each element: 2 in the plane, where its image coincides,
-        else 1.
+    imaged : (R - E,) index of the element that each image mirrors.
+    strengths : (E,) factor by which the strength of each element is multiplied: 2 for a monopole in
+        the plane, where it coincides with its image, else 1.
     """
 
     array: PhasedArray
@@ -86,7 +86,7 @@ class WithImages:
 
     @classmethod
     def of(cls, array: PhasedArray, planes: Sequence[Plane]) -> "WithImages":
-        """Add the images in the plane, if the scene has one."""
+        """Add the images in the plane, if there is one."""
         imaged = np.zeros(0, dtype=np.int64)
         strengths = np.ones(len(array))
         for plane in planes:
@@ -109,7 +109,7 @@ class WithImages:
     def folded(
         self, rows: Complex[np.ndarray, "*any sources"]
     ) -> Complex[np.ndarray, "*any elements"]:
-        """Return the pressure per unit drive of each element together with its image."""
+        """Return the pressure per unit drive of each element, including its image."""
         count = len(self.strengths)
         if rows.shape[-1] == count and (self.strengths == 1.0).all():
             return rows
@@ -130,18 +130,18 @@ class LiveScene:
     ----------
     medium : medium in which the sound propagates.
     frequency : frequency of the sound [Hz].
-    array : transducers in scene coordinates, as are the tracked hands.
+    array : transducers, in scene coordinates like the tracked hands.
     side : side of the hand that carries the foci.
     radii : (25,) radius of the skin around each joint [m]; None for a generic hand.
     places : places on the hand, such as ``"thumb.pad"``, that carry the F foci.
     offsets : (F,) distances of the foci from the skin [m].
     method : name of the method that computes the drives.
-    modulation : amplitude modulation that makes the drive perceptible; or None.
+    modulation : amplitude modulation that makes the drive perceptible, or None.
     moving : paths of the foci; None if they do not move relative to the hand.
     planes : a rigid plane, such as a table; none for open air.
     objects : virtual objects at the start of the run.
-    both : whether both hands are followed. If so, ``radii`` apply to both, and ``side`` is the
-        hand meant by places without a side.
+    both : whether both hands are followed. If so, ``radii`` apply to both, and names of places
+        without a side refer to the hand ``side``.
     """
 
     medium: Medium
@@ -172,7 +172,7 @@ class LiveScene:
 
 
 def live_scene(setup: Setup) -> LiveScene:
-    """Return the fixed part of a scene file in which a hand is to be followed.
+    """Return the fixed part of a setup in which a hand is to be followed.
 
     Raises
     ------

@@ -58,13 +58,13 @@ class Session:
     ----------
     scene : the part of the scene that does not change.
     text : text of the scene file.
-    amplitudes : (N, E) complex amplitudes of N drives, as shares of full scale.
+    amplitudes : (N, E) complex amplitudes of N drives, as fractions of full scale.
     time_in_air : (N,) time at which each drive reached the link, on the clock of the
         frames [s].
     drive_frame_time : (N,) timestamp of the newest frame that each drive used [s].
     rules, states : (N,) how each drive was computed, and the state of the loop at that
         time.
-    kept : (N,) expected share of the attainable pressure; NaN if unknown.
+    kept : (N,) expected fraction of the attainable pressure; NaN if unknown.
     shape_age : (N,) age of the solution that each drive used [s]; NaN without a
         solution.
     foci : (N, F, 3) predicted foci [m]; NaN if the hand was lost or a drive has fewer
@@ -106,7 +106,7 @@ class Session:
 
     @property
     def playing(self) -> Bool[np.ndarray, "drives"]:
-        """Mask (N,) of the drives with sound, excluding those that were fading."""
+        """Mask (N,) of the drives that were neither silent nor fading."""
         return (np.array(self.states) == "playing") & self.amplitudes.any(axis=1)
 
 
@@ -128,7 +128,7 @@ class SessionWriter:
     Attributes
     ----------
     dropped : number of rows dropped because the disk was too slow.
-    fault : why and since when nothing more is recorded; None if there is no fault.
+    fault : why and since when nothing is recorded; None if there is no fault.
 
     Raises
     ------
@@ -149,7 +149,7 @@ class SessionWriter:
         self._lock = lock_folder(writable_folder(path.parent))
 
     def begin(self) -> None:
-        """Replace an existing file; the loop calls this method once its boards are open."""
+        """Create the file or replace it; the loop calls this method once its boards are open."""
         self._begun = time.monotonic()
         self._process = start_python(
             "-m",

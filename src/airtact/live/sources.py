@@ -27,7 +27,7 @@ OnFrame = Callable[[HandFrame, float], None]
 class HandSource:
     """Source of frames of hands in scene coordinates, from ``begin`` to ``close``.
 
-    Other code may also feed ``stream``; the page does so for a hand that is dragged there.
+    Other code may also feed ``stream``, as the page does for a hand that the user drags there.
 
     Parameters
     ----------

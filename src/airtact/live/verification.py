@@ -28,9 +28,9 @@ class VerifiedSession:
     ----------
     indices : (V,) indices of the drives.
     pressures : (V, F) pressures at the foci [Pa]; NaN if a drive has fewer foci.
-    kept : (V,) share of the attainable pressure: the pressure of the weakest focus over
-        its strength, divided by the same for the best drive of equal energy for the
-        hands at that time.
+    kept : (V,) fraction of the attainable pressure. It is the smallest ratio of pressure to
+        strength over the foci, divided by that of the best drive of equal energy for the hands
+        at that time.
     """
 
     indices: tuple[int, ...]
@@ -48,9 +48,13 @@ def verify_session(
     Parameters
     ----------
     session : session, as returned by ``read_session``.
-    drives : number of drives with sound to verify, spread evenly over the session. For each one,
+    drives : number of drives to verify, spread evenly over those that are not silent. For each one,
         the field around the hand is solved with an error of 2 %.
     report_step : called at the start of each drive.
+
+    Returns
+    -------
+    The verified pressures; drives without a hand or foci at their time are omitted.
 
     Raises
     ------

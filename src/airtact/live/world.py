@@ -140,7 +140,7 @@ class World:
         return self._objects
 
     def foci(self, now: float) -> tuple[WantedFocus, ...]:
-        """Return the foci requested at a time by ``time.monotonic`` [s], with their strengths."""
+        """Return the foci requested at ``now`` (``time.monotonic``), with their strengths."""
         with self._lock:
             self._forget(now)
             names = {thing.name for thing in self._objects}
@@ -175,8 +175,8 @@ class World:
         message : the message. Messages with hands only show that the sender is
             alive.
         source : name of the connection.
-        keep : whether the earlier foci of the source that are not in the message stay. Foci with
-            zero strength are then removed.
+        keep : whether earlier foci of the source remain although they are not in the message.
+            Foci of strength 0 in the message are then removed.
 
         Raises
         ------
@@ -192,13 +192,13 @@ class World:
         self.alive(source)
 
     def alive(self, source: str) -> None:
-        """Record that an application has sent something, which keeps its foci."""
+        """Record that an application has sent a message, so that its foci do not end."""
         with self._lock:
             if source in self._foci:
                 self._heard[source] = self._clock()
 
     def close(self, source: str) -> None:
-        """Drop the foci of a closed connection at once, and its objects after ``SILENCE``."""
+        """Remove the foci of a closed connection at once, and its objects after ``SILENCE``."""
         with self._lock:
             self._foci.pop(source, None)
             self._heard.pop(source, None)
@@ -222,7 +222,7 @@ class World:
         ----------
         moment : the newest drive; None before the first drive.
         reason : reason for silence, or None.
-        scale : factor by which the amplitudes, and so the pressures, were scaled.
+        scale : factor by which the amplitudes, and therefore the pressures, were scaled.
         """
         with self._lock:
             self._forget(self._clock())
@@ -332,7 +332,7 @@ class World:
             self._added = {name: one for name, one in self._added.items() if name not in gone}
 
     def _forget(self, now: float) -> None:
-        """Drop the foci of silent sources and the objects of closed ones."""
+        """Remove the foci of silent sources and the objects of closed ones."""
         for source, heard in list(self._heard.items()):
             if now - heard > SILENCE:
                 del self._foci[source], self._heard[source]

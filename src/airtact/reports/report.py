@@ -15,7 +15,7 @@ def write_report(
     *,
     progress: Progress = no_progress,
 ) -> tuple[Path, ...]:
-    """Write the report of a result to a folder.
+    """Write the report of a result to a folder, replacing existing files of the same name.
 
     Parameters
     ----------

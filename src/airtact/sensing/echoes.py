@@ -52,8 +52,8 @@ class Echoes:
         full scale.
     pressures : (R, M) mean pressure over the face of each of R receivers in each transmission,
         times the receiver's gain [Pa]; the phasor is Re[p e^{−iωt}].
-    receivers : (R,) indices of the receiving elements; None selects all E in order and is replaced
-        by their indices.
+    receivers : (R,) indices of the receiving elements. None selects all E in order; the
+        attribute then contains their indices.
     frequency : frequency of the sound [Hz].
     noise : rms magnitude of the complex noise of one pressure [Pa], measured without a
         transmission; None if unknown.
@@ -135,7 +135,7 @@ class Echoes:
         return np.asarray(self.receivers, dtype=np.int64)
 
     def save(self, path: str | Path) -> None:
-        """Write an HDF5 file for ``load_echoes``; the file appears only once it is complete.
+        """Write an HDF5 file for ``load_echoes``. An existing file is replaced.
 
         Raises
         ------
@@ -185,7 +185,7 @@ LAYOUT = {
 
 
 def load_echoes(path: str | Path) -> Echoes:
-    """Read echoes from an HDF5 file; the module ``airtact.sensing.echoes`` lists its datasets.
+    """Read echoes from an HDF5 file with the datasets listed in ``airtact.sensing.echoes``.
 
     Returns
     -------

@@ -56,10 +56,11 @@ class Located:
         ``opening``. The covariance follows from the residual. It is increased if receivers in
         different places disagree by more than the noise, or if the residual indicates a wrong
         shape.
-    bound : Cramér-Rao bound, of the same shape: the smallest covariance that the noise allows; NaN
-        if the noise is unknown.
+    bound : Cramér-Rao bound, an array like ``covariance``: the smallest covariance that the
+        noise allows; NaN if the noise is unknown.
     residual : rms of the residual, including noise, divided by the rms of the echoes.
-    misfit : the same ratio without noise; 0.2 or more for a wrong model, such as another hand.
+    misfit : like ``residual``, but without the contribution of noise; 0.2 or more for a wrong
+        model, such as another hand.
     converged : whether the iteration converged with a misfit of at most 0.1. Do not use the pose
         otherwise.
     steps : number of steps from the initial pose.
@@ -485,8 +486,9 @@ def unexplained(
 
     Returns
     -------
-    (R,) rms ratio over the transmissions; NaN for receivers without valid pressures. The misfit is
-    about 1.4 for an unrelated pose, and equals the relative noise for a correct pose.
+    (R,) rms of the residual over the transmissions, divided by the rms of all echoes; NaN for
+    receivers without valid pressures. It is about 1.4 for an unrelated pose, and equals the
+    relative noise for the correct pose.
 
     Raises
     ------

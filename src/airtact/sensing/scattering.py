@@ -46,7 +46,7 @@ class ScatteringMatrix:
 
     Attributes
     ----------
-    matrix : (W, W) T for W = (order + 1)² waves; symmetric, by reciprocity.
+    matrix : (W, W) matrix T for W = (order + 1)² waves; symmetric, by reciprocity.
     centre : (3,) centre of the waves, in the frame of the bodies [m].
     radius : radius of a ball about the centre that contains the bodies [m]; transducers must be
         outside the ball.
@@ -89,8 +89,9 @@ def scattering_matrix(
 ) -> ScatteringMatrix:
     """Solve for the response of the bodies of a scene to all regular spherical waves.
 
-    A single block solve covers several hundred excitations; ``Stored(solver, folder)`` stores the
-    result. Afterwards ``simulate_echoes`` and ``locate`` compute the echoes of any rigid pose in
+    One solve covers all waves, which are several hundred excitations; with
+    ``Stored(solver, folder)`` as the solver, the result is stored. Afterwards
+    ``simulate_echoes`` and ``locate`` compute the echoes of any rigid pose in
     milliseconds.
 
     Parameters
@@ -99,8 +100,8 @@ def scattering_matrix(
     scene : the bodies, in their own frame.
     accuracy : relative error due to the truncation of the waves, 0.0001 to 0.1; it determines the
         highest order.
-    ball : (3,) centre of the waves, and radius of a ball that contains the bodies [m]; by default
-        nearly the smallest such ball.
+    ball : (3,) centre of the waves and radius of a ball around it that contains the bodies [m];
+        by default nearly the smallest such ball.
 
     Returns
     -------
@@ -296,11 +297,11 @@ class ScatteringFamily:
         return self.matrices[0].scene
 
     def at(self, value: float) -> ScatteringMatrix:
-        """Return the matrix interpolated at a value, with report and scene of the first value."""
+        """Return the interpolated matrix at a value, with the report and scene of the first."""
         return replace(self.matrices[0], matrix=self._polynomial(value))
 
     def derivative(self, value: float) -> ScatteringMatrix:
-        """Return the derivative of the matrix with respect to the parameter, at a value of it."""
+        """Return the derivative of the matrix with respect to the parameter, at a value."""
         return replace(self.matrices[0], matrix=self._polynomial.derivative(value))
 
     @cached_property
@@ -351,9 +352,10 @@ def scattering_family(
 ) -> ScatteringFamily:
     """Solve for the scattering matrices at a few values of one shape parameter, such as a gap.
 
-    ``locate`` finds the parameter together with the pose. Each value needs its own scattering
-    matrix; ``Stored(solver, folder)`` stores them. Between the values the matrix is interpolated;
-    five values cover ±2 mm at 40 kHz.
+    ``locate`` finds the parameter together with the pose. Each value needs its
+    own scattering matrix; with ``Stored(solver, folder)`` as the solver, the
+    matrices are stored. Between the values the matrix is interpolated; five
+    values cover ±2 mm at 40 kHz.
 
     Parameters
     ----------

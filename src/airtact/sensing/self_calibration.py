@@ -64,11 +64,11 @@ class Calibrated:
     gain_deviation : relative rms standard deviation of the gains, equal to that of their phases
         [rad].
     residual : rms of the residual, including noise, divided by the rms of the direct sound.
-    misfit : the same ratio without noise.
+    misfit : like ``residual``, but without the contribution of noise.
     converged : whether the iteration converged with a misfit of at most 0.1. Do not use the result
         otherwise.
     steps : number of iteration steps.
-    believed : the array that was given.
+    believed : the array that was passed to ``calibrate``.
     dead : indices of the elements without a received signal.
     """
 
@@ -133,6 +133,8 @@ class Calibrated:
 
     def save(self, path: str | Path) -> None:
         """Write a table of the elements (.csv) for ``calibration`` in a scene file.
+
+        An existing file is replaced.
 
         Raises
         ------
@@ -360,8 +362,8 @@ def calibrate(
     echoes : transmissions of the empty array, with codes that separate all elements.
     array : array with the assumed poses of its boards; its gains are ignored.
     medium : the assumed air; its absorption is not corrected.
-    boards : number of boards, which are listed one after another and have equal numbers of
-        elements; by default it is inferred from the known kinds of boards.
+    boards : number of boards. All have the same number of elements, and the array lists them
+        one after another. By default the number is inferred from the known kinds of boards.
 
     Returns
     -------

@@ -16,7 +16,7 @@ from airtact.transducers.placement import check_placement
 
 
 def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
-    """Return the signs of a Hadamard matrix as codes; all elements emit in every transmission.
+    """Return the signs of a Hadamard matrix as codes; all elements emit every time.
 
     Parameters
     ----------
@@ -97,13 +97,14 @@ def simulate_echoes(
 
     Parameters
     ----------
-    made_by : a solver, which solves for each code, or the scattering matrix of the scene, which
-        needs only milliseconds.
+    made_by : a solver, which solves for each code; or the scattering matrix of the scene, with
+        which the echoes take only milliseconds.
     scene : the bodies.
     array : the E transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
     codes : (E, M) codes, as in ``Echoes``.
     receivers : indices of the receiving elements; by default all elements.
-    noise : level of the echoes (rms) above the added complex noise [dB]; None adds no noise.
+    noise : signal-to-noise ratio: rms of the echoes relative to that of the added complex noise
+        [dB]. None adds no noise.
     seed : seed of the random numbers, 0 or more.
 
     Returns

@@ -146,11 +146,12 @@ def simulate_transmissions(
     array : array with the emission gains.
     medium : the air.
     codes : (E, M) codes, as in ``Echoes``.
-    boards : number of boards, which are listed one after another and have equal numbers of
-        elements; by default it is inferred from the known kinds of boards.
+    boards : number of boards. All have the same number of elements, and the array lists them
+        one after another. By default the number is inferred from the known kinds of boards.
     frequency : frequency of the sound [Hz].
     reception : (E,) reception gains; by default those of the array.
-    noise : level of the pressures (rms) above the added complex noise [dB]; None adds no noise.
+    noise : signal-to-noise ratio: rms of the pressures relative to that of the added complex
+        noise [dB]. None adds no noise.
     seed : seed of the noise, 0 or more.
 
     Returns

@@ -60,13 +60,16 @@ def read_scene(
     ----------
     path : TOML file, or the name of an example such as "pinch". Surfaces, hands, drawings and array
         files named in it must be in the same folder.
-    changes : values that replace those in the file, by the path of the key, such as
-        ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``. None removes a key. ``hand`` refers to the
-        only obstacle of that kind.
+    changes : mapping from the path of a key to the value that replaces the one in the file,
+        such as ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``. The value None removes a key.
+        ``hand`` stands for the obstacle of this kind if there is only one.
 
-    moving : whether the bodies will move later, so that contacts may be missing at
-        first. A scene without foci and contacts then has one focus, at the skin nearest
-        to an object.
+    moving : whether the bodies will move later, so that contacts may be missing at first. A scene
+        without foci and contacts then gets one focus, where the skin is nearest to an object.
+
+    Returns
+    -------
+    The setup that the file describes.
 
     Raises
     ------

@@ -50,13 +50,12 @@ class Contender:
     ----------
     name : name of the method.
     drive : drive computed by the method.
-    emitted : the drive rounded to the levels of the setup; ``pressures`` are those of
-        this drive.
-    pressures : (F,) peak pressure at each focus [Pa].
-    suppression_points : (Q,) peak pressure at each suppression point [Pa].
+    emitted : the drive rounded to the levels of the setup.
+    pressures : (F,) peak pressure of ``emitted`` at each focus [Pa].
+    suppression_points : (Q,) peak pressure of ``emitted`` at each suppression point [Pa].
     seconds : computing time of the method [s].
-    kept : pressure [Pa] that the weakest focus exceeds in 9 of 10 samples of the uncertainty; None
-        without uncertainty.
+    kept : pressure that the weakest focus exceeds in 9 out of 10 samples of the uncertainty
+        [Pa]; None without uncertainty.
     """
 
     name: str
@@ -89,12 +88,13 @@ class MethodComparison:
     ----------
     setup : the scene, array and target.
     default : name of the default method.
-    contenders : the methods that returned a drive, followed by the control.
+    contenders : the methods that returned a drive, followed by the control, which ignores the
+        bodies.
     warnings : warnings about the setup, about methods that returned no drive or stopped early, and
         about the verification.
     transfer : transfer matrix from which the drives were computed.
     beacons : report of the solve for the transfer matrix.
-    bound : upper bound on the smallest ratio of pressure to weight, within full scale
+    bound : upper bound on the smallest ratio of pressure to weight, for drives up to full scale
         [Pa].
     field : verified field, with one excitation for each contender.
     seconds : wall time by step [s].
@@ -136,7 +136,7 @@ class MethodComparison:
 
     @property
     def best(self) -> Contender:
-        """The method with the strongest weakest focus at full scale; among equals, the default."""
+        """The method whose weakest focus is strongest at full scale; the default among equals."""
         return self.ranked[0]
 
     @property
@@ -165,7 +165,10 @@ class MethodComparison:
         return f"{contender.name} (default)" if contender.name == self.default else contender.name
 
     def save(self, folder: str | Path) -> Path:
-        """Write methods.csv and the drives (.h5) to a folder; return the path of methods.csv."""
+        """Write methods.csv and the drives (.h5) to a folder; return the path of methods.csv.
+
+        Existing files are replaced.
+        """
         folder = Path(folder)
         drives = writable_folder(folder / "drives")
         for contender in self.contenders:
@@ -226,16 +229,16 @@ def compare(
 ) -> MethodComparison | Comparison:
     """Compare all methods for a setup, or compare given drives.
 
-    With a setup, every method computes a drive from the same transfer matrix, and a
-    more accurate solve verifies all drives. The method chosen in the setup is
-    ignored.
+    With a setup only, every method computes a drive from the same transfer matrix, and a more
+    accurate solve verifies all drives. The method chosen in the setup is ignored.
 
-    With a setup and drives, for example from another program, the drives are compared
-    with "best". Each drive is also compared with a mended version (see
-    ``nearest_drive``), whose phases differ as little as possible but whose weakest
-    focus reaches 95 % of the upper bound.
+    With a setup and drives, for example from another program, the drives are compared with that of
+    the method "best". Each drive is also compared with a mended version (see ``nearest_drive``),
+    whose phases differ as little as possible but whose weakest focus reaches 95 % of the upper
+    bound.
 
-    With a scene, an array, drives, a target and a solver, this function is ``evaluation.compare``.
+    With a scene, an array, drives, a target and a solver, the function calls
+    ``evaluation.compare``.
 
     Parameters
     ----------

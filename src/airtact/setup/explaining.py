@@ -31,9 +31,8 @@ class Cause:
     Attributes
     ----------
     name : short description of what changes.
-    pressures : (F,) pressure at each focus with this cause and all causes before it
-        [Pa].
-    remedy : what would remove the cause; empty if nothing can.
+    pressures : (F,) pressure at each focus with this cause and all preceding causes [Pa].
+    remedy : change that would remove the cause; empty if there is none.
     """
 
     name: str
@@ -67,7 +66,7 @@ class Explanation:
         return np.diff([cause.pressures for cause in self.causes], axis=0, prepend=0.0)
 
     def save(self, path: str | Path) -> None:
-        """Write a table with one row per cause and focus to a .csv file."""
+        """Write or replace a .csv file: a table with one row per cause and focus."""
         with whole_file(Path(path)) as partial, partial.open("w", newline="") as file:
             table = csv.writer(file)
             table.writerow(["cause", "focus", "pressure_Pa", "change_Pa", "remedy"])
@@ -81,15 +80,19 @@ class Explanation:
 def why(result: Rendering, kept: float | None = None) -> Explanation:
     """Explain the pressure at each focus of a rendered drive.
 
-    Causes are added one by one. The pressure is computed before and after each is added, so that
-    all changes together lead to the last pressure.
+    Causes are added one by one, and the pressure is computed after each, so that the changes
+    add up to the last pressure.
 
     Parameters
     ----------
     result : result of ``render``.
-    kept : share of the attainable pressure that remained in a recorded session
-        despite the error and the age of the tracked pose; by default, tracking is
-        not included.
+    kept : fraction of the attainable pressure that remained in a recorded session despite the error
+        and the age of the tracked pose, such as the median of ``VerifiedSession.kept``. By default,
+        tracking is not included.
+
+    Returns
+    -------
+    The causes in order, each with the resulting pressures, and advice on what to change.
 
     Examples
     --------

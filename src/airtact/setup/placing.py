@@ -59,10 +59,10 @@ class Layout:
 
     Attributes
     ----------
-    poses : pose of each board, from its own frame to that of the obstacles.
-    weakest : peak pressure at the weakest focus [Pa] with all elements at full scale, over all
-        poses of the hand or its lowest tenth. If the foci have shares, it is the smallest ratio of
-        pressure to share.
+    poses : pose of each board, from the board's frame to that of the obstacles.
+    weakest : peak pressure at the weakest focus with all elements at full scale [Pa]: the smallest
+        over all poses of the hand, or the value exceeded for nine poses out of ten. If the foci
+        have shares, it is the smallest ratio of pressure to share.
     single : a single board in its own frame.
     """
 
@@ -97,12 +97,12 @@ class Placement:
     layouts : all layouts that were tried, best first. The best few were refined.
     present : pressure at the weakest focus with the setup's present array [Pa], over the same poses
         of the hand; NaN if a pose does not fit the array.
-    verified : pressure at the weakest focus with the best layout [Pa], from a finer solve of its
-        drives.
-    moves : (B, 6) relative change of the weakest focus of the best layout if one
-        board is moved by 1 cm along x, y or z, or turned by 5 degrees about one of
-        these axes through its centre. It is the worse of both directions, with a
-        new drive.
+    verified : pressure at the weakest focus with the best layout [Pa], verified by a more
+        accurate solve.
+    moves : (B, 6) relative change of the pressure at the weakest focus of the best layout if
+        one board is moved by 1 cm along x, y or z, or turned by 5 degrees about one of these
+        axes through its centre. The drive is recomputed, and the value is for the worse of the
+        two directions.
     """
 
     setup: Setup
@@ -129,6 +129,8 @@ class Placement:
 
     def save(self, folder: str | Path, count: int = 3) -> tuple[Path, ...]:
         """Write the best layouts as scene files layout_1.toml and so on; return their paths.
+
+        Existing files are replaced.
 
         Raises
         ------
@@ -224,29 +226,26 @@ def place(
     board : kind of the boards; see ``airtact boards``.
     distance : smallest distance of any part of a board from the bodies and foci, and largest
         distance of a board's centre from the centre of the foci [m].
-    region : two opposite corners of a box in which all boards must be [m], or a
-        function that maps points (N, 3) to True or False (N,) for where boards may be;
-        by default, anywhere.
-    hands : poses of the hand for which the layouts are optimised, in place of that of the setup.
-        Either hands that replace the only body, with all foci at its named points; or motions of
-        all bodies.
-    tries : number of layouts before refinement; in a small region there may be
-        fewer.
+    region : two opposite corners of a box in which all boards must be [m], or a function that
+        returns for points (N, 3) whether boards may be there (N,); by default, anywhere.
+    hands : poses of the hand for which the layouts are optimised, instead of the setup's pose. They
+        are either hands, which replace the only body and carry all foci at their named points, or
+        motions of all bodies.
+    tries : number of layouts to try before refinement; in a small region, fewer may fit.
     seed : seed of the search. The same arguments lead to the same result.
-    refine : number of layouts to refine, chosen as the best that differ by over 40 mm;
-        may be 0.
+    refine : number of layouts to refine, 0 or more: the best ones that differ from each other
+        by over 40 mm.
     progress : called with a description of each step as it begins.
     keep_out : boxes without boards, each given by two opposite corners [m].
     fixed : indices of boards of the setup's array that are part of every layout. They follow the
         placed boards.
-    symmetric : axis along which boards are mirrored in pairs. The mirror plane passes
-        through the centre of the region if it is a box, otherwise through that of the
-        foci.
+    symmetric : axis along which boards are mirrored, which makes them come in pairs.
+        The mirror plane passes through the centre of the region if it is a box,
+        otherwise through that of the foci.
     tilted : whether boards may be tilted; otherwise each faces the centre of the
         foci.
-    objective : "weakest" for the pressure at the weakest focus over all hands;
-        "lowest_tenth" for the pressure that the weakest focus exceeds with nine of ten
-        hands.
+    objective : "weakest" for the pressure at the weakest focus over all hands; "lowest_tenth"
+        for the pressure that the weakest focus exceeds for nine hands out of ten.
 
     Returns
     -------

@@ -84,7 +84,10 @@ class ReachMap:
 
     @property
     def extremes(self) -> list[tuple[str, int, int]]:
-        """Name of each part, strongest first, and indices of its weakest and strongest point."""
+        """For each part, its name and the indices of its weakest and strongest point.
+
+        The parts are sorted by the bound at their strongest point, highest first.
+        """
         names = np.array(self.places)
         parts = [(name, np.flatnonzero(names == name)) for name in dict.fromkeys(self.places)]
         parts.sort(key=lambda part: -self.bounds[part[1]].max())
@@ -105,7 +108,7 @@ class ReachMap:
         return (weights * self.bounds[nearest]).sum(axis=1) / weights.sum(axis=1)
 
     def table(self) -> list[dict[str, str | float]]:
-        """Return one row per point, with its place, x, y, z and normal [m], and the bound [Pa]."""
+        """Return one row per point: its place, x, y, z [m], unit normal and bound [Pa]."""
         columns = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "bound_Pa")
         numbers = np.column_stack([self.points, self.normals, self.bounds])
         return [
@@ -114,7 +117,7 @@ class ReachMap:
         ]
 
     def save(self, path: str | Path) -> None:
-        """Write the rows of ``table`` to a file (.csv)."""
+        """Write the rows of ``table`` to a file (.csv); an existing file is replaced."""
         with whole_file(Path(path)) as partial:
             partial.write_text(self.csv, encoding="utf-8", newline="")
 
@@ -139,17 +142,17 @@ def reach(
     """Compute the largest pressure that an array can produce at points all over the skin.
 
     Scattering by the bodies is included. By reciprocity, one solve with a beacon at each point
-    gives the pressure there from every element. The bound is the sum of the magnitudes of these
-    pressures, so it corresponds to all elements at full scale and in phase at the point. Gains and
-    dead elements are included. No drive exceeds the bound, and a drive can only reach it at one
-    point at a time.
+    yields the pressure that every element produces there. The bound at a point is the sum of
+    the magnitudes of these pressures: all elements are at full scale and in phase there. Gains
+    and dead elements are included. No drive exceeds the bound, and a drive can only reach it at
+    one point at a time.
 
     Parameters
     ----------
     setup : scene and array; the foci are ignored.
     points : number of points, from 1 to 5,000, spread evenly over the skin.
-    accuracy : requested relative error of boundary elements. Other solvers keep their
-        own accuracy.
+    accuracy : requested relative error if the solver is ``BoundaryElement``. Other solvers keep
+        their own accuracy.
     progress : called with a description of each step as it begins.
 
     Raises

@@ -56,7 +56,7 @@ from airtact.transducers.modulation import AmplitudeModulation
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rendering:
-    """The drive of a setup, verified in a more accurate solve.
+    """The drive of a setup, verified by a more accurate solve.
 
     Attributes
     ----------
@@ -66,8 +66,8 @@ class Rendering:
     drive : amplitude and phase of each transducer.
     pressures : (F,) verified peak pressure at each focus [Pa].
     steepening : effect of real air on these pressures.
-    verification : comparison of the drive with its control, which the same method computes without
-        the bodies. In open air there is no control.
+    verification : comparison of the drive with its control, a drive that the same method
+        computes without the bodies. In open air there is no control.
     drives : the drives that were verified, each with its strongest element at full
         scale.
     sequence : drives for moving foci, or None.
@@ -76,8 +76,8 @@ class Rendering:
     traps : verdict on the equilibrium nearest to each trap.
     headline : sentence with the pressure at the weakest focus, with and without the
         hand.
-    remarks : sentences on requests that were not met, and on the share of the upper
-        bound.
+    remarks : sentences on requests that were not met, and on the fraction of the upper bound
+        that the drive reaches.
     sensation : sentences that compare the foci with the tactile threshold.
     warnings : warnings about the setup, the method and both solves.
     seconds : wall time by step [s].
@@ -132,7 +132,7 @@ class Rendering:
 
     @property
     def control_pressures(self) -> Float64[np.ndarray, "foci"] | None:
-        """(F,) peak pressure at each focus for the control with the energy of the drive [Pa].
+        """(F,) peak pressure at each focus for the control, scaled to the drive's energy [Pa].
 
         The value is None in open air.
         """
@@ -142,7 +142,10 @@ class Rendering:
         return self.verification.pressures["equal peak"][1] * control.factor_to_match(self.drive)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write drive.csv, drive.h5 and, for moving foci, sequence.h5; return their paths."""
+        """Write drive.csv, drive.h5 and, for moving foci, sequence.h5; return their paths.
+
+        Existing files are replaced.
+        """
         return save_files(self, Path(folder))
 
 
@@ -251,6 +254,10 @@ def render(
     setup : scene, array, target and settings.
     store : folder in which solved fields are stored and reused.
     progress : called with a description of each step as it begins.
+
+    Returns
+    -------
+    The drive and its verified pressures.
 
     Raises
     ------

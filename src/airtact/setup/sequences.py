@@ -30,7 +30,7 @@ class MovingDrive:
     sequence : the sequence of drives.
     transfer, target : transfer matrix and target for all P positions of the foci, in the order of
         ``moving_target``.
-    pressures : (P,) linear peak pressure at each position while a focus is there
+    pressures : (P,) peak pressure at each position while a focus is there, without steepening
         [Pa].
     steepening : effect of real air on these pressures. The motion of the foci is
         ignored.
@@ -61,7 +61,7 @@ class MovingDrive:
         )
 
     def save(self, path: Path, setup: Setup) -> None:
-        """Write the sequence together with all data required to emit it."""
+        """Write or replace a .h5 file with the sequence and all data required to emit it."""
         self.sequence.save(
             path,
             setup.array,

@@ -45,22 +45,20 @@ class Setup:
     modulation : modulation that makes the drive perceptible; None for a constant
         drive.
     uncertainty : uncertainty of the hand, the air and the transducers, or None.
-    samples, seed : number of samples of the uncertainty for computing the drive, and
+    samples, seed : number of samples of the uncertainty from which the drive is computed, and
         their seed.
     bodies, foci : a name for each body and each focus.
     traps : traps, whose lobes are the first points of the target.
     board : kind of the boards that make up the array, or None.
-    hands : hands that are bodies or define named points, in the frame of the
-        obstacles.
+    hands : hands that are bodies or provide named points, in the frame of the obstacles.
     riding : for each focus, the named point on which it lies and its distance from the surface
         [m]; None if it lies on none.
     objects : virtual objects.
-    contacts : contacts of the bodies with the objects if they define the foci, else
+    contacts : contacts of the bodies with the objects if the contacts define the foci, else
         None.
-    tracker : pose of the tracker for a live hand, from its frame to that of the
+    tracker : pose of the tracker for a live hand, from the tracker's frame to that of the
         obstacles.
-    left_out : planes behind the boards, which the scene omits because no sound reaches
-        them.
+    left_out : planes behind the boards, omitted from the scene because no sound reaches them.
     path, text : path and content of the scene file, if the setup was read from one.
 
     Raises
@@ -229,7 +227,7 @@ class Setup:
         return self.maker(self.method)
 
     def maker(self, method: str) -> Callable[[TransferMatrix, Target], Drive]:
-        """Return the function for a method; it also computes the traps of the setup."""
+        """Return the function for a method, which also computes the traps of the setup."""
         if not self.traps:
             return METHODS[method]
         from airtact.traps.holding import holding

@@ -194,11 +194,12 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 
 
 def verification_solver(setup: Setup) -> Solver:
-    """Choose a solver that is more accurate than that of the setup, to verify the drive.
+    """Return the solver with which to verify the drive of a setup, more accurate than the setup's.
 
-    Filled bodies use finite elements of the next higher order, other bodies use
-    boundary elements, and open air uses the closed form. The solver warns if its error
-    exceeds the setup's accuracy.
+    For filled bodies, it uses finite elements of the next higher order. For other bodies, it uses
+    boundary elements with at least 1.8 times as many unknowns, as far as memory and time allow, and
+    its report contains a warning if the estimated error exceeds the setup's accuracy. For open air,
+    it is the closed form.
     """
     if not setup.scene.obstacles:
         return FreeField()
@@ -220,8 +221,8 @@ def _verification_accuracy(setup: Setup) -> float:
     def unknowns(accuracy: float) -> int:
         return BoundaryElement(accuracy=accuracy).unknowns(setup.scene, emitting)
 
-        # Each trial meshes all bodies, so use as few as possible. The number of unknowns grows like
-        # accuracy^(−2/3) or more slowly, so a third of the error is usually right.
+    # Each trial meshes all bodies, so use as few as possible. The number of unknowns grows like
+    # accuracy^(−2/3) or more slowly, so a third of the error is usually right.
 
     enough = 1.8 * unknowns(setup.accuracy)
     if enough > MOST_UNKNOWNS:

@@ -68,17 +68,18 @@ def sweep(
     *,
     progress: Callable[[int, int, int], None] | None = None,
 ) -> list[Row]:
-    """Evaluate a function at many points.
+    """Evaluate a scene or a function at many points, in parallel.
 
     Parameters
     ----------
-    function : a scene file, or a setup read from one, to compute the drive with changed
-        values of the file's keys (see ``read_scene``). Otherwise a function that maps a
-        point to a mapping of names to numbers, text, True, False or None. Processes
-        import this function, so define it in a module, or use a ``functools.partial``
-        of such a function. In a script, call ``sweep`` under ``if __name__ ==
-        "__main__":``.
-    points : mappings of names to values. For a scene, the names are paths of keys, such as
+    function : a scene file, or a setup read from one; for each point, the drive
+        is then computed with changed values of the file's keys (see
+        ``read_scene``). Otherwise a function that takes a point and returns a
+        mapping from names to numbers, text, True, False or None. Processes
+        import this function, so define it in a module, or use a
+        ``functools.partial`` of such a function. In a script, call ``sweep``
+        under ``if __name__ == "__main__":``.
+    points : mappings from names to values. For a scene, the names are paths of keys, such as
         ``"foci[0].offset"``.
     executor : executor that computes the points, such as ``ThreadPoolExecutor()`` or
         the ``get_executor()`` of a Dask client; or the number of processes, each with a
@@ -88,8 +89,7 @@ def sweep(
         its arguments and module, and the version of airtact. Stored points are not computed again,
         so an interrupted sweep can be resumed. Use another folder after changing other modules
         that the function uses.
-    progress : called with the numbers of completed points, of all points, and of failed
-        points.
+    progress : called with three numbers: completed points, all points and failed points.
 
     Returns
     -------

@@ -20,13 +20,13 @@ from airtact.touch.skin import Bodies, Skin, skin_of
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Contacts of skin with virtual objects, one for each finger or other part in an object.
+    """Contacts of skin with virtual objects, one for each part of the skin inside an object.
 
     Attributes
     ----------
     skin : points of the skin.
     virtual_objects : all objects, whether touched or not.
-    offset : distance of the foci from the skin [m].
+    offset : distance of the foci from the skin, outward [m].
     found : the contacts in the form of arrays.
     """
 
@@ -78,7 +78,7 @@ class Contacts:
 
     @cached_property
     def outlines(self) -> tuple[tuple[Float64[np.ndarray, "_ 3"], ...], ...]:
-        """For each contact, the curves (P, 3) where the skin meets the object's surface [m].
+        """Curves (P, 3) along which the skin meets the object's surface, for each contact [m].
 
         The last point of a closed curve equals its first one. A curve is open if the contact
         continues on another part of the skin.
@@ -110,10 +110,9 @@ class Contacts:
     def target(self, most: int = MAX_FOCI, wavelength: float = WAVELENGTH) -> Target:
         """Return the target that makes the contacts perceptible.
 
-        Its foci are those of ``foci``, and its shares are proportional to their
-        strengths. For objects of the style "outline", its points lie 2.5 mm apart along
-        all outlines, so that a single focus can run through them (see
-        ``at.drives.Motion("stm")``).
+        Its points are the foci that ``foci`` chooses, and its shares are proportional to their
+        strengths. For objects of the style "outline", its points lie 2.5 mm apart along all
+        outlines, so that a single focus can run through them (see ``at.drives.Motion("stm")``).
 
         Raises
         ------
@@ -135,7 +134,7 @@ class Contacts:
 
     @property
     def runs(self) -> bool:
-        """Whether a single focus runs along the target; true for objects of style "outline"."""
+        """Whether a single focus runs along the target's points, as for the style "outline"."""
         styles = {self.virtual_objects[index].style for index in self.found.objects}
         if "outline" in styles and len(styles) > 1:
             raise InvalidInput(
@@ -157,7 +156,7 @@ def contact(
         frame of the objects.
     objects : at most 64 virtual objects. Unnamed objects are called "object 1" and so
         on.
-    offset : distance of the foci from the skin [m], at most 0.1.
+    offset : distance of the foci from the skin, outward [m], at most 0.1.
 
     Returns
     -------

@@ -17,7 +17,7 @@ Indices = Int64[np.ndarray, "contacts"]
 
 
 class ContactArrays(NamedTuple):
-    """Connected parts of skin inside objects, one for each finger or other part.
+    """Contacts: connected parts of skin inside an object, separate for each finger.
 
     Attributes
     ----------
@@ -25,8 +25,8 @@ class ContactArrays(NamedTuple):
     normals : (C, 3) outward unit normals at these points.
     depths : (C,) depths of these points in the object [m].
     areas : (C,) area of skin inside the object [m²].
-    objects : (C,) index of the object.
-    places : (C,) index of the part of the skin.
+    objects : (C,) index of the touched object.
+    places : (C,) index of the part of the skin, such as a finger.
     patches : (C,) index of the connected piece of skin, which may span several
         parts.
     deepest : (C,) index of the skin point nearest to the deepest point.

@@ -21,11 +21,11 @@ WAVELENGTH = 8.6e-3
 
 @dataclass(frozen=True, eq=False)
 class TouchFoci:
-    """Foci just outside the skin at contacts.
+    """Foci of contacts, just outside the skin.
 
     Attributes
     ----------
-    points : (F, 3) positions in front of the skin [m].
+    points : (F, 3) positions outside the skin [m].
     strengths : (F,) strengths of the touch, from 0 to 1.
     contacts : (F,) index of the contact to which each focus belongs.
     names : a name for each focus, such as "index at ball".
@@ -57,7 +57,7 @@ class TouchFoci:
         )
 
     def target(self) -> Target:
-        """Return a target with these foci, and with their strengths as shares.
+        """Return a target with these foci and with their strengths as shares.
 
         The shares of a target are only relative. Multiply the drive by ``strengths.max()`` to set
         the overall strength of the touch.

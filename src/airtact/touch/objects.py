@@ -35,9 +35,9 @@ class VirtualObject:
     style : "points" for foci where the skin is deepest; "outline" for a focus that runs along the
         curve where the skin meets the object; "texture" for foci as with "points", with strengths
         modulated by ``texture``.
-    stiffness : increase of the strength per depth [1/m]. The strength is 0.2 at the
-        surface and at most 1. By default, it reaches 1 at a depth of 2 mm, or at the
-        end of a button's travel.
+    stiffness : increase of the strength of the touch per depth [1/m]. The strength is 0.2 at
+        the surface and at most 1. By default, it reaches 1 at a depth of 2 mm, or at the end of
+        a button's travel.
     texture : a ``Grating`` or ``HeightMap``; only for the style "texture".
 
     Raises
@@ -112,7 +112,7 @@ class VirtualObject:
         return (vertices if self.pose is None else self.pose.apply(vertices)), triangles
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> PointLengths:
-        """Return the depth of points (P, 3) [m] in the object (P,) [m]; negative outside.
+        """Return the depth (P,) of points (P, 3) in the object [m]; negative outside.
 
         Depths in a mesh are interpolated on a grid whose spacing is 1/40 of the longest side. Use
         ``exact_depth`` for exact depths.
@@ -120,7 +120,7 @@ class VirtualObject:
         return self.solid.depth(self._local(points))
 
     def exact_depth(self, points: Real[np.ndarray, "points 3"]) -> PointLengths:
-        """Return the depth of points (P, 3) [m] in the object (P,) [m] without interpolation."""
+        """Return the depth (P,) of points (P, 3) in the object without interpolation [m]."""
         return self.solid.exact_depth(self._local(points))
 
     def strengths(

@@ -78,8 +78,8 @@ class Skin:
         ----------
         points : (N, 3) new positions [m].
         normals : (N, 3) new outward unit normals.
-        look : exact surface, see the attribute ``look``. Contacts are then found
-            exactly.
+        look : function for the exact surface, as in the attribute ``look``. With it, contacts
+            are found exactly.
         """
         return replace(self, points=points, normals=normals, bodies=None, look=look)
 
@@ -91,10 +91,10 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     ----------
     bodies : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to
         them.
-    longest_edge : longest distance between neighbours [m]. With the default, several
-        points of a fingertip are inside a ball that it enters by 2 mm, and a hand has
-        about 6,000 points. With 10 mm, a hand has 1,600 points, as dense at the finger
-        pads, which suits a live loop.
+    longest_edge : longest distance between neighbours [m]. With the default, a hand has about
+        6,000 points, and several points of a fingertip are inside a ball that it enters by 2
+        mm. With 10 mm, which suits a live loop, a hand has 1,600 points, but as many at the
+        finger pads.
 
     Returns
     -------

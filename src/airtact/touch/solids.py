@@ -28,7 +28,7 @@ class Solid(ABC):
 
     @abstractmethod
     def depth(self, points: Points) -> PointLengths:
-        """Return the depth of points (P, 3) below the surface (P,) [m]; negative outside."""
+        """Return the depth (P,) of points (P, 3) below the surface [m]; negative outside."""
 
     def exact_depth(self, points: Points) -> PointLengths:
         """Return the same as ``depth``, but without interpolation."""
@@ -205,13 +205,13 @@ class HalfSpace(Solid):
 
 @dataclass(frozen=True, eq=False)
 class Button(Solid):
-    """A disc that can be pressed down; the touch is strongest at the end of its travel.
+    """A disc that can be pressed in; the touch is strongest at the end of the disc's travel.
 
     Attributes
     ----------
     centre : (3,) centre of the disc at rest [m].
     radius : radius of the disc [m].
-    travel : distance by which the disc can be pressed [m].
+    travel : distance by which the disc can be pressed in [m].
     normal : (3,) vector that points out of the button, opposite to the direction of
         pressing.
 

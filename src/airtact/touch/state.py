@@ -29,21 +29,21 @@ class _Focus:
 
 
 class TouchState:
-    """Foci at the places where moving skin touches virtual objects.
+    """Foci where moving skin touches virtual objects.
 
-    A contact begins when skin enters an object, and ends when the skin is 1 mm outside,
-    so that noise does not make it flicker. Levels change slowly: from 0 to 1 takes at
-    least 20 ms.
+    A contact begins when skin enters an object, and ends when the skin is farther outside than
+    ``release``, so that noise does not make it flicker. Strengths rise and fall gradually.
 
     Parameters
     ----------
-    objects : the virtual objects; assign to ``objects`` to move, add or remove
-        some.
-    offset : distance of the foci from the skin [m].
-    most : largest number of foci, including those that are fading.
-    wavelength : wavelength of the sound [m].
-    release : distance of the skin from an object at which a contact ends [m].
-    ramp : time in which a focus rises from silence to full level [s].
+    objects : the virtual objects; assign to ``objects`` to move, add or remove some.
+    offset : distance of the foci from the skin, outward [m]; 0.5 mm by default.
+    most : largest number of foci, including those that are fading; 8 by default. The weakest
+        contacts beyond it are merged with stronger neighbours or get no focus.
+    wavelength : wavelength of the sound [m]; by default, that of 40 kHz in air at 20 °C.
+    release : distance of the skin outside an object at which a contact ends [m]; 1 mm by
+        default.
+    ramp : shortest time in which a strength changes between 0 and 1 [s]; 20 ms by default.
 
     Attributes
     ----------
@@ -98,17 +98,17 @@ class TouchState:
 
     @property
     def numbers(self) -> Int64[np.ndarray, "foci"]:
-        """(F,) number of each focus of the last update; it stays the same until the focus ends."""
+        """(F,) number of each focus of the last update, which it keeps until it ends."""
         return np.array([focus.number for focus in self._playing], dtype=np.int64)
 
     def update(self, skin: Skin, time: float) -> TouchFoci:
-        """Return the foci for a new frame.
+        """Update the foci for a new frame of the skin, and return them.
 
         Parameters
         ----------
         skin : the skin in this frame, with the same triangles in all frames.
-        time : time of the frame [s]. If it is earlier than the previous one, levels do
-            not change.
+        time : time of the frame [s]. If it is earlier than that of the previous frame,
+            strengths do not change.
 
         Returns
         -------

@@ -17,7 +17,7 @@ class Grating:
     Attributes
     ----------
     pitch : distance between neighbouring ridges [m], at most 0.1.
-    direction : (3,) direction across the ridges, in the object's frame.
+    direction : (3,) direction perpendicular to the ridges, in the object's frame.
 
     Raises
     ------

@@ -29,7 +29,7 @@ class Board:
     ----------
     name : name in commands and scene files.
     title : name in printed text.
-    positions : (E, 3) centres of the transducers, in the order of the elements [m].
+    positions : (E, 3) centres of the transducers [m], in the order of the elements.
     channels : (E,) index of each element in the board's message, from 0.
     message_length : number of channels in a message; some may have no transducer.
     outline : width (along x) and height (along y) of the board [m]; None if it is unknown or
@@ -41,7 +41,7 @@ class Board:
     transducer : kind of transducer.
     radius : radius of a piston with the directivity of this transducer [m]; see
         ``piston``.
-    source : documents from which the layout and the message are known.
+    source : documents that describe the layout and the message.
     """
 
     name: str

@@ -35,12 +35,15 @@ class Element:
     Attributes
     ----------
     points : (Q, 3) points on the face, relative to the position of the element [m].
-    weights : (Q,) contribution of each point to the pressure; their sum is 1.
-    sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m]; the default is not
-        calibrated.
-    directional : whether the element only radiates into the half-space in front of its face. All
-        foci and bodies must then be in this half-space.
-    radius : radius of the face [m]; 0 for a single point.
+    weights : (Q,) real weights, the fraction that each point contributes to the pressure; their sum
+        is 1.
+    sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m]. The default is 4.38, the
+        value in the AUTD3 SDK, which is not calibrated.
+    directional : whether the element radiates only into the half-space in front of its face. All
+        foci and bodies must then be in this half-space. False by default.
+    radius : radius of the face [m]; 0, the default, for a single point. The field depends only on
+        ``points`` and ``weights``; the radius serves to describe the element, and to check that
+        it has enough points and that elements do not overlap.
 
     Raises
     ------

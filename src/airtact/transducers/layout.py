@@ -38,8 +38,7 @@ class PhasedArray:
     Attributes
     ----------
     positions : (E, 3) centres of the elements' faces [m].
-    normals : (E, 3) directions in which the elements radiate; stored as unit
-        vectors.
+    normals : (E, 3) directions in which the elements radiate, stored as unit vectors.
     element : kind of transducer at every position. By default, a piston with a radius of 4.5 mm,
         which only radiates forward; without normals, a monopole.
     tangents : (E, 3) directions of the elements' x axes, which orient the points on
@@ -211,7 +210,7 @@ class PhasedArray:
         return turned.moved(Pose(np.eye(3), middle - turned.positions.mean(axis=0)))
 
     def calibrated(self, gains: Num[np.ndarray, "gains"]) -> "PhasedArray":
-        """Return the array with a gain for each element, which transfer matrices then include.
+        """Return the array with a gain for each element, which transfer matrices take into account.
 
         Parameters
         ----------
@@ -281,8 +280,8 @@ def board_array(
     Parameters
     ----------
     board : name of the kind, such as "autd3".
-    poses : pose of each board, from its own frame, in which it radiates toward +z, to that of the
-        array. By default, a single board at the origin.
+    poses : pose of each board, from the board's frame, in which it radiates toward +z, to the
+        array's frame. By default, a single board at the origin.
     element : kind of transducer; by default, the piston of the board (see
         ``Board.radius``).
 

@@ -100,7 +100,7 @@ class Levels:
     def rounded(
         self, drives: Complex[np.ndarray, "*elements"]
     ) -> tuple[UInt8[np.ndarray, "*elements"], UInt8[np.ndarray, "*elements"]]:
-        """Round complex drives to amplitude and phase levels; silent elements get phase level 0."""
+        """Return the nearest amplitude and phase levels; silent elements get phase level 0."""
         amplitude = self.nearest(np.abs(drives))
         turns = np.rint(np.angle(drives) * (self.phases / (2.0 * np.pi))).astype(np.int64)
         # Silent elements all get the same phase, so that equal frames compare equal.

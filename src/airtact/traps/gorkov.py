@@ -51,7 +51,7 @@ class Bead:
         return 4.0 / 3.0 * np.pi * self.radius**3 * self.material.density
 
     def room(self, scene: Scene) -> float:
-        """Return the least distance of the bead's centre from bodies and elements [m]."""
+        """Return the least allowed distance of the bead's centre from bodies and elements [m]."""
         # Small spheres amplify errors of the field in the derivatives. Near a ball, the stiffness
         # from boundary elements is off by 2.5 % at λ/16 and by 25 % at half of that.
         return max(self.radius, scene.wavelength / 16.0)
@@ -100,7 +100,7 @@ def potential(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points"]:
-    """Return Gor'kov's potential of a bead at points (P,) [J]; see ``force`` for the arguments."""
+    """Return Gor'kov's potential (P,) of a bead at points [J]; see ``force`` for the arguments."""
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     sound = derivatives(field, points, bead)
     return potential_of(sound.pressure, sound.first, bead, scene)
@@ -131,8 +131,8 @@ def force(
     points : (P, 3) positions of the centre of the bead [m].
     radius : radius of the bead [m], at most an eighth of a wavelength. For larger beads use
         ``body_force``.
-    density, sound_speed : of the bead [kg/m³, m/s]; by default, those of expanded
-        polystyrene.
+    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
+        those of expanded polystyrene.
     solver : solver for the field. By default, the closed form for open air if the scene has no
         body, and boundary elements otherwise.
 
@@ -172,11 +172,11 @@ def stiffness(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3 3"]:
-    """Return the stiffness of a trap at points (P, 3, 3) [N/m]; see ``force`` for the arguments.
+    """Return the stiffness matrix of a trap at each point; see ``force`` for the arguments.
 
-    The stiffness matrix consists of the second derivatives of the potential,
-    ∂²U/∂x_i∂x_j = −∂F_i/∂x_j. It is positive along an axis if the force pushes the bead
-    back.
+    The result (P, 3, 3) consists of the second derivatives of the potential, ∂²U/∂x_i∂x_j =
+    −∂F_i/∂x_j [N/m]. It is positive along an axis if the radiation force pushes the bead back. The
+    weight of the bead does not depend on its position, so it does not affect the stiffness.
     """
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return stiffness_of(derivatives(field, points, bead), bead, scene)

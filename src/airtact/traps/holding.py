@@ -33,8 +33,8 @@ class Trap:
         ``axis``; "vortex" for a ring around ``axis``, along which the phase increases
         by 2π.
     axis : (3,) direction of the axis, of any length.
-    radius, density, sound_speed : of the bead [m, kg/m³, m/s]; by default, those of expanded
-        polystyrene.
+    radius, density, sound_speed : radius [m], density [kg/m³] and speed of sound [m/s] of the
+        bead; by default, a bead of expanded polystyrene with a radius of 0.65 mm.
     """
 
     point: Vector
@@ -45,7 +45,7 @@ class Trap:
     sound_speed: float = 900.0
 
     def lobes(self, wavelength: float) -> Float64[np.ndarray, "lobes 3"]:
-        """Return points (L, 3) [m] on the lobes of pressure next to the bead: 2 for a twin trap."""
+        """Return points (L, 3) on the lobes of pressure next to the bead [m]; 2 for a twin trap."""
         check_choice(self.kind, "the kind of trap", ("twin", "vortex"))
         axis = point_of(self.axis, "the axis of a trap")
         if not np.linalg.norm(axis) > 0.0:
@@ -70,7 +70,7 @@ class Trap:
 
     @property
     def phasing(self) -> Complex128[np.ndarray, "lobes"]:
-        """Weights for which the weighted sum of lobe pressures is largest at the trap's phases."""
+        """Weights (L,); the weighted sum of lobe pressures is largest at the trap's phases."""
         count = 2 if self.kind == "twin" else 4
         return np.exp(-2j * np.pi * np.arange(count) / count) / count
 
@@ -150,7 +150,7 @@ def hold(
     focus_share: float = 1.0,
     solver: Solver | None = None,
 ) -> Drive:
-    """Return a drive that creates a trap at each point, and optionally foci.
+    """Return a drive that creates a trap at each point and, optionally, foci on the skin.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def hold(
         the positions at which the beads come to rest.
     kind, axis : kind and axis of all traps, see ``Trap``. Between boards that face each other, use
         "twin" along the normal of the boards.
-    foci : (F, 3) foci to be felt on the skin [m]; none by default.
+    foci : (F, 3) additional foci on the skin [m]; none by default.
     focus_share : ratio of the pressure at the foci to that at the lobes of the
         traps.
     solver : solver for the field, as for ``force``.

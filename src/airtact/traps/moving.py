@@ -40,7 +40,7 @@ def path(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Sequence:
-    """Return a sequence of drives that carries a bead along straight lines, and back.
+    """Return a sequence of drives that carries a bead along straight lines and back.
 
     A bead follows if the next trap is closer than the distance at which its restoring
     force peaks, which is an eighth of a wavelength in a standing wave. Each frame is
@@ -54,9 +54,9 @@ def path(
     corners : (C, 3) corners of the path [m]. The sequence repeats, so the bead returns the same way
         unless the last corner equals the first.
     speed : largest mean speed of the bead [m/s].
-    share : largest step between frames, as a share of the distance at which the restoring force
+    share : largest step between frames, as a fraction of the distance at which the restoring force
         peaks; at most 0.9.
-    radius, density, sound_speed : of the bead, as for ``force``.
+    radius, density, sound_speed : properties of the bead, as for ``force``.
 
     Raises
     ------

@@ -31,8 +31,8 @@ class Verdict:
     stiffness : (3, 3) stiffness matrix [N/m].
     shift : (3,) estimated vector from the point to the equilibrium [m], from force and
         stiffness.
-    holds : largest restoring force within a quarter of a wavelength, divided by the weight of the
-        bead, along the weakest of the six directions ±x, ±y and ±z.
+    holds : largest restoring force within a quarter of a wavelength of the point, along the
+        weakest of the six directions ±x, ±y and ±z, divided by the weight of the bead.
     excess : relative amount by which Gor'kov's potential overestimates force and stiffness for this
         bead.
     wavelength : wavelength of the sound [m].
@@ -111,7 +111,7 @@ def verdict(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> list[Verdict]:
-    """Return a verdict for each point on whether it traps a bead; see ``force`` for arguments.
+    """Judge for each point whether it traps a bead; see ``force`` for the arguments.
 
     Examples
     --------
@@ -175,7 +175,7 @@ def find(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3"]:
-    """Return the minimum of the potential near each point (P, 3) [m].
+    """Return the minimum (P, 3) of the potential near each point [m]; arguments as for ``force``.
 
     A row is NaN if there is no minimum within half a wavelength. The weight of the bead is not
     included: it lowers the bead by its weight divided by the stiffness.

@@ -36,7 +36,7 @@ def stiffest(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Drive:
-    """Return the drive that maximises the smallest stiffness of the weakest trap.
+    """Return a drive that maximises the stiffness of the weakest trap in its weakest direction.
 
     All elements are at full scale. Starting from ``hold``, L-BFGS improves the phases
     to a local maximum. It also keeps the force at the points small, so that the beads
@@ -45,7 +45,7 @@ def stiffest(
     Parameters
     ----------
     scene, array, points, kind, axis, solver : as for ``hold``.
-    radius, density, sound_speed : of the beads, as for ``force``.
+    radius, density, sound_speed : properties of the beads, as for ``force``.
 
     Raises
     ------

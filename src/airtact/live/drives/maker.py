@@ -59,12 +59,13 @@ class SolvingMaker(DriveMaker):
 
 
 class HandAware(SolvingMaker):
-    """Computes drives that account for the hand.
+    """Computes drives that account for scattering by the hand.
 
-    The transfer matrix is the open-air matrix of the current pose times the factors of the stored
-    solution with the largest expected pressure. If open air promises a larger pressure, the factors
-    are omitted. The solvers pause while noise makes all solutions useless. A Kalman filter smooths
-    and predicts the frames.
+    Solver processes continuously solve the newest poses and store factors: the ratio of each entry
+    of the transfer matrix with the hand to that in open air. The open-air matrix of the current
+    pose is multiplied by the stored factors with the largest expected pressure. If open air
+    promises a larger pressure, the factors are omitted. The solvers pause while noise makes all
+    solutions useless. A Kalman filter smooths and predicts the frames.
 
     Here the method ``"best"`` means ``weighted_gerchberg_saxton``, which takes less than 1 ms
     and reaches a pressure within 1 % of that of ``best``.
@@ -75,8 +76,8 @@ class HandAware(SolvingMaker):
     noise : standard deviation of each coordinate of the tracker's landmarks [m]; by default, it is
         estimated from the frames.
     agility : standard deviation of the acceleration of the palm [m/s²]; see ``Predictor``.
-    solvers : solvers of hands; by default, the processes for the parts of ``solved_for``. If empty,
-        phases are set from path lengths alone.
+    solvers : solvers for hands; by default, one process for each part that ``solved_for``
+        returns. If empty, phases are set from path lengths alone.
 
     Attributes
     ----------
@@ -124,14 +125,14 @@ class HandAware(SolvingMaker):
     def feel(
         self, objects: "Sequence[at.VirtualObject]", foci: "Sequence[at.live.WantedFocus]"
     ) -> None:
-        """Reject all requested foci, because this maker uses the places of the scene."""
+        """Reject all requested foci, because this maker uses the foci of the scene."""
         reason = "the scene has fixed [[foci]]: remove them, or add [[objects]]."
         self._rejected = {focus.name: reason for focus in foci}
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive for the sound in the air at a time [s]; zeros if there is no hand.
+        """Compute the drive for sound that is in the air at a time [s]; zeros without a hand.
 
-        The cap, the modulation and ``playing`` are left to the loop.
+        The cap, the modulation and ``playing`` are applied by the loop.
         """
         self._collect()
         if self._newest is None:

@@ -90,10 +90,10 @@ class TouchAware(SolvingMaker):
     move and fade as described in ``TouchState``; requested foci rise and fall at
     the same rate. The transfer matrix is that of open air times the factors of the
     newest solution for the skin near contacts. A separate process computes these
-    solutions, starting before the skin touches an object. A single focus runs along
-    the outlines of all contacts with objects of the style "outline". The drive is
-    scaled to the strongest focus, so that a focus of strength s receives s times
-    the pressure.
+    solutions, starting before the skin touches an object. A single focus runs
+    along the outlines of all contacts with objects of the style "outline". The
+    pressures at the foci are proportional to their strengths, and the largest
+    amplitude of the drive equals the strength of the strongest focus.
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ class TouchAware(SolvingMaker):
     noise, agility : see ``HandAware``.
     solvers : solvers for skin; by default, a single process. If empty, phases are set from path
         lengths alone.
-    rest : the hand that will be followed, in any pose. Its skin is then meshed at once, which
-        avoids a delay of half a second before the first sound.
+    rest : the hand that will be followed, in any pose. Passing it avoids a delay of half a
+        second before the first sound, because its skin is meshed in advance.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ class TouchAware(SolvingMaker):
         self._asked = tuple(foci)
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive for the sound in the air at a time [s].
+        """Compute the drive for sound that is in the air at a time [s].
 
         All amplitudes are 0 if there is no hand or no focus.
         """
