@@ -166,7 +166,7 @@ def in_mm(point: Real[np.ndarray, "3"]) -> str:
 
 
 def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Value:
-    """Check that an object has the right type, and return it; ``instead`` is what to pass."""
+    """Check that an object has the right type, and return it; ``instead`` says what to pass."""
     if not isinstance(value, kind):
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         raise InvalidInput(
@@ -329,7 +329,7 @@ def points_of(
 
 
 def point_of(vector: Vector, what: str) -> Float64[np.ndarray, "3"]:
-    """Convert a single point to read-only float64 (3,); see ``points_of`` for the errors."""
+    """Convert a single point to read-only float64 (3,); raise the same errors as ``points_of``."""
     point = real_numbers(np.asarray(vector), what)
     if point.shape != (3,):
         raise InvalidInput(

@@ -199,7 +199,7 @@ def _letters_in(path: str) -> int:
 
 
 def _check_curves(numbers: int, name: str) -> None:
-    """Raise an error if there are too many curves; six numbers or one element count as a curve."""
+    """Raise an error for too many curves; six numbers or one element count as one curve."""
     if numbers // 6 > MAX_CURVES:
         raise InvalidInput(
             f"{name} has about {numbers // 6:,} curves, more than {MAX_CURVES:,}; simplify it.",

@@ -1,4 +1,4 @@
-"""The medium: its speed of sound, density and absorption, which ``air`` computes for humid air.
+"""Media: speed of sound, density and absorption; ``air`` computes them for humid air.
 
 Sources
 -------

@@ -139,7 +139,7 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
 def images_in(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "images 3"]:
-    """Return points (P, 3) [m], followed by their images in the plane, if there is one."""
+    """Return points (P, 3), followed by their images in the plane if there is one [m]."""
     return np.concatenate([points, *(plane.image(points) for plane in planes)])
 
 
@@ -154,7 +154,7 @@ def with_images(planes: Sequence[Plane], sources: Monopoles) -> Monopoles:
 def before_planes(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"]
 ) -> Bool[np.ndarray, "points"]:
-    """Whether points (P, 3) [m] are on or in front of all planes."""
+    """Return whether each of the points (P, 3) is on or in front of all planes."""
     before = np.ones(len(points), dtype=np.bool_)
     for plane in planes:
         before &= plane.height(points) >= -ON_PLANE
@@ -164,7 +164,7 @@ def before_planes(
 def check_before_planes(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"], name: str
 ) -> None:
-    """Raise an error if one of the points (P, 3) [m] is behind a plane."""
+    """Raise an error if one of the points (P, 3) is behind a plane."""
     for plane in planes:
         height = plane.height(points)
         behind = np.flatnonzero(height < -ON_PLANE)

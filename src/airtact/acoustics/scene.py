@@ -280,7 +280,7 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
 
 
 def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
-    """Return ρc/Z of the surface of each body, which is 0 for other boundary conditions."""
+    """Return ρc/Z for the surface of each body; 0 for boundaries other than "impedance"."""
     ratios = [obstacle.ratio for obstacle in scene.obstacles]
     return np.array([0.0 if ratio is None else 1.0 / ratio for ratio in ratios], np.complex128)
 

@@ -71,7 +71,7 @@ def packed(field: RadiatedField, key: str) -> bytes:
 
 
 def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField | None:
-    """Restore a field; return None if its bytes were changed or the key differs."""
+    """Restore a field from its bytes; return None if they are damaged or the key differs."""
     archive = content[64:]
     if content[:64] != _checksum(key, archive):
         return None

@@ -27,7 +27,7 @@ class Draw:
     groups : motion of each group of foci, and of the body that carries it, applied before the
         motion of the whole hand.
     skin : (F, 2) shift of each focus along its surface, in two tangential directions [m].
-    slower : ratio of the wavenumber to the nominal wavenumber.
+    slower : ratio of the wavenumber to the nominal wavenumber; below 1 in warmer air.
     """
 
     hand: Pose

@@ -2,13 +2,13 @@
 
 Version 1 of the HDF5 files has these datasets; those in parentheses are optional:
 
-- ``format_version``; ``modulation``: "none" if the frames are emitted as they are, "am" for a
-  drive whose amplitude varies with ``modulation_frequency`` [Hz] and ``modulation_depth``, as in
-  ``AmplitudeModulation``.
-- ``amplitude`` [share of full scale] and ``phase`` [rad, of Re[d e^{−iωt}]]: (E,) for a drive, (N,
-  E) for a sequence. ``amplitude_level`` and ``phase_level`` are the same values in levels:
-  ``shares_of_levels`` (A,) lists the amplitudes, ``levels_of_a_turn`` is the number of phases. A
-  sequence also has a ``rate`` [frames/s].
+- ``format_version``; ``modulation``: "none" if the frames are emitted unchanged, "am" for a
+  drive whose amplitude varies with ``modulation_frequency`` [Hz] and ``modulation_depth``, as
+  in ``AmplitudeModulation``.
+- ``amplitude`` [fraction of full scale] and ``phase`` [rad, of Re[d e^{−iωt}]], not rounded:
+  (E,) for a drive, (N, E) for a sequence. ``amplitude_level`` and ``phase_level`` are the same
+  values rounded to levels: ``shares_of_levels`` (A,) lists the amplitudes, ``levels_of_a_turn``
+  is the number of phases. A sequence also has a ``rate`` [frames/s].
 - (``frequency`` [Hz], ``sound_speed`` [m/s], ``density`` [kg/m³], ``absorption`` [Np/m])
 - (``positions`` and ``normals`` (E, 3) in the obstacles' frame [m], ``sensitivity`` [Pa m],
   ``element_radius`` [m])
@@ -156,7 +156,7 @@ def save_drives(
     texts: Mapping[str, str] | None,
     modulation: AmplitudeModulation | None = None,
 ) -> None:
-    """Write a sequence, or write a drive as one frame without a rate."""
+    """Write a sequence to a file, or a drive as one frame without a rate."""
     of_kind(path, str | Path, "the file of a drive", 'its path, such as "drive.h5"')
     of_kind(levels, Levels, "the levels of a drive", "Levels.even(256, 256)")
     of_kind(modulation, AmplitudeModulation | None, "the modulation", "AmplitudeModulation(200.0)")

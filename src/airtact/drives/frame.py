@@ -87,9 +87,10 @@ class Frame:
 def frame_at(amplitudes: Complex[np.ndarray, "elements"], levels: Levels, share: float) -> Frame:
     """Multiply the amplitudes of a drive by ``share``, and round them to levels.
 
-    Boards with amplitude levels reduce the amplitude of every element. Boards without amplitude
-    levels switch on only this share of their elements, spread evenly over the array. The pressure
-    at a focus is then proportional to the number of active elements.
+    On boards with amplitude levels, the amplitude of every element is reduced.
+    On boards without amplitude levels, only this fraction of the elements is
+    switched on, spread evenly over the array. The pressure at a focus is then
+    proportional to the number of active elements.
     """
     if not levels.phase_only:
         return Frame(*levels.rounded(share * amplitudes), levels)
@@ -105,8 +106,8 @@ def share_under_cap(
 ) -> float:
     """Return the factor, at most 1, that reduces the largest amplitude of the drives to ``cap``.
 
-    The cap is a share of full scale. For boards without amplitude levels, the cap is the share of
-    active elements. See ``check_cap`` for the errors.
+    The cap is a fraction of full scale. For boards without amplitude levels, the cap is the
+    fraction of active elements. An invalid cap raises ``InvalidInput`` (see ``check_cap``).
     """
     cap = check_cap(cap)
     if levels.phase_only:

@@ -94,12 +94,12 @@ def alternating_projections(
     requests : requested pressures; only their ratios matter.
     sources : initial sources; their magnitudes are the initial weights.
     iterations : number of weighted Gerchberg-Saxton iterations; the best one is returned.
-    foci_iterations : number of GS-PAT iterations before these.
+    foci_iterations : number of GS-PAT iterations that precede the weighted ones.
 
     Returns
     -------
-    For each set: the sources at the foci; the smallest pressure divided by its request [Pa], where
-    the largest request counts as 1; and the phasors of the elements.
+    For each set: the sources at the foci; the smallest ratio of pressure to request [Pa], with
+    requests scaled so that the largest is 1; and the phasors of the elements.
     """
     # Single precision is enough: only phases matter, and their error is below 1e-6.
     single = matrix.astype(np.complex64)
@@ -123,7 +123,7 @@ def best_sources(
     iterations: int,
     foci_iterations: int = 0,
 ) -> Sources:
-    """Alternate from several starts; return the sources that make the weakest focus strongest."""
+    """Alternate from several starts; return the sources with the strongest weakest focus."""
     rows = np.tile(np.arange(len(requests)), (len(starts), 1))
     sources, worst, _ = alternating_projections(
         matrix, rows, np.tile(requests, (len(starts), 1)), starts, iterations, foci_iterations

@@ -137,7 +137,7 @@ def _descend(
 
 
 def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
-    """Logarithm of the power mean of the ratios of pressure to request, and its gradient."""
+    """Return the log of the power mean of the ratios of pressure to request, and its gradient."""
     pressure = matrix @ amplitudes
     logs = np.log(np.maximum(np.abs(pressure), np.finfo(float).tiny))
     # The logarithms are taken relative to the smallest one, so that no power overflows.
@@ -149,7 +149,7 @@ def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amp
 
 
 def _suppressed_level(suppressed: Suppressed, amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
-    """Logarithm of √(1 + mean squared pressure) at the suppression points, and its gradient."""
+    """Return log √(1 + mean squared pressure) at the suppression points, and its gradient."""
     pressure = suppressed @ amplitudes
     # The 1 under the root removes any reward for suppression beyond 60 dB.
     energy = float(np.vdot(pressure, pressure).real) + len(suppressed)

@@ -59,7 +59,7 @@ def pressures_around(
 
     Every element is assumed to radiate equally in all directions in open air, with a peak pressure
     of ``sensitivity`` [Pa·m]. Real transducers radiate less to the rear, and bodies redirect the
-    sound, so the result is a warning and not a measurement.
+    sound, so the result is suitable for a warning but does not replace a measurement.
 
     Returns
     -------

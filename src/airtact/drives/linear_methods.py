@@ -166,7 +166,7 @@ def exact_amplitudes(
     iterations: int = 50,
     sufficient_peak: float = 0.0,
 ) -> Amplitudes:
-    """Return the amplitudes d with the least peak that satisfy H d = w.
+    """Return the amplitudes d with H d = w whose largest magnitude is least.
 
     The iteration starts at the amplitudes of least energy and stops once the peak is at most
     ``sufficient_peak``.

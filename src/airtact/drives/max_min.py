@@ -1,11 +1,11 @@
 """Drive with the largest pressure at the weakest focus (``max_min``), and its upper bound.
 
 Inoue, Makino and Shinoda (IEEE World Haptics 2015) relax the choice of drive to a semidefinite
-matrix X = V Vᴴ. Row V_e contains the emission of element e in R equal intervals, divided by √R. The
-mean square of the emission is at most 1, though single intervals may exceed full scale. The
-pressure of a focus is the rms over the intervals. Alternating projections as in weighted
-Gerchberg-Saxton, with vectors in place of numbers, converge to the optimum. Their weights converge
-to the multipliers of the dual problem, which bounds the pressure of every drive.
+matrix X = V Vᴴ. Row V_e contains the emission of element e in R equal intervals, divided by √R.
+The mean square of the emission is at most 1, so the emission may exceed full scale in single
+intervals. The pressure at a focus is its rms over the intervals. Alternating projections as in
+weighted Gerchberg-Saxton, with vectors in place of numbers, converge to the optimum. Their weights
+converge to the multipliers of the dual problem, which bounds the pressure of every drive.
 """
 
 import warnings
@@ -114,7 +114,7 @@ class Relaxed:
 
     Attributes
     ----------
-    signals : unit vectors with the amplitude and phase of each focus in the R time intervals.
+    signals : for each focus, a unit vector of its amplitude and phase in the R time intervals.
     weights : weights of the foci; they add up to F.
     norms : norms of Σ_f conj(H_fe) weight_f signal_f before the vectors are scaled to 1.
     pressures : pressure of each focus divided by its request.
@@ -273,7 +273,7 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
 
 
 def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
-    """Return the sources s of the phase-only drive phase(Hᴴ s) that is best at its weakest focus.
+    """Return the sources s for which the drive phase(Hᴴ s) is best at its weakest focus.
 
     Each row of ``matrix`` is divided by the request of its focus.
     """

@@ -76,9 +76,9 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
 
 
 def _as_asked(matrix: FociRows, target: Target, drive: Drive) -> Drive:
-    """Adjust the drive to the exact request of each focus, including 0, if this costs little.
+    """Adjust a drive to the exact request of each focus, including 0, if this costs little.
 
-    The phases at the foci remain those of the drive.
+    The phases at the foci do not change.
     """
     from airtact.drives.linear_methods import exact_amplitudes
 
@@ -118,8 +118,8 @@ class Method:
     name : name of the function; ``METHODS`` and scene files use it.
     module : module of ``airtact.drives`` that defines the function.
     description : one-line description.
-    heeds_phases : whether the foci get the phases that the target requests; otherwise the method
-        ignores or chooses them.
+    heeds_phases : whether the foci get the phases that the target requests; otherwise the
+        method ignores the requested phases.
     heeds_suppression_points : whether the method lowers the pressure at the suppression points. It
         then needs a transfer matrix from ``target.beacons(suppression=True)``.
     """

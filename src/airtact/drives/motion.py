@@ -267,8 +267,8 @@ def _sequence_through(
 ) -> Sequence:
     """Compute the sequence that focuses on some points of a target in each frame.
 
-    ``foci`` (N, F) are the indices of the points of each frame. The global phase of each frame is
-    chosen closest to the previous frame, so that the steps between frames are small.
+    ``foci`` (N, F) are the indices of the points of each frame. The global phase of each frame
+    is chosen so that the frame differs least from the previous one.
     """
     check_foci(transfer, target)
     # Paths repeat positions, so each set of foci is solved once.

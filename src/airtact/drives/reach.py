@@ -1,4 +1,4 @@
-"""Rows of a transfer matrix at a target's foci, and the pressures of a drive there."""
+"""Rows of a transfer matrix for a target's foci, and the pressures of a drive there."""
 
 import numpy as np
 from jaxtyping import Complex, Complex128, Float64
@@ -64,7 +64,7 @@ def asked_rows(
 def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     """Return the rows at the foci, after checking that a drive can separate and reach all foci.
 
-    Methods that balance the foci would diverge otherwise. The function raises ``InvalidInput``
+    Methods that balance the foci would diverge otherwise. The function raises ``InvalidInput``:
 
     - under the conditions of ``check_foci``;
     - if there are more foci than elements;
@@ -176,7 +176,7 @@ def achieved_fraction(
 def fraction(
     magnitudes: Float64[np.ndarray, "foci"], target: Target
 ) -> Float64[np.ndarray, "foci"]:
-    """Return (F,) ratios of peak pressure to requested pressure, NaN where none is requested."""
+    """Return the ratio (F,) of peak pressure to requested pressure; NaN where none is requested."""
     fractions = np.full(len(target.points), np.nan)
     if target.pressures is not None:
         asked = target.pressures > 0.0

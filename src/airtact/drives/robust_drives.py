@@ -4,12 +4,12 @@ The hand scatters the sound, so each possible position of the hand has its own t
 which is called a sample. The drive is optimised over many samples.
 
 The value of a sample is the smallest ratio of pressure to request among its foci. A goal is a
-statistic of these values: their mean, the value that 9 of 10 samples exceed ("lowest tenth"), or
-the worst. The search maximises a smooth replacement, the power mean of the values. With exponent 1
-it is the mean; with large negative exponents it approaches the worst value. The lowest tenth is not
-a smooth function of the drive, so the power mean of exponent −2 replaces it. On samples that were
-not part of the search, this raises the lowest tenth as much as a smoothed quantile does, without
-overfitting the few samples at the quantile.
+statistic of these values: their mean, the value that 9 out of 10 samples exceed ("lowest tenth"),
+or the worst. The search maximises a smooth replacement, the power mean of the values. With exponent
+1 it is the mean; with large negative exponents it approaches the worst value. The lowest tenth is
+not a smooth function of the drive, so the power mean of exponent −2 replaces it. For samples that
+were not part of the search, this raises the lowest tenth as much as maximising a smoothed quantile,
+without overfitting the few samples at the quantile.
 
 ``robust`` takes these steps:
 
@@ -191,7 +191,7 @@ def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
 
 
 def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
-    """Return each sample's rows divided by the requests, or one sample if all are equal."""
+    """Return the rows of each sample divided by the requests; one sample if all are equal."""
     nominal, requests = asked_rows(ensemble, target)
     if not isinstance(ensemble, TransferEnsemble):
         return (nominal / requests[:, None])[None]

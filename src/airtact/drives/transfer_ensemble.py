@@ -218,7 +218,8 @@ def matrices_at(
     ``slower`` scales the wavenumber, for warmer air. A pose is impossible if an element is inside a
     body, or if a body or a focus is behind a face; it yields None. In front of a plane, ``solver``
     solves each pose that changes the position relative to the plane. Without it, such a pose raises
-    an error with the code "not_converged". The other errors are those of ``transfer_matrix``.
+    an error with the code "not_converged". Otherwise, the function raises the same errors as
+    ``transfer_matrix``.
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
@@ -295,7 +296,7 @@ class _Sampler:
         uncertainty: Uncertainty,
         solver: Solver | None,
     ) -> "_Sampler":
-        """Prepare the data that all samples share; ``nominal`` is the matrix without deviations."""
+        """Prepare the data common to all samples; ``nominal`` is the matrix without deviations."""
         of_kind(solver, Solver | None, "the solver", "BoundaryElement()")
         scene = beacons.scene
         foci = beacons.sources.positions
@@ -344,7 +345,7 @@ class _Sampler:
 
     @cached_property
     def pattern(self) -> tuple[Float64[np.ndarray, "angles"], Float64[np.ndarray, "angles"]]:
-        """Sines of the angles from an element's axis, and the far pressure relative to the axis."""
+        """Sines of angles from an element's axis, and far-field pressure relative to the axis."""
         sines = np.linspace(0.0, 1.0, 400)
         directions = np.stack([sines, np.zeros_like(sines), np.sqrt(1.0 - sines**2)], axis=1)
         wavenumber = self.field.scene.wavenumber.real
@@ -392,7 +393,7 @@ class _Sampler:
     def _at_centres(
         self, pose: Pose, slower: float, group: Int64[np.ndarray, "group"]
     ) -> tuple[FociRows, FociRows]:
-        """Return the centre pressures of the elements times their directivity, and the carrier.
+        """Return the pressure at the elements' centres times their directivity, and the carrier.
 
         This is twelve times as fast as computing the mean over the faces. The carrier is the wave
         from the focus to the centre. The remainder comes from the nominal matrix and is multiplied
@@ -479,7 +480,7 @@ class _Sampler:
         return transfer_matrix(field, self.array.seen_from(draw.hand)).matrix
 
     def _check(self, pose: Pose, foci: Real[np.ndarray, "group 3"]) -> None:
-        """Check the placement of an array if a body or plane is near enough to fail the check."""
+        """Check the placement of the array if a body or plane is near enough to fail the check."""
         array = self.array
         spheres = pose.apply(foci)
         radii = np.zeros(len(foci))
@@ -502,7 +503,7 @@ def _expanded(field: RadiatedField) -> RadiatedField:
 
 
 def _plane_seen(plane: Plane, hand: Pose) -> Plane:
-    """Return a plane in the frame of a moved hand, or the same object if it has not moved."""
+    """Return a plane in the frame of a moved hand; the same object if the hand has not moved."""
     return plane if plane.kept_by(hand) else plane.moved(hand.inverse())
 
 

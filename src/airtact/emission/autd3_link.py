@@ -28,7 +28,7 @@ PHASE_FADE = 1000
 
 
 class AUTD3Boards(Link):
-    """A chain of AUTD3 boards, in order.
+    """Base class of links to a chain of AUTD3 boards.
 
     The silencer of a board spreads changes of intensity over 0.25 ms and changes of phase over 1
     ms, which avoids audible noise. In a sequence with shorter frames, it spreads them over one
@@ -36,7 +36,8 @@ class AUTD3Boards(Link):
 
     Parameters
     ----------
-    poses : pose of each board, from the board's frame to the array's frame.
+    poses : pose of each board in the order of the chain, from the board's frame to the array's
+        frame.
     """
 
     plays_itself = True
@@ -298,7 +299,7 @@ def _library() -> Any:
 
 
 def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Return a gain that passes a compiled table look-up to the ``Custom`` entry of pyautd3."""
+    """Return a gain for pyautd3's ``Custom`` that looks up its values in a compiled table."""
     # 996 calls of a Python function would take 0.3 ms.
     from pyautd3.driver.datagram.gain import Gain
     from pyautd3.native_methods.autd3capi import NativeMethods

@@ -1,12 +1,12 @@
 """Messages of boards: frames in each board's levels, channels and phase convention.
 
 On all of these boards, a larger phase number delays the pulse of an element, like the phase of a
-drive d in Re[d e^{−iωt}]. Therefore no codec conjugates the drive. This follows from these sources.
-For AUTD3, the tests compare it with its emulator in the time domain. For SonicSurface,
-``PhaseLine.vhd`` starts the pulse when a rising counter reaches the number. For Nano16,
-``ArduinoNano.java`` puts the first high step at the number, and ``DriverNano16.ino`` plays the
-steps in order. For OpenMPD, the driver adds half of the missing width to the number of a shorter
-pulse, which keeps the middle of the pulse in place.
+drive d in Re[d e^{−iωt}]. Therefore no codec conjugates the drive. The evidence is as follows.
+For AUTD3, the tests compare the sound with that of its emulator in the time domain. For
+SonicSurface, ``PhaseLine.vhd`` starts the pulse when a rising counter reaches the number. For
+Nano16, ``ArduinoNano.java`` puts the first high step at the number, and ``DriverNano16.ino``
+plays the steps in order. For OpenMPD, the driver adds half of the missing width to the number of
+a shorter pulse, which keeps the middle of the pulse in place.
 """
 
 from collections.abc import Callable
@@ -47,7 +47,7 @@ class Codec:
     echo: bytes = b""
 
     def encode(self, frame: Frame) -> bytes:
-        """Return the message that makes the boards play a frame, ordered by board."""
+        """Return the message, ordered by board, that makes the boards play a frame."""
         return self.encoded(self, frame)
 
     def decode(self, message: bytes, boards: int = 1) -> list[Frame]:
@@ -106,9 +106,9 @@ def _sonicsurface(codec: Codec, frame: Frame) -> bytes:
 def _nano16(codec: Codec, frame: Frame) -> bytes:
     """Encode 10 to reset, the 16 steps of a period in nibbles, and 00 to swap.
 
-    The nibbles are marked by 1 and sent for two ports. An element is high in the 8 steps that begin
-    at its phase. The reset makes the board discard an incomplete frame; the board's own software
-    does not send it.
+    Each nibble is marked by 1 and sent for two ports. An element is high in the 8 steps that
+    begin at its phase. The reset, which the board's own software does not send, makes the board
+    discard an incomplete frame.
     """
     start = codec.channels(frame.phase)[0].astype(np.int64)
     steps = np.arange(16)[:, None]

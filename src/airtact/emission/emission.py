@@ -503,9 +503,10 @@ class Emission:
 def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
     """Choose the number of frames per period of a modulation, and their rate [frames/s].
 
-    On boards without a rate limit, a frame lasts a whole number of periods of the 40 kHz sound. Of
-    the numbers from 16 to 40, the one that best matches the frequency is chosen, and among equals
-    the one nearest to 20. Slower serial lines get an even number of frames, up to 20; with 2 frames
+    On boards without a rate limit, a frame lasts a whole number of periods of
+    the 40 kHz sound. Of the frame numbers from 16 to 40, the one that best
+    matches the frequency is chosen, and among equals the one nearest to 20.
+    Slower serial lines get an even number of frames, up to 20; with 2 frames
     the sound is switched on and off.
 
     Parameters

@@ -76,7 +76,7 @@ def load_drive(
 
 
 def drive_in(path: Path, board: str | None = None, elements: int | None = None) -> DriveFile:
-    """Read the contents of any program's drive file. The errors are those of ``load_drive``."""
+    """Read the contents of any program's drive file; raise the same errors as ``load_drive``."""
     own = path.suffix.lower() == ".h5"
     if path.suffix.lower() == ".csv":
         first = text_of(path).lstrip().partition("\n")[0].lower()

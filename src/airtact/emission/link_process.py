@@ -1,4 +1,4 @@
-"""The process that runs a link, its guard, and the owner's code that starts them.
+"""The process that runs a link, its guard, and the code of their owner, which starts them.
 
 The owner starts the guard, which forks the link process. The link process plays the owner's drives,
 and silences the boards when the owner, the guard or the connection ends. The guard has a copy of
@@ -43,12 +43,12 @@ SILENCED = 3
 
 
 class Channel:
-    """One end of a connection that transfers Python objects; incomplete messages never block it.
+    """One end of a connection for Python objects, which incomplete messages never block.
 
     Parameters
     ----------
     end : one of two connected sockets.
-    patience : time that the other end has to accept a message [s].
+    patience : time within which the other end must accept a message [s].
     """
 
     # The header of each message is its length in bytes.
@@ -316,8 +316,8 @@ def serve(
 ) -> bool:
     """Run a link until its owner closes it or ends.
 
-    The link is ``here``, or otherwise the link in the first message. Return whether the owner was
-    answered or the boards are silent.
+    The link is ``here`` or, if that is None, the link in the first message. The function
+    returns whether the owner was answered or the boards are silent.
     """
     player: Player | None = None
     closed = True
@@ -387,7 +387,7 @@ def guard(process: int, end: socket.socket, owner: int, rescue: Callable[[], boo
     Parameters
     ----------
     process : id of the link process, a child of this one.
-    end : connection to the ``Tether`` of the link process.
+    end : socket connected to the ``Tether`` of the link process.
     owner : id of the process that started this one.
     rescue : opens the link, silences the boards, and returns whether that succeeded.
 

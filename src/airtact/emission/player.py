@@ -30,7 +30,7 @@ def suspended() -> float:
 
 @dataclass(frozen=True)
 class Settings:
-    """Ramp duration, watchdog timeout, time to retry failed silence [s], and the log file."""
+    """Settings of the playback: times [s], the log file, and whether it resumes after silence."""
 
     ramp: float
     patience: float
@@ -57,7 +57,7 @@ class Player:
     """Player that works on a link in steps. Every command returns at once.
 
     ``Emission`` calls the methods without an underscore by name. ``step`` does the work that is
-    due. If a step fails, the next command that resets the watchdog raises its error.
+    due. If a step fails, its error is raised by the next command that resets the watchdog.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class Player:
         ----------
         drives, factors : each frame is one drive multiplied by one factor.
         rate : frames per second; 0 for a single drive.
-        cap : largest amplitude of an element, as a share of full scale.
+        cap : largest amplitude of an element, as a fraction of full scale.
         at : time at which a single drive takes effect, as in ``Link.send``; during a ramp it takes
             effect at once.
 

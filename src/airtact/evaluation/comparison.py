@@ -219,30 +219,31 @@ def compare(
 ) -> Comparison:
     """Compare the pressures of several drives at the foci, from one solve.
 
-    The pressures are stated at equal peak, at equal energy and with equal phases only.
+    The pressures are stated at equal peak, at equal energy, and for the phases of the drives alone.
 
     Parameters
     ----------
     scene : the air and the bodies in it.
-    array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
-    drives : drives by name; the first is the reference for the ratios. The scale of a drive does
-        not matter.
-    target : the F foci; their requested pressures do not matter.
-    solver : solver of the field. Use a more accurate solver than that of the drives, or another
-        one.
-    progress : called with a description of each step as it begins, such as ``print``.
+    array : the transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
+    drives : drives by name; the first is the reference for the ratios. The results do not
+        depend on the scale of a drive.
+    target : the F foci; their requested pressures are ignored.
+    solver : solver for the field. Use a more accurate solver than the one for the drives'
+        transfer matrix, or another method.
+    progress : function, such as ``print``, that is called with a description of each step as it
+        begins.
 
     Returns
     -------
-    Pressure of each drive at each focus for each normalisation of ``HELD_EQUAL``. The choice of
-    normalisation can reverse a conclusion: drives that leave most elements nearly silent are strong
-    at equal energy and weak at equal peak.
+    The pressure of each drive at each focus for each normalisation of ``HELD_EQUAL``. The
+    choice of normalisation can reverse a conclusion: a drive that leaves most elements nearly
+    silent is strong at equal energy but weak at equal peak.
 
     Raises
     ------
     InvalidInput
-        If there is no drive, a drive is silent or has a different number of elements than the
-        array, or the array, the scene and the foci do not fit together (see ``evaluate``).
+        If there is no drive, a drive is silent or does not have as many elements as the array,
+        or the array, the scene and the foci do not fit together (see ``evaluate``).
     """
     of_kind(drives, Mapping, "the drives", 'a dict of drives by name, {"hand considered": drive}')
     of_kind(target, Target, "the target", "Target(points, pressures)")

@@ -24,10 +24,10 @@ def headline(
 
     Parameters
     ----------
-    comparison : comparison of the drive that considers the bodies with the drive of the same method
+    comparison : the drive that considers the bodies, compared with the drive of the same method
         that ignores them, if there is one.
-    drive : the first drive as it is emitted. If it is at full scale, the second is too; otherwise
-        the second has the same energy.
+    drive : the drive that considers the bodies, as it is emitted. If it is at full scale, the drive
+        that ignores them is compared at full scale, otherwise at equal energy.
     word : the word for the bodies, such as "hand".
     foci : a name for each focus; the sentence names the focus that loses most.
     """

@@ -52,18 +52,18 @@ class HeldOut:
 
 
 def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Drive]) -> HeldOut:
-    """Evaluate drives on samples, every drive at the energy of the first.
+    """Evaluate drives on samples, with every drive scaled to the energy of the first.
 
     Parameters
     ----------
-    samples : samples with another seed than the samples that the drives were computed from.
+    samples : samples with a different seed from those with which the drives were computed.
     target : the foci; those without a request are ignored.
     drives : drives by name.
 
     Raises
     ------
     InvalidInput
-        If a drive has a different number of elements than the samples.
+        If a drive does not have as many elements as the samples.
     """
     # The rows of the foci come first; suppression points follow and are ignored.
     asked = np.flatnonzero(target.weights > 0.0)

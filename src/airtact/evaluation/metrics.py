@@ -24,7 +24,7 @@ NOT_MODELLED = (
 
 
 def not_modelled(report: SolveReport) -> str:
-    """Return a sentence on the limits of the pressures that a report belongs to."""
+    """Return a sentence on the limits of the pressures to which a report belongs."""
     # Solvers record planes and boards in their settings, which are stored with a field.
     planes = PLANES in report.settings
     if BOARDS in report.settings:
@@ -44,7 +44,7 @@ def not_modelled(report: SolveReport) -> str:
 
 
 def pascals(pressure: float) -> str:
-    """Write a pressure with three digits, in kPa from 1 kPa."""
+    """Write a pressure with three digits, in kPa from 1 kPa upwards."""
     if pressure < 1e3:
         return f"{pressure:.3g} Pa"
     return f"{pressure / 1e3:.{max(0, 2 - int(np.log10(pressure / 1e3)))}f} kPa"

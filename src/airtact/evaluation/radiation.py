@@ -94,8 +94,8 @@ class RadiationMap:
 def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
     """Compute the radiation pressure on all surfaces for one excitation of a solved field.
 
-    It raises ``InvalidInput`` if the scene has no body, a body is not sound-hard, or the solver
-    does not compute the velocity on a surface.
+    The function raises ``InvalidInput`` if the scene has no body, a body is not sound-hard, or
+    the solver does not compute the velocity on a surface.
     """
     scene = field.scene
     if not scene.obstacles:

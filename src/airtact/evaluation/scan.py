@@ -267,7 +267,7 @@ def best_shift(
 def fitted(
     measured: Complex128[np.ndarray, "points"], model: Complex128[np.ndarray, "points"]
 ) -> tuple[complex, float]:
-    """Return the scale of a model that fits a measurement best, and the relative error left."""
+    """Return the scale with which a model fits a measurement best, and the remaining error."""
     # Least squares: s = ⟨model, measured⟩ / ‖model‖²; ``vdot`` conjugates its first argument
     scale = complex(np.vdot(model, measured) / np.vdot(model, model).real)
     return scale, float(np.linalg.norm(measured - scale * model) / np.linalg.norm(measured))

@@ -5,9 +5,9 @@ is the drive, h_e the field of element e per unit of sensitivity, s the common s
 deviation of an element's gain. The positions of all scans are displaced by one rigid motion. Scale
 and motion are found by nonlinear least squares on the residual of the best ε, which is a linear
 least-squares problem (variable projection: G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 413,
-1973). Deviations are held near 0 by their spread τ, so elements that the scans do not distinguish
-stay nominal. The noise and τ are estimated from the data by expectation maximisation (C. Bishop,
-Pattern Recognition and Machine Learning, 2006, section 9.3.4).
+1973). A prior of spread τ holds the deviations near 0, so the gains of elements that the scans do
+not distinguish stay nominal. The noise and τ are estimated from the data by expectation
+maximisation (C. Bishop, Pattern Recognition and Machine Learning, 2006, section 9.3.4).
 """
 
 from collections.abc import Sequence
@@ -113,9 +113,9 @@ class _Readings:
     measured : (N,) readings relative to their rms, real if not phased.
     phased : whether phases are used.
     drives : (N, D) amplitudes of the D elements that emit in any scan.
-    array : those elements.
+    array : an array of only these elements.
     wavenumber : wavenumber of the sound [1/m].
-    microphone : the microphone, None for a point.
+    microphone : the microphone; None for a point.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -148,7 +148,7 @@ class _Readings:
         return fields
 
     def misfit(self, unknowns: Unknowns, gains: Gains) -> Float64[np.ndarray, "rows"]:
-        """Return the residual of given gains, real parts first; of magnitudes if not phased."""
+        """Return the residual for given gains, real parts first, or that of magnitudes."""
         model = self.parts(unknowns) @ gains
         if not self.phased:
             return np.real(self.measured) - np.abs(model)
@@ -156,7 +156,7 @@ class _Readings:
         return np.concatenate([np.real(left), np.imag(left)])
 
     def slopes(self, unknowns: Unknowns, gains: Gains) -> Float64[np.ndarray, "rows parts"]:
-        """Return the derivatives of the model by the real and then the imaginary parts of ε."""
+        """Return the derivatives of the model with respect to real, then imaginary parts of ε."""
         parts = self.parts(unknowns)
         if self.phased:
             both = np.hstack([parts, 1j * parts])
@@ -166,7 +166,7 @@ class _Readings:
         return np.hstack([np.real(along), -np.imag(along)])
 
     def start(self, tilt: tuple[float, float]) -> tuple[float, Unknowns]:
-        """Return the relative error of a tilt with the best scale, and its unknowns."""
+        """Return the relative error for a tilt with the best scale, and these unknowns."""
         unknowns = np.array([*tilt, *np.zeros(6)])
         model = self.parts(unknowns).sum(axis=1)
         scale, error = fitted(self.measured, model if self.phased else np.abs(model) + 0j)
@@ -174,7 +174,7 @@ class _Readings:
         return error, unknowns
 
     def fit(self, before: _Fit) -> _Fit:
-        """Fit the unknowns to the residual of the best ε, around which the model is linearised."""
+        """Fit the unknowns to the residual that remains with the best ε of the linearised model."""
         noise = before.noise
         number = len(self.array)
         spread = before.spread.repeat(number)

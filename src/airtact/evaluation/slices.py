@@ -130,7 +130,7 @@ def _finer(
 def box_pressure(
     field: RadiatedField, slices: Slices, excitation: int, box: Box
 ) -> Complex128[np.ndarray, "points"]:
-    """Pressure of an excitation at the points of a box, from slices along any axis.
+    """Return the pressure of an excitation at the points of a box, from slices.
 
     The samples of the slices are interpolated by cubic splines, except within 0.35 wavelengths of
     bodies and planes, where the field is evaluated. The error is 0.5 to 1.5 % (rms).
@@ -138,7 +138,7 @@ def box_pressure(
     Parameters
     ----------
     field : the field of the slices.
-    slices : slices with ``any_axis``.
+    slices : slices whose ``any_axis`` is True.
     excitation : index of the excitation in the field and the slices.
     box : a box inside the slices.
 
@@ -168,7 +168,7 @@ def box_pressure(
 def window_pressure(
     field: RadiatedField, window: Window
 ) -> Complex128[np.ndarray, "points excitations"]:
-    """Evaluate a field at the points of a window; in large ones every second one is interpolated.
+    """Evaluate a field at the points of a window; most points of a large window are interpolated.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ class SurfacePressure:
 
 
 def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePressure | None:
-    """Interpolate the solved pressure on all surfaces, for pictures, unless in open air.
+    """Interpolate the solved pressure on all surfaces for pictures; return None in open air.
 
     Parameters
     ----------

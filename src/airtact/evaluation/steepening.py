@@ -94,7 +94,7 @@ def steepening(
     Parameters
     ----------
     scene : the air and the bodies in it.
-    sources : the face points of the array, see ``drive_sources``.
+    sources : the face points of the array; see ``drive_sources``.
     points : (F, 3) foci [m]. The estimate does not hold farther than about a wavelength from a
         focus: beyond a focus, it overestimates the loss by up to 10 % of the pressure.
     pressures : (F,) linear pressure at the foci [Pa].
@@ -203,8 +203,8 @@ def _second_order(waves: _Waves) -> complex:
 def _second_harmonic(cosine: np.ndarray, path: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the second harmonic of two plane waves of unit pressure that cross at an angle.
 
-    Their product e^{i(k₁+k₂)x} forces a wave, which solves (∇² + 4k²)P₂ = 2βk²/(ρc²) P₁². A free
-    wave e^{2ikx} in the same direction cancels it at the array.
+    The product of the waves, e^{i(k₁+k₂)x}, forces a wave that solves (∇² + 4k²)P₂ = 2βk²/(ρc²)
+    P₁². A free wave e^{2ikx} in the same direction cancels the forced wave at the array.
 
     Returns
     -------
@@ -252,7 +252,7 @@ def _third_order(waves: _Waves) -> float:
 
 
 def _response(square: Float32[np.ndarray, "pairs waves"], path: float) -> np.ndarray:
-    """Return the response of the fundamental to a force e^{iκx} along the path, by κ²/k².
+    """Return the response of the fundamental to a force e^{iκx} along the path, given κ²/k².
 
     It is (1 − e^{−iφ})/(κ² − 1) with φ = (κ − 1) times the path, in a form that avoids 0/0.
     """

@@ -77,7 +77,7 @@ def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
 def plane_through(
     foci: Real[np.ndarray, "foci 3"], bodies: Real[np.ndarray, "vertices 3"], wavelength: float
 ) -> Window:
-    """Return a window through the foci, turned toward the bodies if the foci do not fix the plane.
+    """Return a window through the foci, turned to the bodies if the foci do not fix its plane.
 
     If the foci are not in one plane, the best-fitting plane is used. The window extends three
     wavelengths past the outermost foci and contains at most about 20,000 points. Its sides are
@@ -146,7 +146,7 @@ def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A grid of points in a cuboid along the frame's axes; ``origin`` is the lowest corner [m]."""
+    """A grid of points in a cuboid along the frame's axes; ``origin`` is its lowest corner [m]."""
 
     origin: Float64[np.ndarray, "3"]
     step: float
@@ -163,7 +163,7 @@ class Box:
 def box_around(
     foci: Real[np.ndarray, "foci 3"], wavelength: float, max_points: int = 60_000
 ) -> Box:
-    """Return a box that extends 1.5 wavelengths past the foci, ideally 8 points per wavelength."""
+    """Return a box 1.5 wavelengths past the foci, with up to 8 points per wavelength."""
     lowest = foci.min(axis=0) - 1.5 * wavelength
     size = foci.max(axis=0) + 1.5 * wavelength - lowest
     step = float(max(wavelength / 8, np.cbrt(np.prod(size) / max_points)))

@@ -42,7 +42,7 @@ def check_file(path: Path, largest: int = LARGEST_DATA) -> None:
 
 
 def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
-    """Read a file; see ``check_file`` for the errors."""
+    """Read the bytes of a file; raise the same errors as ``check_file``."""
     check_file(path, largest)
     try:
         return path.read_bytes()
@@ -51,7 +51,7 @@ def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
 
 
 def text_of(path: Path, largest: int = 2**26) -> str:
-    """Read a file as UTF-8 text; see ``check_file`` for the errors."""
+    """Read a file as UTF-8 text; raise the same errors as ``check_file``."""
     try:
         text = bytes_of(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -188,7 +188,7 @@ def _open_file(path: Path) -> Iterator[Any]:
 
 
 def _item(file: Any, entry: str) -> Any:
-    """Return an attribute, or a dataset in the file itself, or None if there is none."""
+    """Return an attribute, or a dataset stored in the file itself; None if there is none."""
     import h5py
 
     if entry.startswith("@"):

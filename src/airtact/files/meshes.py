@@ -56,7 +56,7 @@ def read_mesh(
 
 
 def read_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
-    """Read the vertices of a mesh, or the points of a cloud; see ``read_mesh`` for the errors."""
+    """Read the vertices of a mesh or the points of a cloud; raise errors like ``read_mesh``."""
     scene = _scene(path)
     with _describing_damage(path):
         parts = [geometry.vertices for geometry in scene.geometry.values()]
@@ -64,7 +64,7 @@ def read_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
 
 
 def read_node_positions(path: Path) -> Mapping[str, Float64[np.ndarray, "3"]]:
-    """Read the positions of the named nodes of a file; see ``read_mesh`` for the errors."""
+    """Read the positions of the named nodes of a file; raise the same errors as ``read_mesh``."""
     graph = _scene(path).graph
     return {
         str(node): np.array(graph.get(node)[0][:3, 3], dtype=np.float64) for node in graph.nodes
@@ -159,7 +159,7 @@ def _stl(content: bytes) -> tuple[Any, Any]:
 
 
 def _plain(word: str) -> str:
-    """Return the text of a number, unless only Python would accept it as a number."""
+    """Return the text of a number, or raise ValueError if only Python accepts it as a number."""
     if "_" in word or not word.isascii():
         raise ValueError(f"{word!r} is not a number")
     return word

@@ -59,13 +59,13 @@ class TextTable:
         return np.array(self._parsed(name, _real, "a real number"), dtype=np.float64)
 
     def complex_numbers(self, name: str) -> Complex128[np.ndarray, "rows"]:
-        """Read a column as complex numbers such as ``0.5-1.2i``; see ``numbers``."""
+        """Read a column as complex numbers such as ``0.5-1.2i``; reject NaN and infinity."""
         return np.array(self._parsed(name, _complex, "a number"), dtype=np.complex128)
 
     def order(self, name: str) -> Int64[np.ndarray, "rows"]:
         """Return the order of the rows according to a column that numbers them from 0.
 
-        The numbers must be in range; see ``numbers`` for other errors.
+        The numbers must be in range. Otherwise, the method raises the same errors as ``numbers``.
         """
         numbers = self.numbers(name)
         order = np.argsort(numbers, kind="stable")

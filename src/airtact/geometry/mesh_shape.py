@@ -1,4 +1,4 @@
-"""The shape of a closed mesh at a pose, which is covered with panels of a given size."""
+"""The shape of a closed mesh at a pose, and its cover of panels of a given size."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -43,7 +43,7 @@ from airtact.geometry.shape import BEND, Shape
 
 @dataclass(frozen=True, eq=False)
 class MeshShape(Shape):
-    """A mesh of quadratic triangles at a pose; ``cached`` stores panels at rest by settings."""
+    """A mesh of quadratic triangles at a pose; ``cached`` holds panels at rest, by settings."""
 
     mesh: QuadraticMesh
     pose: Pose
@@ -105,7 +105,7 @@ class MeshShape(Shape):
         return self.mesh.flat_tree.closest(self.pose.inverse().apply(points))[2]
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the mesh with curved panels as large as equilateral triangles of length ``edge``.
+        """Cover the mesh with curved panels of the area of equilateral ones with this edge [m].
 
         Where the mesh is smooth, the rms deviation of the panels is at most about ``away`` [m].
         """
@@ -137,7 +137,7 @@ class MeshShape(Shape):
 def covered(
     mesh: QuadraticMesh, edge: float, bend: float = BEND, away: float = np.inf
 ) -> QuadraticTriangles:
-    """Cover one closed piece with curved panels as large as equilateral ones with this ``edge``.
+    """Cover one closed piece with curved panels of the area of equilateral ones with this edge.
 
     MMG generates the triangles. Their corners and midpoints are projected onto the surface or its
     sharp edges. Panels that deviate by more than 0.4 % of the edge, or by more than ``away`` [m]

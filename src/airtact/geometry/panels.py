@@ -72,7 +72,7 @@ def panels_of(
 ) -> Panels:
     """Cover bodies with panels, and measure the distances of the panels from their surfaces.
 
-    The parameters are those of ``covers``.
+    The function takes the same parameters as ``covers``.
     """
     refined = covers(shapes, edge, near, smallest, bend, away, image, walls, close)
     # Distances are measured at the nodes, the centre and the middles between them.
@@ -123,8 +123,9 @@ def covers(
     away : largest root mean square distance of panels from a smooth mesh [m].
     image : function that mirrors points in a plane, for gaps to the mirror images of the bodies.
     walls : indices of bodies whose flat faces get smaller panels if they face each other.
-    close : gap between bodies, or to the mirror images, below which the edges of their panels are
-        0.8 times as long [m]. The sound is scattered back and forth in such gaps.
+    close : gap [m] between bodies, or between bodies and their mirror images, below which
+        panels have edges 0.8 times as long, because sound is scattered back and forth in such
+        gaps.
     """
     bodies = [shape.panels(edge, bend, away) for shape in shapes]
 
@@ -194,7 +195,7 @@ def _refined(
 def _allowed(
     panels: QuadraticTriangles, edges: PanelSizes, points: Points, factor: float
 ) -> PanelSizes:
-    """Return the longest edge allowed for each panel by its distance from points [m], or inf."""
+    """Return the longest edge that each panel's distance from points allows [m]; inf if any."""
     limit = float(edges.max()) * 1.001 / factor
     return factor * _kernels.panel_distances(panels, points, limit)
 
@@ -260,12 +261,12 @@ class _Face:
     middles: PanelVectors
 
     def contains(self, middles: PanelVectors, normals: PanelVectors) -> Bool[np.ndarray, "panels"]:
-        """Whether flat panels lie in the plane of this face."""
+        """Return whether flat panels lie in the plane of this face."""
         aligned = np.abs(normals - self.normal).max(axis=1) < 1e-4
         return aligned & (np.abs(middles @ self.normal - self.distance) < 1e-6)
 
     def faces(self, opposite_face: "_Face") -> bool:
-        """Whether another face is oriented toward this one and partly in front of it."""
+        """Return whether another face is oriented toward this one and partly in front of it."""
         ahead = opposite_face.middles @ self.normal - self.distance > 1e-6
         return bool(self.normal @ opposite_face.normal < -0.5 and ahead.any())
 

@@ -121,9 +121,9 @@ class Capsule(Shape):
         return mesh.vertices, mesh.triangles
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the surface with curved panels as large as equilateral ones with this ``edge`` [m].
+        """Cover the surface with curved panels of the area of equilateral ones with this edge [m].
 
-        The normal of a panel turns by at most ``bend`` [rad] from edge to edge.
+        The normal turns by at most ``bend`` [rad] from one edge of a panel to another.
         """
         # Panels around a pole are narrow, so 1.35 times as many are needed.
         needed = 1.35 * self.area / (np.sqrt(3) / 4 * edge**2)
@@ -340,7 +340,7 @@ def _inner_points(rings: int, around: int) -> int:
 
 
 def _ring_points(ring: int, rings: int, around: int) -> int:
-    """Return the number of points of a ring: proportional to its index, from 3 to ``around``."""
+    """Return the number of points on a ring, 3 to ``around``, in proportion to its index."""
     return max(3, (2 * around * ring + rings) // (2 * rings))
 
 

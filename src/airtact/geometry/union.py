@@ -111,7 +111,7 @@ def _flattened(body: Surface) -> FlatMesh:
 def _links(
     bodies: Sequence[Surface], chosen: list[int], gap: float
 ) -> dict[tuple[int, int], Approach]:
-    """Return pairs of bodies at most a gap apart; raise ``InvalidInput`` for unconnected bodies."""
+    """Return pairs of bodies at most a gap apart; raise ``InvalidInput`` if some are not linked."""
     near = {}
     for first, second in combinations(chosen, 2):
         distance = approach(bodies[first], bodies[second])

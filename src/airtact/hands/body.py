@@ -31,14 +31,14 @@ HullPairs = Float64[np.ndarray, "hulls hulls"]
 
 
 class Look(NamedTuple):
-    """Distances of P points from the skin, and the shape of the skin near them.
+    """Distances of P points from the skin, and the shape of the skin near the points.
 
     Attributes
     ----------
     distance : (P,) distance from the skin [m], negative inside.
     gradient : (P, 3) gradient of the distance at constant blend radius.
     bend : (P,) radius of curvature of the skin [m].
-    facing : (P,) distance from the nearest hull that is separate from ``nearest`` [m].
+    facing : (P,) distance from the closest of the hulls that are separate from the nearest one [m].
     nearest : (P,) index of the nearest hull.
     """
 
@@ -86,8 +86,9 @@ class Hulls:
     ) -> Look:
         """Return the distance of points (P, 3) [m] from the skin, with gradient and surroundings.
 
-        Separate hulls are cut back until they are ``carve`` [m] apart. A hull is ignored if it is
-        farther away than the nearest one by more than ``reach`` [m] plus the largest blend radius.
+        Separate hulls are cut back until they are ``carve`` [m] apart. A hull is ignored if its
+        distance exceeds that of the nearest hull by more than ``reach`` [m] plus the largest
+        blend radius.
         """
         reach = max(reach, carve, float(self.blend.max()))
         return Look(
@@ -97,11 +98,11 @@ class Hulls:
         )
 
     def each(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points hulls"]:
-        """Return the distance (P, H) [m] of points (P, 3) [m] from each hull without blending."""
+        """Return the distance (P, H) of points (P, 3) from each hull, without blending [m]."""
         return _kernels.hull_distances(points, self.balls, self.parts)
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Points:
-        """Project points (P, 3) [m] near the skin onto it, along the gradient of the distance."""
+        """Project points (P, 3) near the skin onto the skin, along the gradient of the distance."""
         points = np.array(points, dtype=np.float64, order="C")
         _kernels.project_on_hulls(
             points,
@@ -226,7 +227,7 @@ def _open_hand_blend() -> HullPairs:
 def _joined_skins(
     hulls: Hulls, apart: Bool[np.ndarray, "hulls hulls"]
 ) -> list[tuple[int, int, float, Point]]:
-    """Find phalanges whose skin merges with a separate hull, with the nearest pairs first.
+    """Find phalanges whose skin merges with a separate hull; the nearest pairs come first.
 
     Skins less than 0.3 mm apart merge. Hulls next to such a pair also merge if they are less than
     2 mm apart, because tiny tunnels would otherwise remain between them.

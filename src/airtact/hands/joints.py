@@ -254,9 +254,10 @@ def checked_side(
 def side_evidence(joints: Joints) -> float:
     """Return how far the fingers and the thumb bend in a way that only a right hand can.
 
-    The result is the sum of the sines of all bends and of the thumb's lean. A bend only counts by
-    the amount that exceeds the largest backward bend: 30 degrees at a knuckle, and 9 and 17 degrees
-    at the next joints. The result is negative for a left hand, and about 0 for straight fingers.
+    The result is the sum of the sines of all bends and of the thumb's lean. Of each bend, only
+    the amount beyond the largest possible backward bend counts: beyond 30 degrees at a knuckle,
+    and beyond 9 and 17 degrees at the next joints. The result is negative for a left hand, and
+    about 0 for straight fingers.
     """
     # Fingers bend toward the palm. Viewed across the palm from the little finger, all bends of a
     # right hand turn one way, and those of a left hand the other way.
@@ -272,7 +273,7 @@ def side_evidence(joints: Joints) -> float:
 
 
 def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
-    """Raise an error if the knuckles are out of order or the thumb is at the little finger.
+    """Raise an error if the knuckles are out of order or the thumb is beside the little finger.
 
     ``tolerance`` is the error of inaccurate joints [m].
     """

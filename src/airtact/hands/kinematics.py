@@ -18,7 +18,7 @@ LAST_BEND_SHARE = 2.0 / 3.0
 
 
 def bending_axis(joints: Joints, side: str, finger: int) -> Point:
-    """Return the axis (3,) about which a positive angle bends a finger from 0 (thumb) to 4."""
+    """Return the axis (3,) about which a positive angle bends a finger, 0 (thumb) to 4."""
     sign = 1.0 if side == "right" else -1.0
     across = unit(joints[6] - joints[21])
     bones = np.diff(joints[list(CHAINS[finger][-4:])], axis=0)
@@ -36,7 +36,7 @@ def bending_axis(joints: Joints, side: str, finger: int) -> Point:
 
 
 def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:
-    """Return the joints after a finger is straightened at its root by an angle [rad]."""
+    """Return the joints after straightening a finger at its root by an angle [rad]."""
     root = CHAINS[finger][0 if finger == 0 else 1]
     outer = [joint for joint in CHAINS[finger] if joint > root]
     turn = Rotation.from_rotvec(-angle * bending_axis(joints, side, finger))
@@ -90,7 +90,7 @@ def gap_of(joints: Joints, radii: Radii, fingers: tuple[int, int]) -> float:
 
 
 def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: float) -> Joints:
-    """Return the joints after two fingers are turned at their roots to be a gap [m] apart."""
+    """Return the joints after turning two fingers at their roots until they are ``gap`` apart."""
 
     def both_turned(angle: float) -> Joints:
         moved = joints

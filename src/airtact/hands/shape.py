@@ -28,9 +28,10 @@ MAX_KEYFRAMES = 16
 class HandShape(Shape):
     """The exact body of a hand in a pose.
 
-    In a sequence, a mesh is deformed from the mesh of an earlier frame, the keyframe, whose mesh is
-    deformed from the previous keyframe. The poses alone determine the keyframes, so a mesh depends
-    only on the bodies in this chain and not on earlier computations.
+    In a sequence, the mesh of a frame is deformed from that of an earlier frame, its keyframe.
+    The mesh of the keyframe is, in turn, deformed from that of the previous keyframe. The poses
+    alone determine the keyframes, so a mesh depends only on the bodies in this chain and not on
+    earlier computations.
 
     Attributes
     ----------
@@ -61,7 +62,7 @@ class HandShape(Shape):
 
     @staticmethod
     def following(hulls: Hulls, keyframe: "HandShape | None") -> "HandShape":
-        """Build a shape that follows the keyframe if the motion is small and contacts persist."""
+        """Build a shape that follows the keyframe if the motion is small and contacts stay."""
         if keyframe is not None and np.array_equal(hulls.apart, keyframe.hulls.apart):
             moved = motion(keyframe.hulls, hulls)
             # After a motion of more than 12 mm, a new mesh is generated instead.
@@ -105,7 +106,7 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Return ``largest`` (P,) [m] where an inner ball of that size fits, else a lower bound."""
+        """Return ``largest`` (P,) where an inner ball of that size fits, else a lower bound [m]."""
         smallest = self.least_thickness
         if smallest >= largest:
             return np.full(len(points), smallest)
@@ -120,7 +121,7 @@ class HandShape(Shape):
         return self.pose.apply(self.hulls.project(self.pose.inverse().apply(points)))
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Return curved panels about as large as equilateral triangles of edge length ``edge``."""
+        """Return curved panels of about the area of equilateral triangles of length ``edge``."""
         return self.pose.apply(curved_panels(self.hulls, self.skin(edge)))
 
     def extreme_points(self) -> Points:
@@ -177,7 +178,7 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
 
 
 def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "vertices hulls"]:
-    """Weight hulls by their proximity to vertices (V, 3) [m]; each vertex's weights sum to 1."""
+    """Return weights of hulls by proximity to vertices (V, 3); those of a vertex sum to 1."""
     distance = hulls.each(vertices)
     weight = np.exp(-((distance - distance.min(axis=1, keepdims=True)) / 3e-3))
     return weight / weight.sum(axis=1, keepdims=True)
@@ -186,7 +187,7 @@ def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "verti
 def moved_with_hulls(
     before: Hulls, now: Hulls, vertices: Vertices, weight: Float64[np.ndarray, "vertices hulls"]
 ) -> Vertices:
-    """Move vertices (V, 3) [m] along with the hulls to another pose, weighted by hull_weights."""
+    """Move vertices (V, 3) with the hulls to another pose, weighted as by ``hull_weights``."""
     turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     old = before.balls[:, :3] @ turn.T + shift
     new = now.balls[:, :3]

@@ -100,7 +100,7 @@ def even_skin(hulls: Hulls, edge: float) -> HandMesh:
 
 
 def graded(hulls: Hulls, mesh: HandMesh, edge: float, fine: float, points: Points) -> HandMesh:
-    """Refine a mesh of edge length ``edge`` [m] to ``fine`` [m] near points (P, 3) [m]."""
+    """Refine a mesh of edge length ``edge`` to length ``fine`` near points (P, 3) [m]."""
     tree = KDTree(points)
     for _ in range(4):
         away = tree.query(mesh.vertices)[0]
@@ -151,7 +151,7 @@ def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMes
 
 
 def _fault(hulls: Hulls, mesh: HandMesh) -> float:
-    """Return the largest relative excess over the limits of a good mesh; 0 or less if good."""
+    """Return the largest relative excess over the limits for a good mesh; 0 or less if good."""
     ends = np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = ends[ends[:, 0] < ends[:, 1]]  # a closed mesh has each edge in both directions
     bulge = float(_middles(hulls, mesh, ends)[1].max())
@@ -272,7 +272,7 @@ def _evened(
 def _projected(
     hulls: Hulls, mesh: HandMesh, edge: float, max_sizes: Sizes | float = np.inf
 ) -> HandMesh:
-    """Project the vertices onto the skin; also set the edge lengths that bends and gaps allow."""
+    """Project the vertices onto the skin, and set the edge lengths that bends and gaps allow."""
     vertices = hulls.project(mesh.vertices)
     look = hulls.look(vertices, reach=edge)
     smallest = max(0.25 * edge, min(SMALLEST_EDGE, edge))
@@ -290,7 +290,7 @@ def _projected(
 def _middles(
     hulls: Hulls, mesh: HandMesh, ends: Ends
 ) -> tuple[Float64[np.ndarray, "edges 3"], Float64[np.ndarray, "edges"]]:
-    """Return skin points above the midpoints of edges (E, 3) [m], and distance / edge length."""
+    """Return skin points above the edges' midpoints (E, 3) [m], and their relative height."""
     starts = mesh.vertices[ends[:, 0]]
     edges = mesh.vertices[ends[:, 1]] - starts
     straight = starts + 0.5 * edges

@@ -1,4 +1,4 @@
-"""The live loop, which computes drives from the newest frame and fades to silence on faults."""
+"""The live loop: it computes drives from the newest frame, and fades to silence on faults."""
 
 import signal
 import time
@@ -315,7 +315,7 @@ class _Loop:
         return max(until - time.monotonic(), 0.0)
 
     def _next_drive(self) -> float:
-        """Return when to start a drive if no frame arrives, without delaying the next drive."""
+        """Return the time to start a drive if no frame arrives, so that the next is not delayed."""
         begin = self.begun + float(np.clip(2.0 * self.duration, MIN_INTERVAL, 1.0 / 66.0))
         if len(self.arrivals) > 1:
             first = self.arrivals[0][1]
@@ -519,7 +519,7 @@ class _Loop:
         return fault or "lost"
 
     def _note(self, moment: Moment, sent: float, before: float) -> None:
-        """Record a drive that reached the link; ``before`` is the gain before it."""
+        """Record a drive that reached the link; ``before`` is the gain before this drive."""
         self.drives += 1
         if self.session is not None:
             self.session.drive(moment, self.clock.time(sent))

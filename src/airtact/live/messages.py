@@ -407,7 +407,7 @@ def read_message(text: bytes | str) -> Message:
 
 
 def converted(data: dict[str, Any]) -> Message:
-    """Return the message with these keys and values; it raises the errors of ``read_message``."""
+    """Return the message with these keys and values; raise the same errors as ``read_message``."""
     try:
         return msgspec.convert(data, Message)
     except msgspec.ValidationError as error:

@@ -49,8 +49,8 @@ class OscServer:
     ----------
     stream : receives the frames of hands.
     world : objects and foci that applications can change.
-    port : port to listen on; 0 selects a free port. The attribute ``port`` is the
-        actual port.
+    port : port to listen on; 0 selects a free port. The attribute ``port`` contains the port
+        used.
     host : address to listen on.
 
     Raises

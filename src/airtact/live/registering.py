@@ -204,7 +204,7 @@ def register_tracker(
 
 
 def _frames(source: str) -> Iterator[HandFrame | str]:
-    """Yield the frames of a recording or tracker in its own axes, or why a frame is missing."""
+    """Yield the frames of a recording or tracker in its own axes, or a reason for a missing one."""
     hands = received(source)
     if hands is None:
         yield from load_recording(source, leave_out=True).frames
@@ -255,7 +255,7 @@ def with_tracker(text: str, pose: Pose) -> str:
     Raises
     ------
     InvalidInput
-        If the file defines the tracker in any other way than a table ``[tracker]``.
+        If the file defines the tracker in another way than by a table ``[tracker]``.
     """
     values = _values(pose)
     lines = text.splitlines(keepends=True)

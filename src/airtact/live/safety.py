@@ -27,7 +27,7 @@ class Workspace:
         self._radius = float(scene.array.element.reach)
 
     def out_of_reach(self, foci: Foci) -> str | None:
-        """Return a short reason why some points require silence, or None."""
+        """Return a short reason why foci at these points require silence, or None."""
         if not len(foci):
             return None
         distances, _ = self._elements.query(foci)

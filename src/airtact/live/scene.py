@@ -298,9 +298,9 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
 def hand_in(
     scene: LiveScene, landmarks: Float64[np.ndarray, "landmarks 3"], side: Side | None = None
 ) -> Hand:
-    """Return the hand with these landmarks [m], or with joints (25, 3) [m].
+    """Return the hand with these landmarks or joints [m].
 
-    The side defaults to that of the scene; it has already been checked with the frame.
+    The side defaults to that of the scene; it was checked when the frame was received.
     """
     joints = joints_of(landmarks)
     check_finger_order(joints)
@@ -308,7 +308,7 @@ def hand_in(
 
 
 def foci_on(hand: Hand, scene: LiveScene, offset: float | None = None) -> Foci:
-    """Return the foci on a hand (F, 3) [m]; ``offset`` [m] overrides the scene's offsets."""
+    """Return the foci (F, 3) on a hand [m]; ``offset`` [m] overrides the scene's offsets."""
     offsets = scene.offsets if offset is None else np.full(len(scene.places), offset)
     foci = []
     for place, distance in zip(scene.places, offsets, strict=True):
@@ -406,6 +406,6 @@ def turn(
 
 
 def moving_points(moving: MovingFoci, posed: PosedHand) -> Float64[np.ndarray, "frames together 3"]:
-    """Return the K foci in each of N frames for a posed hand (N, K, 3) [m]."""
+    """Return the K foci in each of N frames for a posed hand, as an array (N, K, 3) [m]."""
     shifts = np.einsum("nki,nkij->nkj", moving.shifts, posed.frames[moving.places])
     return posed.foci[moving.places] + shifts

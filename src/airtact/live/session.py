@@ -497,7 +497,7 @@ def recording_of(path: str | Path) -> Recording:
 
 
 def _read(path: str | Path, layout: Mapping[str, str]) -> dict[str, Any]:
-    """Read a session file, or the one in a folder."""
+    """Read a session file, given its path or that of its folder."""
     path = Path(path)
     path = path / FILE if path.is_dir() else path
     # A session may last for hours, but a file that unpacks to far more bytes than this is damaged.

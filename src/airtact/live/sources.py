@@ -201,7 +201,7 @@ class ReceivedHands(HandSource):
 
 
 def moved_to(recording: Recording, hand: Hand) -> Recording:
-    """Move a recorded hand so that its palm lies on that of another hand; mirror it if needed."""
+    """Move a recorded hand so that its palm coincides with another hand's; mirror it if needed."""
     # The wrist and the ends of the metacarpals hardly move relative to each other.
     palm = [0, 5, 6, 10, 11, 15, 16, 20, 21]
     seen = [frame for frame in recording.frames if frame.landmarks is not None]
@@ -241,5 +241,5 @@ def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
 
 
 def checked_seconds(seconds: float | None) -> float:
-    """Return the duration [s], or infinity for None; it raises the errors of ``positive``."""
+    """Return the duration [s], or infinity for None; raise the same errors as ``positive``."""
     return np.inf if seconds is None else positive(seconds, "the duration", "s")

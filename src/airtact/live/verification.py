@@ -119,9 +119,9 @@ def verify_session(
 def _touched(
     session: Session, index: int, hands: Sequence[Hand]
 ) -> tuple[Foci, Float64[np.ndarray, "foci"]]:
-    """Return the foci (F, 3) of a drive [m], in front of the true skin, and their strengths (F,).
+    """Return the foci (F, 3) of a drive [m], just outside the true skin, and their strengths.
 
-    Foci with a strength of 0.05 or less are left out, because the others mask them.
+    Foci with a strength of 0.05 or less are omitted, because the others mask them.
     """
     foci = []
     strengths = []
@@ -139,11 +139,11 @@ def _touched(
 
 
 def _joints_at(session: Session, time: float, side: Side) -> Joints | None:
-    """Interpolate the joints (25, 3) [m] at a time on the frames' clock [s].
+    """Interpolate the joints (25, 3) at a time on the frames' clock [s].
 
     Returns
     -------
-    The joints; None unless the hand was seen both before and after that time.
+    The joints [m]; None unless the hand was seen both before and after that time.
     """
     seen = np.isfinite(session.landmarks[:, 0, 0]) & (np.array(session.sides) == side)
     times = session.frame_time[seen]

@@ -1,4 +1,4 @@
-"""Worker processes of the loop, which process the newest message and send results back."""
+"""Worker processes of the loop; each processes its newest message and sends results back."""
 
 import os
 import pickle
@@ -110,7 +110,7 @@ class Worker:
         return self.process.poll() is not None
 
     def put(self, message: object) -> None:
-        """Send a message to the process; it replaces one that is still waiting."""
+        """Send a message to the process; it replaces a message that is still waiting."""
         self._mailbox.put(message)
 
     def close(self) -> None:
@@ -144,7 +144,7 @@ def dump(message: object, pipe: IO[bytes]) -> None:
 
 
 def main() -> None:
-    """Perform the task in the first message from standard input until the input ends."""
+    """Perform the task that the first message of the standard input describes, until its end."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     # Output of libraries must not be mixed with the messages.
     with open(os.devnull, "wb") as nothing:

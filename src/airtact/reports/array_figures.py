@@ -346,7 +346,7 @@ def _add_discs(
 
 
 def view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
-    """Return a view into a surrounding array, or past the edge of any other array."""
+    """Return a view into an array that surrounds a hand, or past the edge of any other array."""
     mean = normals.mean(axis=0)
     if np.linalg.norm(mean) < 0.3:
         return -58.0, 26.0

@@ -66,8 +66,8 @@ def draw_field(
 ) -> Figure:
     """Draw the pressure magnitude of one drive on a scale that ends at ``peak`` [Pa].
 
-    It is drawn into ``axes``, or by default into a new figure. Foci [m] outside the plane are
-    dashed.
+    The picture is drawn into ``axes``, or by default into a new figure. Foci outside the plane
+    are dashed.
     """
     scale = ScalarMappable(Normalize(0.0, peak), COLOURS)
     values = np.abs(cut.pressures[drive])
@@ -82,7 +82,7 @@ def draw_difference(
     names: Sequence[str] | None = None,
     axes: Axes | None = None,
 ) -> Figure:
-    """Draw the level of one drive relative to another [dB]; it is grey where both are weak."""
+    """Draw the level of one drive relative to another [dB]; grey where both are weak."""
     first, second = (np.abs(cut.pressures[name]) for name in drives)
     # A floor 60 dB below the peak avoids the logarithm of zero.
     smallest = 1e-3 * peak

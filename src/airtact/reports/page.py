@@ -36,7 +36,7 @@ TEMPLATES.filters["sentence"] = as_sentence
 
 
 def write_page(path: Path, template: str, **values: object) -> None:
-    """Fill a template with values and write it to a file, which only appears once it is complete.
+    """Fill a template with values, and write or replace a file once it is complete.
 
     All text in the values is escaped.
     """
@@ -72,6 +72,6 @@ def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Write a figure to a PNG file, which only appears once it is complete."""
+    """Write a figure to a PNG file; an existing file is replaced."""
     with whole_file(path) as partial:
         imsave(partial, pixels_of(figure), format="png")

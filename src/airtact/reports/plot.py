@@ -64,9 +64,9 @@ def field(
         relative to it [dB].
     plane : "xy", "xz" or "yz" for a plane through the centre of the foci; by default, the plane
         that best fits the foci and bodies.
-    size : width and height of the picture [m]; by default, a few wavelengths around the
-        foci.
-    most : pressure at the end of the colour scale [Pa]; by default, the largest in the
+    size : width and height of the picture [m]; by default, the picture extends a few
+        wavelengths past the foci.
+    most : pressure at the end of the colour scale [Pa]; by default, the largest pressure in the
         plane.
     ax : axes to draw into; by default, those of a new figure.
 
@@ -152,7 +152,7 @@ def phases(
     Raises
     ------
     InvalidInput
-        If the drive has a different number of elements than the array, or ``show`` is unknown.
+        If the drive does not have as many elements as the array, or ``show`` is unknown.
     """
     _check_fits(array, drive)
     if show not in ("phase", "amplitude"):
@@ -276,7 +276,7 @@ def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
 
 
 def view_of_reach(result: ReachMap) -> View:
-    """Return the direction from the skin to the array; in a box, that of the skin's broad side."""
+    """Return a view from the array to the skin; in a box of boards, of the skin's broad side."""
     towards = -result.setup.array.normals.mean(axis=0)
     length = float(np.linalg.norm(towards))
     if length < 0.3:

@@ -18,7 +18,7 @@ from airtact.setup.reaching import ReachMap
 
 
 def write_reach_page(path: Path, result: ReachMap) -> None:
-    """Write reach.html, which only appears once it is complete."""
+    """Write reach.html, replacing an existing file."""
     setup = result.setup
     kilopascals = 1e-3 * result.bounds
     rows = []

@@ -25,7 +25,7 @@ AFTER = "#e8590c"
 
 
 def write_sense_page(path: Path, sensed: Sensed) -> None:
-    """Write a self-contained HTML page, which only appears once it is complete."""
+    """Write a self-contained HTML page, replacing an existing file."""
     elements, transmissions = sensed.echoes.codes.shape
     left_out = sensed.located.left_out
     # The residual is NaN for elements that did not receive.
@@ -161,8 +161,8 @@ def draw_moved(
 ) -> Figure:
     """Draw cross-sections of the bodies of two scenes, before and after a correction.
 
-    The second plane is perpendicular to the window, through its centre. Foci [m] are projected onto
-    the planes.
+    The second plane is perpendicular to the window and passes through its centre. Foci are
+    projected onto the planes.
     """
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")
     up = window.normal * np.sign(window.normal[np.argmax(np.abs(window.normal))])

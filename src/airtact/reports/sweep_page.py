@@ -55,7 +55,7 @@ class Swept:
 
 
 def write_sweep_page(path: Path, swept: Swept) -> None:
-    """Write the page, which only appears once it is complete."""
+    """Write the page of a sweep, replacing an existing file."""
     weakest = swept.numbers("weakest_Pa")
     gain = swept.numbers("gain")
     facts = [(f"{len(swept.rows):,}", "points"), (f"{len(swept.failed):,}", "failed points")]

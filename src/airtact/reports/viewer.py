@@ -1,4 +1,4 @@
-"""The 3-D scene of a page: embedded data, which ``viewer.js`` draws with three.js.
+"""The 3-D scene of a page: data embedded in the page, drawn by ``viewer.js`` with three.js.
 
 three.js is taken from the installed trimesh, so nothing is downloaded.
 """
@@ -345,7 +345,7 @@ def _views(view: SceneView) -> dict[str, Any]:
 def framed(
     points: Float64[np.ndarray, "points 3"], seen: Float64[np.ndarray, "3"]
 ) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
-    """Return the centre, radius [m] and direction for a view of points from a direction."""
+    """Return the centre, radius [m] and direction of a view that shows all points."""
     across = unit(np.cross([0.0, 0.0, 1.0], seen))
     axes = np.stack([across, np.cross(seen, across), seen])
     projected = points @ axes.T

@@ -8,7 +8,7 @@ from airtact.setup.explaining import Explanation
 
 
 def write_why_page(path: Path, explained: Explanation, title: str, text: str) -> None:
-    """Write the page, which only appears once it is complete.
+    """Write the page, replacing an existing file.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Closed-form echoes of bodies near an initial pose, and their derivatives by that pose.
+"""Closed-form echoes of bodies near an initial pose, and derivatives with respect to pose.
 
 By reciprocity, the regular waves w_e that element e of unit strength emits toward the bodies also
 describe its reception: E[r, e] = w_rᵀ T w_e/(4πik). A motion of the bodies multiplies all w_e by
@@ -164,7 +164,7 @@ def motion_of(twist: Twist) -> Pose:
 
 
 def further_motion(twist: Twist) -> Float64[np.ndarray, "6 6"]:
-    """Return the Jacobian from changes of a twist to further motions of bodies moved by it.
+    """Return the Jacobian from changes of a twist to further motions of the bodies it moved.
 
     It is (1 − exp(−ad))/ad, where ad is the commutator with the twist (K. M. Lynch, F. C. Park,
     Modern Robotics, 2017, section 8.3).

@@ -240,8 +240,8 @@ def locate(
 class _Fit:
     """Measured echoes and their model, for fixed bodies or for a family.
 
-    ``known`` stores what was computed for each vector of unknowns: SciPy evaluates the first and
-    the last one twice.
+    ``known`` caches the results for each vector of unknowns, because SciPy evaluates the first
+    and the last vector twice.
     """
 
     model: EchoModel
@@ -451,7 +451,7 @@ def disagreement(
     inverse: Squares,
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
-    """Return the ratio of the pose's variance from groups of receivers to that from single ones.
+    """Return the ratio of the pose's variance from receiver groups to that from single receivers.
 
     The ratio is 1 if the residual is noise. The residual of a wrong shape is correlated between
     neighbouring receivers, so more receivers do not improve the pose. Therefore only groups of

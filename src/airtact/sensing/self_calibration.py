@@ -176,7 +176,7 @@ class ArrayState:
 
 @dataclass(frozen=True, eq=False)
 class ArrayFit:
-    """(E, E) pressures at each receiver from each emitter, and a mask of the pairs used."""
+    """Pressures (E, E) at each receiver from each emitter, and a mask of the pairs used."""
 
     measured: Pairs
     counted: CountedPairs

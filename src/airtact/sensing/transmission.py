@@ -29,8 +29,8 @@ def transmission(
 
     Returns
     -------
-    The (R, E) pressures at receiver r from emitter e [Pa], both with unit gain; they are the same
-    in both directions. Then their (13, R, E) derivatives with respect to a translation of the
+    The pressures (R, E) at receiver r from emitter e [Pa], both with unit gain, which are the
+    same in both directions; and their derivatives (13, R, E) with respect to a translation of the
     receiving board [Pa/m], a rotation about its centre [Pa/rad], the same motions of the emitting
     board, and the wavenumber [Pa·m].
     """
@@ -81,7 +81,7 @@ def facing(
     cosine: float = 0.5,
     nearest: float = 0.02,
 ) -> Bool[np.ndarray, "receivers emitters"]:
-    """Whether elements of two boards face each other and are not neighbours at a common edge.
+    """Return whether elements of two boards face each other and are not neighbours at an edge.
 
     The default limits are 60 degrees from the axis and a distance of 20 mm. At larger angles, real
     transducers deviate from pistons.

@@ -10,7 +10,7 @@ monopole e^{ikR}/R at x has a_nm = 4πik h_n(k|x|) Z_nm(x) (DLMF 10.60.1 and 14.
     1)
 
 (P. A. Martin, Multiple Scattering, 2006, section 3.9). The other derivatives are commutators of
-these.
+these operators.
 """
 
 from functools import lru_cache
@@ -172,7 +172,7 @@ def along_motions(waves: Waves, wavenumber: float) -> Complex[np.ndarray, "6 wav
 
 
 def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Waves:
-    """Return regular waves about a centre moved by a twist (6,): translation [m], rotation [rad].
+    """Return regular waves moved by a twist (6,): translation [m] and rotation [rad].
 
     The exponential of an antisymmetric matrix V of norm at most s is summed by the Chebyshev
     expansion Σ (2 − δ_j0) J_j(s) φ_j(V/s), with φ_0 = 1, φ_1 = x, φ_(j+1) = 2x φ_j + φ_(j−1) (DLMF

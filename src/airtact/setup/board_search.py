@@ -73,8 +73,8 @@ class Search:
     fixed : poses of boards that stay in place.
     mirror : index of the axis along which boards are mirrored in pairs, and coordinate of the
         mirror plane [m]; None without mirroring.
-    share : share of the hands that may have a weaker focus than the pressure of the
-        layout.
+    share : fraction of the hands for which the pressure at the weakest focus may be below the
+        value of the layout.
     """
 
     hands: list[HandPose]
@@ -117,7 +117,7 @@ class Search:
     def spare(
         self, rotation: Float64[np.ndarray, "3 3"], middle: Float64[np.ndarray, "3"]
     ) -> float:
-        """Return by how much a board's distance from the hand exceeds the smallest allowed [m]."""
+        """Return how far a board is from the hand, beyond the smallest allowed distance [m]."""
         seen = (self.skin - middle) @ rotation
         beside = np.maximum(np.abs(seen[:, :2]) - self.half, 0.0)
         gaps = np.sum(beside**2, axis=1) + seen[:, 2] ** 2
@@ -308,7 +308,10 @@ class Search:
         return [*placed, *self.fixed]
 
     def moves(self, poses: Sequence[Pose], weakest: float) -> Float64[np.ndarray, "boards 6"]:
-        """Return the change of the weakest focus for each move of one board; see ``Placement``."""
+        """Return the relative change at the weakest focus for each move of one board.
+
+        ``Placement.moves`` describes the moves.
+        """
         rows = [self.rows(pose) for pose in poses]
         centred = Pose.shift(middle_of(self.single))
         motions = [Pose.shift(10e-3 * unit) for unit in np.eye(3)]

@@ -49,7 +49,8 @@ def bodies_of(
 
     Returns
     -------
-    Names and obstacles in the same order, named points, and hands by the name of their body.
+    The names and the obstacles in the same order, the named points, and the hands by the names
+    of their bodies.
     """
     obstacles: list[Obstacle] = []
     names: list[str] = []

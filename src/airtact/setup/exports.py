@@ -68,9 +68,8 @@ def write_triangles(
 ) -> int:
     """Write quadratic triangles [m] in the format given by the file name's ending.
 
-    A .vtkhdf file also contains ``cells``. Return the number of open edges of the flat
-    triangles. These occur between panels of different sizes. The number is 0 for curved
-    panels.
+    A .vtkhdf file also contains ``cells``. The function returns the number of open edges of the
+    flat triangles, which occur between panels of different sizes; it is 0 for curved panels.
     """
     check_output(path)
     if path.suffix.lower() == CURVED:

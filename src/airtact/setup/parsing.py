@@ -35,8 +35,8 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
     ------
     InvalidInput
         If the text is not TOML, too large or too deeply nested; if a key is unknown, missing, in
-        conflict with another, or not the only one of its group; or if a value has the wrong type,
-        is not finite, is out of range or is not a known name.
+        conflict with another, or one of several keys that exclude each other; or if a value has
+        the wrong type, is not finite, is out of range or is not a known name.
 
     Examples
     --------

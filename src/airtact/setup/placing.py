@@ -1,10 +1,10 @@
 """Search for board positions that maximise the pressure at the weakest focus over all hand poses.
 
-For each pose of the hand, one solve computes the field of a beacon at each focus, which
-is then expanded in outgoing waves. For each candidate layout it is then enough to
-evaluate the field at the transducers and to compute a drive. Candidates face the foci
-and come from a low-discrepancy sequence. The best ones are refined board by board
-(Nelder-Mead), which also tilts the boards.
+For each pose of the hand, one solve computes the field of a beacon at each focus, and
+this field is expanded in outgoing waves. For each candidate layout it is then enough
+to evaluate the field at the transducers and to compute a drive. Candidates face the
+foci and come from a low-discrepancy sequence. The best ones are refined board by
+board (Nelder-Mead), which also tilts the boards.
 """
 
 import re
@@ -446,7 +446,7 @@ def _allowed(
 
 
 def _distinct(layouts: list[Layout], apart: float, most: int) -> list[int]:
-    """Return the indices of layouts with a board over ``apart`` [m] from all better layouts."""
+    """Return the indices of layouts that differ from all better ones by over ``apart`` [m]."""
     kept: list[int] = []
     for index, layout in enumerate(layouts):
         if len(kept) == most:
@@ -468,7 +468,7 @@ def _present(search: Search, array: PhasedArray) -> float:
 
 
 def _verified(setup: Setup, search: Search, array: PhasedArray) -> float:
-    """Return the pressure at the weakest focus for drives of the search [Pa], by a finer solver."""
+    """Return the pressure at the weakest focus for drives of the search, by a finer solver [Pa]."""
     solver = setup.solver
     if isinstance(solver, BoundaryElement):
         solver = replace(solver, accuracy=min(solver.accuracy, 0.02))

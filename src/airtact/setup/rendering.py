@@ -300,8 +300,8 @@ def compute(setup: Setup, clock: Clock, store: Path | None = None) -> ComputedDr
 def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> Rendering:
     """Verify a drive with a more accurate solve; the second half of ``render``.
 
-    If pressures are requested, a drive below full scale is scaled to them. Otherwise the result has
-    the same drive.
+    If the target requests pressures and the drive is below full scale, the drive is rescaled so
+    that the verified foci reach these pressures. Otherwise the drive does not change.
     """
     setup = computed.setup
     transfer = computed.transfer

@@ -38,9 +38,8 @@ class Plan:
     board : kind of board.
     modulation : amplitude modulation of a drive; None for a sequence or a constant
         drive.
-    cap : largest amplitude of an element, as a share of full scale.
-    limited : whether the cap was chosen to keep the level at a head under the
-        limit.
+    cap : largest amplitude of an element, as a fraction of full scale.
+    limited : whether the cap was chosen to keep the level at a head under the limit.
     """
 
     stored: DriveFile
@@ -154,8 +153,8 @@ def plan(
     ----------
     path : file with a drive or a sequence.
     board : name of the kind of board.
-    cap : largest amplitude of an element, as a share of full scale. By default, the largest cap
-        that keeps the level at a head under the limit.
+    cap : largest amplitude of an element, as a fraction of full scale. By default, the largest
+        cap that keeps the level at a head under the limit.
     modulation : modulation to use instead of that in the file.
     constant : whether to play the drive without any modulation.
 
@@ -202,9 +201,9 @@ def plan(
 
 
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
-    """Return the largest cap that keeps a head below the limit, and the level at full scale [dB].
+    """Return the largest cap that keeps the limit at a head, and the level at full scale [dB].
 
-    Raise ``InvalidInput`` if the boards cannot be reduced to that level.
+    The function raises ``InvalidInput`` if the boards cannot reduce their level that far.
     """
     head = Plan(stored, board_named(board), stored.modulation).head
     return head.safe_cap(), head.full
@@ -245,7 +244,7 @@ def emit(
 
     Returns
     -------
-    Report of how the frames were played; None for a constant drive.
+    Statistics of the playback; None for a constant drive.
 
     Raises
     ------

@@ -180,7 +180,7 @@ def sensations(
 ) -> tuple[str, ...]:
     """Compare the foci, or the weakest focus of a sequence, with the tactile threshold.
 
-    Foci away from all bodies are ignored. If all foci are, the sentence says so.
+    Foci away from all bodies are ignored. If all foci are away from bodies, the sentence says so.
     """
     if setup.traps:
         foci = len(setup.target.points) > setup.lobes
@@ -204,7 +204,7 @@ def sensations(
 
 
 def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
-    """Compare the drive with the certified upper bound, before and after rounding."""
+    """State the fraction of the upper bound that the drive reaches, before and after rounding."""
     # The sentence states whole per cent, so it is enough to certify the bound within 1 %.
     frame = quantise(drive, setup.levels)
     levels = (

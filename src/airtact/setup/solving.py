@@ -54,7 +54,7 @@ def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> Radi
 def transfer_to_array(
     setup: Setup, beacons: RadiatedField, clock: Clock
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Evaluate the beacons at the transducers; with an uncertainty, also at samples of them.
+    """Evaluate the beacons at the transducers; with an uncertainty, also for samples of it.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def solve_foci(
 
 
 def solver_of_samples(setup: Setup) -> Solver | None:
-    """Return the solver to use for each sample; None if samples need no solves of their own."""
+    """Return the solver with which to solve each sample; None if no sample needs a solve."""
     if not (setup.scene.planes and isinstance(setup.solver, BoundaryElement)):
         return None
     return replace(setup.solver, estimate=False)
@@ -165,7 +165,7 @@ def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
 def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive]) -> Drive | None:
     """Compute the drive of the same method without the bodies; return None in open air.
 
-    Methods for samples are given samples of the same uncertainty in open air.
+    A method that uses samples gets samples of the same uncertainty in open air.
     """
     if not setup.scene.obstacles:
         return None
@@ -212,8 +212,8 @@ def verification_solver(setup: Setup) -> Solver:
 def _verification_accuracy(setup: Setup) -> float:
     """Return an accuracy that needs at least 1.8 times the unknowns, up to ``MOST_UNKNOWNS``.
 
-    Smaller panels near foci do not count, because the sources in the verification are the
-    transducers, which are far from the bodies.
+    The number does not include smaller panels near foci, because the sources in the
+    verification are the transducers, which are far from the bodies.
     """
     finest = 1e-4  # limit of boundary elements
     emitting = Monopoles(setup.array.positions, np.ones(len(setup.array)))

@@ -335,13 +335,13 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
 
 @dataclass(frozen=True)
 class ScenePoints:
-    """Function for sweeps over a scene file, which maps values of keys to pressures at the foci.
+    """Function for sweeps over a scene file; it maps values of keys to pressures at the foci.
 
     Attributes
     ----------
     scene : path of the scene file.
-    content : hashes of this file and of the files named in it. They identify results; the path
-        does not.
+    content : hashes of this file and of the files named in it, by which stored results are
+        identified.
     """
 
     scene: Path = field(compare=False)
@@ -387,7 +387,8 @@ class ScenePoints:
     def memory(self, points: Sequence[Mapping[str, Value]]) -> float:
         """Estimate the memory of a solve from the first, middle and last point [bytes].
 
-        The error of an invalid path is raised. If no point can be built, the first error is raised.
+        An invalid path raises an error. If no point can be built, the method raises the first
+        error.
         """
         needed = 1.2e8  # of a process that has imported airtact
         faults = []

@@ -140,7 +140,7 @@ def _on_surface(
 
     Returns
     -------
-    The points, and the normals and depths at these points.
+    The new points, and the normals and depths there.
     """
     turns = 2.0 * np.pi * np.arange(8) / 8.0
     circle = 1e-3 * np.stack([np.cos(turns), np.sin(turns)], axis=1)

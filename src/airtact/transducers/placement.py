@@ -227,9 +227,9 @@ def open_air_bound(
 ) -> Float64[np.ndarray, "points"]:
     """Return the peak pressure at points if all elements are at full scale and in phase there.
 
-    It is the sum of |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e that face
-    the point, with gain g_e and weights w_j. Without bodies, no drive can produce a
-    higher pressure.
+    The pressure is the sum of |g_e| · sensitivity · |Σ_j w_j e^{ikr}/r| over
+    the elements e that face the point, with gain g_e and weights w_j. Without
+    bodies, no drive can produce a higher pressure.
 
     Parameters
     ----------

@@ -126,9 +126,9 @@ def holding(
 ) -> Callable[[TransferMatrix, Target], Drive]:
     """Turn a method for foci into one that computes traps from ``target_of``'s transfer matrix.
 
-    The method sees each trap as a single focus, whose pressure is the weighted sum of the pressures
-    at the lobes with the trap's phases. For a single trap, the drive has the phases of its
-    signature.
+    For the method, each trap is a single focus whose pressure is the weighted
+    sum of the pressures at the lobes, with the trap's phases. For a single
+    trap, the drive has the phases of its signature.
     """
 
     def make(transfer: TransferMatrix, target: Target) -> Drive:

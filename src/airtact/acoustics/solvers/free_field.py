@@ -28,7 +28,7 @@ class OpenAirField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Arrays of length 0, because there is no surface."""
+        """A surface field without points, because there is no surface."""
         return SurfaceField.empty(self.sources)
 
     def _at(self, points: Vectors) -> Pressures:

@@ -1,8 +1,8 @@
-"""GMRES for several right-hand sides, which share each multiplication by the matrix.
+"""GMRES for several right-hand sides at once, with one product by the matrix per iteration.
 
 Each right-hand side has its own Krylov space (Saad & Schultz, SIAM J. Sci. Stat. Comput. 7 (1986)
-856). SciPy's solver accepts only one right-hand side, but reading the matrix takes most of the
-time.
+856). Most of the time is spent on reading the matrix, and SciPy's solver, which accepts only one
+right-hand side, would read it once for each.
 """
 
 import math
@@ -24,7 +24,7 @@ class GmresResult:
     ----------
     solution : solution for each right-hand side.
     residuals : relative residual of each solution.
-    iterations : number of products with the matrix; 0 for a direct solution.
+    iterations : number of multiplications by the matrix; 0 for a direct solution.
     """
 
     solution: Complex[np.ndarray, "sides unknowns"]
@@ -46,9 +46,9 @@ def gmres(
     product : function that returns A v for each row v of an array (sides, unknowns).
     right_sides : the right-hand sides b, as rows.
     tolerance : relative residual that all right-hand sides must reach.
-    error : approximate relative error of the solution at which to stop. If A is ill-conditioned, as
-        for sound in a cavity, the error is large even at a small residual, and more iterations are
-        needed.
+    error : approximate relative error of the solution at which to stop. If A is
+        ill-conditioned, as for sound in a cavity, this error is large even if the residual is
+        small, and more iterations are made.
     most_iterations : largest number of iterations.
 
     Raises
@@ -111,7 +111,7 @@ def _settled(
     residuals: Float64[np.ndarray, "sides"],
     error: float,
 ) -> bool:
-    """Whether the errors of all solutions are about ``error``, or A is well-conditioned.
+    """Return whether all errors are at most about ``error``, or A is well-conditioned.
 
     The relative error is at most the residual divided by the smallest singular value of A. GMRES's
     triangular matrix has about the same smallest singular value.

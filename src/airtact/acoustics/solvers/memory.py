@@ -4,7 +4,7 @@ import os
 
 
 def available_memory() -> float:
-    """Return the bytes available without swapping; infinity if the system does not report them."""
+    """Return the memory available without swapping [bytes]; infinity if it is not reported."""
     try:
         # Unbuffered for speed, because this file is read before every solve.
         with open("/proc/meminfo", "rb", buffering=0) as file:

@@ -12,7 +12,7 @@ from airtact.acoustics.solvers.arrays import Gradients, Lengths, Points, Pressur
 def differences(
     pressure: Callable[[Points], Pressures], points: Points, step: Lengths
 ) -> Gradients:
-    """Return the pressure gradient ∇p [Pa/m] by fourth-order central differences with a step [m].
+    """Return the gradient ∇p [Pa/m], by fourth-order central differences with a step [m].
 
     The pressure must be defined up to two steps away on all sides.
     """

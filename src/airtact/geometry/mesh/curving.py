@@ -77,7 +77,7 @@ def _rises(
     flat: TriangleVectors,
     sharp: EdgeMask,
 ) -> EdgeVectors:
-    """Return the shift of each edge's midpoint onto an arc with given tangents at its ends [m]."""
+    """Return the shift of each edge's midpoint onto an arc with the tangents at its ends [m]."""
     along = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(along, axis=2, keepdims=True)
     along = along / length
@@ -156,7 +156,7 @@ def _corner_normals(
     twins: Twins,
     sharp: EdgeMask,
 ) -> EdgeVectors:
-    """Return the mean normal at each corner, over its sector between the sharp edges there."""
+    """Return the mean normal at each corner over the sector between neighbouring sharp edges."""
     weighted = (corner_angles(along)[:, :, None] * flat[:, None, :]).reshape(-1, 3)
     sector = _sectors(triangles, twins, sharp)
     sums = np.stack([np.bincount(sector, weights=weighted[:, axis]) for axis in range(3)], axis=1)

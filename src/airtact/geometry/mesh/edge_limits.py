@@ -87,10 +87,10 @@ def tip_sizes(
 ) -> VertexSizes:
     """Return, at each vertex, the edge length over which a rounded tip turns by ``turn`` [rad].
 
-    The radius of a tip follows from its Gaussian curvature: the angle defects 2π − Σ angles around
-    vertices, divided by their area. Coarse triangles keep the sum of the defects (Gauss-Bonnet),
-    and the roughness of a scan cancels in this sum. Bends in one direction, such as creases, have
-    no angle defects. Defects at sharp edges (``ridges``) are ignored.
+    The radius of a tip follows from its Gaussian curvature: the sum of the angle defects 2π − Σ
+    angles of its vertices, divided by its area. Coarse triangles keep the sum of the defects
+    (Gauss-Bonnet), and the roughness of a scan cancels in this sum. Bends in one direction, such
+    as creases, have no angle defects. Defects at sharp edges (``ridges``) are ignored.
     """
     defect, area = _angle_defects(vertices, triangles, ridges)
     count = len(vertices)
@@ -103,10 +103,11 @@ def tip_sizes(
 
 
 def round_size(vertices: Vertices, triangles: Triangles, ridges: Ridges, turn: float) -> float:
-    """Edge length [m] over which the sphere that is as round as the body turns by ``turn`` [rad].
+    """Return the edge length over which a sphere as curved as the body turns by ``turn`` [m].
 
-    The sphere has as much area per angle defect as the body outside its sharp edges (``ridges``).
-    The result is infinite for bodies of flat faces.
+    The sphere has the body's mean Gaussian curvature: the sum of the angle defects away from sharp
+    edges (``ridges``), divided by the area there. The result is infinite for bodies of flat faces.
+    ``turn`` is in radians.
     """
     defect, area = _angle_defects(vertices, triangles, ridges)
     total_defect = float(defect.sum())
@@ -120,7 +121,7 @@ def round_size(vertices: Vertices, triangles: Triangles, ridges: Ridges, turn: f
 
 
 def is_smooth(vertices: Vertices, triangles: Triangles, ridges: Ridges) -> bool:
-    """Whether the angle defects at vertices are those of a smooth surface, not of a rough scan."""
+    """Return whether the angle defects at vertices are those of a smooth surface, not of a scan."""
     defect, _ = _angle_defects(vertices, triangles, ridges)
     # Roughness has defects of both signs.
     return float(np.abs(defect).sum()) < 3 * 4 * np.pi
@@ -129,7 +130,7 @@ def is_smooth(vertices: Vertices, triangles: Triangles, ridges: Ridges) -> bool:
 def _angle_defects(
     vertices: Vertices, triangles: Triangles, ridges: Ridges
 ) -> tuple[VertexSizes, VertexSizes]:
-    """2π − Σ angles [rad] at each vertex, 0 on sharp edges, and a third of the area around [m²]."""
+    """Return 2π − Σ angles at each vertex, 0 on ridges, and a third of the area around it."""
     corners = vertices[triangles]
     along = unit(np.roll(corners, -1, axis=1) - corners)
     start = triangles.ravel()
@@ -140,7 +141,7 @@ def _angle_defects(
 
 
 def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> VertexSizes:
-    """Return the longest edge at each vertex of a closed mesh: three times the wall thickness."""
+    """Return the longest edge allowed at each vertex [m]: three times the wall thickness."""
     normals = np.zeros((len(vertices), 3))
     np.add.at(normals, triangles, area_vectors(vertices[triangles])[:, None])
     normals = unit(normals)
@@ -164,7 +165,7 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
 
 
 def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSizes:
-    """Return the longest edge at each vertex: twice the distance between neighbouring sharp edges.
+    """Return the longest edge allowed at each vertex [m]: twice the distance to the next ridge.
 
     Vertices that are not on sharp edges get ``largest``. Near a corner the limit is smaller,
     because the other edge of the corner is close.

@@ -59,7 +59,7 @@ def _same_corners(
 def _turned(
     corners: Corners, members: Int64[np.ndarray, "n"], shared: Bool[np.ndarray, "n 3"]
 ) -> PairedCorners:
-    """Return triangles' corners, starting at the shared one, or at the third if two are shared."""
+    """Return the corners of triangles, from the shared one, or from the third if two are shared."""
     front = np.where(
         np.count_nonzero(shared, axis=1) == 2, shared.argmin(axis=1), shared.argmax(axis=1)
     )
@@ -67,7 +67,7 @@ def _turned(
 
 
 def _pierces(segments: PairedSegments, corners: PairedCorners, tolerance: float) -> PairMask:
-    """Whether segments meet triangles, pair by pair; segments in their planes are ignored."""
+    """Return whether segments meet triangles, pair by pair, unless in the triangle's plane."""
     normal = unit(area_vectors(corners))
     heights = np.einsum("npi,ni->np", segments - corners[:, :1], normal)
     crosses = (heights.min(axis=1) <= tolerance) & (heights.max(axis=1) >= -tolerance)
@@ -96,7 +96,7 @@ def _corner_neighbours_meet(
 
 
 def _folded(first: PairedCorners, second: PairedCorners, tolerance: float) -> PairMask:
-    """Whether triangles that share their last two corners are folded onto each other."""
+    """Return whether triangles that share their last two corners are folded onto each other."""
     normal = unit(area_vectors(second))
     height = np.einsum("ni,ni->n", first[:, 0] - second[:, 0], normal)
     # Folded triangles are on the same side of the common edge.

@@ -35,10 +35,10 @@ class PanelTree:
     def closest(
         self, points: Points, within: PointLengths | None = None
     ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 2"], PointLengths]:
-        """Return the panel closest to each point (P, 3) [m], and the closest point on it.
+        """Return the panel closest to each point (P, 3), the closest point on it, and its distance.
 
-        The closest point is returned as reference coordinates, together with its distance [m]. If
-        no panel is closer than ``within`` [m], the panel is arbitrary and the distance infinite.
+        The closest point is in reference coordinates, and the distance in metres. If no panel is
+        closer than ``within`` [m], the panel is arbitrary and the distance infinite.
         """
         tree = (self.quadratic_triangles, self.order, self.lower, self.upper)
         if within is not None:

@@ -60,7 +60,7 @@ def coarsened(
 def remeshed(
     mesh: RidgedMesh, sizes: VertexSizes, edge: float, expected: float, wall: float = np.inf
 ) -> RidgedMesh:
-    """Remesh a closed surface with triangles as large as equilateral ones of edge length ``edge``.
+    """Remesh a closed surface with triangles of the area of equilateral ones of length ``edge``.
 
     The vertices of the result are near the curved surface but not on it.
 
@@ -83,7 +83,7 @@ def remeshed(
 
 
 def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float) -> RidgedMesh:
-    """Run MMG in units of the edge; ``deviation`` is the largest distance from the surface."""
+    """Run MMG in units of ``edge``; ``deviation`` is the largest distance from the surface."""
     with extra("mesh", "remeshing a surface needs MMG"):
         import mmgpy
 
@@ -135,7 +135,7 @@ def with_short_edges(
 
 
 def near_surface(panels: QuadraticTriangles, triangles: Triangles, away: float) -> FlatMesh:
-    """Flat triangles at most ``away`` [m] from the curved panels of a closed mesh."""
+    """Return flat triangles at most ``away`` [m] from the curved panels of a closed mesh."""
     sharp = np.zeros(triangles.shape, dtype=bool)
     while True:
         straight = with_middles(panels[:, :3])
@@ -187,7 +187,7 @@ def _split_edges(
 
 @cache
 def _split_pieces() -> dict[int, list[list[int]]]:
-    """Nodes of the pieces of a triangle, for each set of split edges (bits for 01, 12, 20)."""
+    """Return the nodes of a triangle's pieces for each set of split edges (bits 01, 12, 20)."""
     result = {0: [[0, 1, 2]]}
     two_split = [[0, 3, 2], [3, 1, 4], [3, 4, 2]]
     for pattern, pieces in ((1, [[0, 3, 2], [3, 1, 2]]), (3, two_split)):

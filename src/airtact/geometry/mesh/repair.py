@@ -71,10 +71,12 @@ def repaired(
     Raises
     ------
     InvalidInput
-        If an index is out of range, a used vertex is NaN, the extent is over 2 m or under 0.5 mm,
-        an edge belongs to more than two triangles, the surface is one-sided, a hole is wider, parts
-        touch in a single vertex, or triangles or pieces remain flat. The message states the
-        position. Self-intersections are checked by ``check_surface``.
+        If an index is out of range, a used vertex is NaN, the extent is over 2
+        m or under 0.5 mm, an edge belongs to more than two triangles, the
+        surface is one-sided, a hole is wider than ``largest_hole``, parts touch
+        in a single vertex, or triangles or pieces remain flat. The message
+        states the position. Self-intersections are checked by
+        ``check_surface``.
 
     Examples
     --------
@@ -161,7 +163,7 @@ def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[st
 def _with_merged_vertices(
     vertices: Vertices, triangles: Triangles, near: float, notes: list[str]
 ) -> FlatMesh:
-    """Merge vertices within a distance [m] of each other into the first, which does not move."""
+    """Merge vertices closer together than ``near`` [m] into the first of them, which stays."""
     # Exact copies are not reported, because some formats repeat the vertices for every triangle.
     order = np.lexsort(vertices.T)
     ranked = vertices[order]

@@ -66,7 +66,7 @@ def are_among(
 
 
 def shells(triangles: AnyTriangles, twins: Twins | None = None) -> TriangleLabels:
-    """Label the triangles (T,) of a closed mesh by connected piece, numbered by first triangle."""
+    """Label the triangles (T,) of a closed mesh by piece; pieces are numbered by first triangle."""
     twins = edge_twins(triangles) if twins is None else twins
     count = len(twins)
     graph = csr_array(
@@ -91,7 +91,10 @@ def smooth_patches(twins: Twins, borders: EdgeMask) -> TriangleLabels:
 
 
 def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
-    """Signed volume between each triangle and the mean corner [m³]; they add up to the volume."""
+    """Return the signed volume between each triangle and the mean corner [m³].
+
+    The sum of these volumes is the volume of the body.
+    """
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     return np.einsum("ti,ti->t", a, np.cross(b, c)) / 6.0
 

@@ -355,8 +355,8 @@ def _distance_to_bones(points: Points, joints: Joints) -> PerPoint:
 def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer 3"]:
     """Return the mean of the points (N, 3) in each cube with edges of length ``cell`` [m].
 
-    Sparse cubes are omitted as outliers. To reduce the influence of outliers, the mean only
-    includes points near the central point.
+    Sparse cubes are omitted as outliers. To reduce the influence of outliers, only points near
+    the central point of a cube are averaged.
     """
     cubes = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
     # Each cube is encoded as one integer, so that ``unique`` sorts numbers instead of rows.
@@ -377,7 +377,7 @@ def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer
 
 
 def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface | None:
-    """Move the skin of a body to points (N, 3) on the true skin [m], unless triangles cross.
+    """Shift a body's skin to points (N, 3) on the true skin; return None if triangles cross.
 
     The model and the real hand differ by 0.5 to 2 mm, which matters at a wavelength of 8.6 mm.
     """
@@ -407,7 +407,7 @@ def _mean_offset(
 ) -> Float64[np.ndarray, "vertices"]:
     """Return the mean distance of the points from the body near each vertex of its skin [m].
 
-    The kernel average (E. A. Nadaraya, Theory Probab. Appl. 9, 141 (1964)) only includes points
+    The kernel average (E. A. Nadaraya, Theory Probab. Appl. 9, 141 (1964)) includes only points
     with a similar normal, and an offset of 0 with the weight of one point.
     """
     width = 5e-3  # standard deviation of the weights

@@ -244,7 +244,7 @@ FIRST_SCALE = 3e-3
 def best_hand(seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: bool) -> Solution:
     """Fit the hand from several initial sets of joints [m], and continue from the best result.
 
-    ``sizes`` are the initial logarithms of the sizes, which ``hold`` keeps fixed.
+    ``sizes`` are the initial logarithms of the sizes; with ``hold``, they stay fixed.
     """
 
     def search(unknowns: Unknowns) -> NormalEquations:
@@ -274,7 +274,7 @@ def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> So
 
 
 def _better(first: NormalEquations, second: NormalEquations) -> NormalEquations:
-    """Return the search result that matches the points better, at the smaller of the two scales.
+    """Return the result of the search that matches the points better, at the smaller scale.
 
     The priors get less weight than in the search, because an unusual pose is more likely than
     unexplained points.
@@ -328,7 +328,7 @@ def _descended(
 
 
 def _covariance(seen: Observation, here: NormalEquations, hold: bool) -> UnknownsMatrix:
-    """Estimate the covariance; correlated neighbouring points count as one."""
+    """Estimate the covariance of the unknowns; correlated neighbouring points count as one."""
     kinds = KIND[here.residuals.hull]
     alike = np.ones(2)
     for kind in range(2):

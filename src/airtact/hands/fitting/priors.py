@@ -213,7 +213,7 @@ def crossed(a: Rows, b: Rows) -> Rows:
 
 
 def length_rules(joints: Joints, sizes: Sizes) -> Rules:
-    """Return the rules that tie bone lengths and palm widths to the logarithms of sizes (62,)."""
+    """Return the rules that tie bone lengths and palm widths to the sizes (62,)."""
     starts, ends = _SPAN_ENDS.T
     along = joints[ends] - joints[starts]
     length = np.sqrt((along**2).sum(axis=1))
@@ -252,7 +252,7 @@ def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
 
 
 def bend_rules(joints: Joints, axes: Axes, usual: Float64[np.ndarray, "4 3"]) -> Rules:
-    """Return the rules for the planes and bends of fingers and the directions of last bones.
+    """Return the rules for planes and bends of fingers, and for the directions of last bones.
 
     The 52 residuals are 14 backward bends, 14 excessive bends, 8 middle and last phalanges out of
     the plane of the first, 4 sideways turns, and 4 last bones (3 each). The derivatives treat the
@@ -305,7 +305,8 @@ def _by_joints(
 ) -> Float64[np.ndarray, "rules 137"]:
     """Convert derivatives with respect to bone directions to derivatives with respect to joints.
 
-    Each of the ``parts`` contains a bone for each rule, and the derivative for its direction.
+    Each of the ``parts`` contains a bone for each rule, and the derivative with respect to the
+    bone's direction.
     """
     rows = np.arange(len(parts[0][0]))
     gradients = np.zeros((len(rows), 137))

@@ -15,7 +15,7 @@ from airtact.hands.joints import Point, Points
 
 
 def _sample_weights() -> Float64[np.ndarray, "samples 26"]:
-    """Return the weights of the 26 balls, with one row for each ball and each middle of a pair."""
+    """Return the weights of the 26 balls; a row for each ball and each middle between two."""
     rods = sorted(
         {pair for part in PARTS.tolist() for pair in combinations(sorted(set(part) - {-1}), 2)}
     )
@@ -106,7 +106,7 @@ class Silhouette:
 
 
 def silhouette_of(points: Points, camera: Point) -> Silhouette:
-    """Find the silhouette of points (N, 3) [m] of a hand as seen by a camera (3,) [m]."""
+    """Find the silhouette of a hand's points (N, 3) as seen from a camera (3,) [m]."""
     sight = np.median(points, axis=0) - camera
     focal = float(np.linalg.norm(sight))
     sight = sight / focal

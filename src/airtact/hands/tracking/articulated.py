@@ -106,15 +106,15 @@ class ArticulatedHand:
     joints : (25, 3) joints in the first frame [m].
     side : ``"left"`` or ``"right"``.
     noise : standard deviation of each coordinate [m].
-    agility : standard deviation of the acceleration of the palm [m/s²]; those of the joints are
-        proportional to it.
+    agility : standard deviation of the palm's acceleration [m/s²]; the deviations for the
+        joints are proportional to it.
 
     Attributes
     ----------
     time : time of the estimate [s].
     joints : (25, 3) estimated joints [m].
     rates : (26,) rates of the degrees of freedom ``MOVING`` [m/s, rad/s].
-    accelerations : (26,) their accelerations [m/s², rad/s²].
+    accelerations : (26,) accelerations of these degrees of freedom [m/s², rad/s²].
     covariance : (138, 138) covariance of the degrees of freedom, the rates and the accelerations.
     """
 
@@ -197,7 +197,7 @@ class ArticulatedHand:
         landmarks : measured joints [m].
         seen : indices of the measured joints.
         noise : standard deviation of the independent error of each coordinate [m].
-        common : standard deviation of the error that all joints share [m].
+        common : standard deviation of the error common to all joints [m].
         agility : smallest standard deviation of the acceleration of the palm [m/s²].
         """
         slopes = self._slopes()[seen].reshape(-1, COUNT)
@@ -290,7 +290,7 @@ class ArticulatedHand:
 
 
 def _shares(step: float) -> tuple[float, float, float]:
-    """Return how much of an acceleration adds to a shift [s²] and to a rate [s], and its rest."""
+    """Return what an acceleration adds to a shift [s²] and a rate [s], and the rest of it."""
     remaining = float(np.exp(-step / MEMORY))
     of_rate = MEMORY * (1.0 - remaining)
     return MEMORY * (step - of_rate), of_rate, remaining

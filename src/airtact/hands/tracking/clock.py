@@ -58,9 +58,10 @@ class FrameClock:
 
     @property
     def fault(self) -> str | None:
-        """Why the times of frames cannot be used yet, or None.
+        """Reason why the times of frames cannot be used yet, or None.
 
-        At half the pace, a hand seems to move twice as fast, and its prediction is wrong.
+        If the tracker's clock ran at half the pace, a hand would seem to move twice as fast, and
+        its prediction would be wrong.
         """
         if self._shared is not None or not self._recent:
             return None
@@ -74,7 +75,7 @@ class FrameClock:
         return f"the tracker's clock runs {pace:.2g} times as fast as the computer's"
 
     def time(self, now: float) -> float:
-        """Convert a time of ``time.monotonic`` to the clock of the frames [s]."""
+        """Convert a time of ``time.monotonic`` to a time on the clock of the frames [s]."""
         if self._shared is not None:
             return now + self._shared
         return 0.0 if self._offset is None else now - self._offset[0] + self.latency

@@ -30,7 +30,7 @@ STREAMER_LINE = re.compile(r"\s*(left|right) (wrist|landmarks):,?(.*)", re.IGNOR
 
 
 def foreign_format(values: Any) -> str:
-    """Return the name of a format of parsed JSON and a remedy, or "" if the format is unknown."""
+    """Return the name of the format of parsed JSON, with a remedy; "" if it is unknown."""
     keys = set(values) if isinstance(values, dict) else set()
     if {"schema", "frames"} <= keys:
         return "an action recording of IWER: load it as a file"

@@ -32,7 +32,7 @@ class NoiseEstimate:
     Attributes
     ----------
     noise : standard deviation of each coordinate [m]; 1 mm before the fourth frame.
-    common : standard deviation of the error that all landmarks share [m].
+    common : standard deviation of the error common to all landmarks [m].
     """
 
     def __init__(self) -> None:

@@ -110,7 +110,7 @@ def is_recording(path: Path) -> bool:
 
 
 def _of_other_program(path: Path) -> tuple[list[Item], str]:
-    """Read a recording of another program, and return what its format lacks."""
+    """Read a recording of another program; also return a note on data that its format lacks."""
     text = text_of(path)
     try:
         if path.suffix == ".txt":

@@ -1,1 +1,1 @@
-"""Computation of drives that account for the hand, and the processes that solve its scattering."""
+"""Drives that account for the hand, and the processes that solve for its scattering."""

@@ -49,7 +49,7 @@ Weights = Float64[np.ndarray, "points hulls"]
 
 @dataclass(frozen=True, eq=False)
 class Bones:
-    """Axes (H, 3, 3), one per row, and starts (H, 3) [m] of the bones under a hand's ``PARTS``."""
+    """Axes (H, 3, 3), in rows, and starting points (H, 3) [m] of the bones in ``PARTS``."""
 
     axes: Float64[np.ndarray, "hulls 3 3"]
     starts: Float64[np.ndarray, "hulls 3"]
@@ -57,7 +57,7 @@ class Bones:
     def motions_to(
         self, now: "Bones"
     ) -> tuple[Float64[np.ndarray, "hulls 3 3"], Float64[np.ndarray, "hulls 3"]]:
-        """Return each bone's rotation, to be applied from the right, and its translation [m]."""
+        """Return each bone's rotation, to be multiplied from the right, and its translation [m]."""
         turns = np.einsum("hij,hik->hjk", self.axes, now.axes)
         return turns, now.starts - np.einsum("hj,hjk->hk", self.starts, turns)
 
@@ -85,7 +85,7 @@ def bones_of(hand: Hand) -> Bones:
 
 
 def moved_by_bones(points: Points, weights: Weights, before: Bones, now: Bones) -> Points:
-    """Move points (P, 3) [m] with the bones of a hand from one pose to another."""
+    """Move points (P, 3) with the bones of a hand from one pose to another."""
     turns, shifts = before.motions_to(now)
     return np.einsum("pj,pjk->pk", points, np.tensordot(weights, turns, 1)) + weights @ shifts
 
@@ -106,7 +106,7 @@ class ElementSubset:
 
     @classmethod
     def of(cls, positions: Points, count: int) -> "ElementSubset":
-        """Choose ``count`` elements of (E, 3) [m], each as far as possible from earlier ones."""
+        """Choose ``count`` of the elements (E, 3), each as far as possible from earlier ones."""
         chosen = [0]
         away = np.linalg.norm(positions - positions[0], axis=1)
         while len(chosen) < count:
@@ -139,7 +139,7 @@ class SkinSources:
     points : (N, 3) positions of the sources [m].
     weights : (N, H) weight of each bone in the motion of each source.
     strengths : (N, F) strength of each source for each beacon [Pa·m].
-    straight : (F,) strengths of the beacons; 2 for a beacon on the skin.
+    straight : (F,) strengths of the beacons: 1, or 2 for a beacon on the skin.
     """
 
     time: float
@@ -155,7 +155,7 @@ class SkinSources:
     ) -> "CarriedFactors":
         """Move the sources to another pose at a time [s], and return the resulting factors.
 
-        The sound scattered by each bone is only evaluated at a subset of the elements.
+        The sound scattered by each bone is evaluated only at a subset of the elements.
         """
         wavenumber = scene.wavenumber
         bones = bones_of(posed.hand)
@@ -207,15 +207,15 @@ class SkinSources:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CarriedFactors(HandFactors):
-    """Factors of a hand, split by the bone that scatters the sound.
+    """The factors of a hand as a sum of direct sound and sound scattered by each bone.
 
     Attributes
     ----------
     straight : (F,) direct part of ``factors``, without scattering.
-    bones : bones in that pose.
+    bones : bones in the pose of the factors.
     centres : (H, F, 3) centre of the sources of each bone for each focus [m].
-    waves : (H, F, R) part of ``factors`` scattered by each bone, without the phase of the detour
-        through the centre of its sources.
+    waves : (H, F, R) part of the factors that each bone scatters, without the phase due to the
+        detour through the centre of its sources.
     """
 
     straight: Float64[np.ndarray, "foci"]
@@ -249,7 +249,7 @@ def _detoured(
 def detours(
     centres: Float64[np.ndarray, "hulls foci 3"], foci: Foci, elements: Points
 ) -> Float32[np.ndarray, "hulls foci points"]:
-    """Return by how much the path from each focus via a centre exceeds the direct path [m]."""
+    """Return how much longer the path from each focus is via a centre than directly [m]."""
     begun = np.linalg.norm(centres - foci, axis=2)
     through = cdist(centres.reshape(-1, 3), elements).reshape(*begun.shape, -1)
     return (begun[..., None] + through - cdist(foci, elements)).astype(np.float32)
@@ -263,8 +263,7 @@ class BendingPanels:
     scene : scene of the live loop.
     posed : the hand in the pose in which it is meshed.
     accuracy : relative error of the solutions.
-    min_seen : share of the elements that a panel must face to be kept; 0 keeps all
-        panels.
+    min_seen : fraction of the elements that a panel must face to be kept; 0 keeps all panels.
 
     Raises
     ------
@@ -319,7 +318,7 @@ class BendingPanels:
         )
 
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve for another pose, with sources away from the skin and all panels."""
+        """Solve for another pose with sources away from the skin; all panels are needed."""
         _, corners, inside = self.bent(posed.hand)
         return self.panels.received(corners, inside, sources, residual)
 
@@ -339,7 +338,7 @@ class BendingPanels:
 
 
 class BendingHand:
-    """Solver for a whole hand in successive poses, which can move solutions to other poses.
+    """Solver for a whole hand in successive poses that can move solutions to other poses.
 
     ``solved`` and ``carried`` may run in two different threads.
 
@@ -362,12 +361,12 @@ class BendingHand:
         self._solutions: Sequence[SkinSources] = ()
 
     def solved(self, joints: Joints, time: float) -> SkinSources:
-        """Solve for joints (25, 3) [m] at a time [s]; see ``factors.solved`` for the errors."""
+        """Solve for joints (25, 3) at a time [s]; raise the same errors as ``factors.solved``."""
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).solved(posed, time)
 
     def received(self, joints: Joints, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve for sources away from the skin to a relative residual."""
+        """Solve for sources away from the skin, down to a relative residual."""
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).received(posed, sources, residual)
 

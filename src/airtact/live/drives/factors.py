@@ -53,8 +53,8 @@ class HandFactors:
     foci, distances, directions : the pose, as in ``PosedHand``.
     factors : (P, R) ratio of the pressure with the hand to that in open air, for each source at
         each of ``beacon_points``.
-    share : share of a fresh solution's pressure that remains after moving the solution here from
-        another pose; 1 if it was not moved.
+    share : fraction of a fresh solution's pressure that remains although the solution was moved
+        here from another pose; 1 if it was not moved.
     """
 
     part: Rule
@@ -68,7 +68,7 @@ class HandFactors:
     __repr__ = in_short
 
     def at(self, scene: LiveScene, posed: PosedHand) -> Factors:
-        """Return the factors at the foci for a nearby pose; here they are constant."""
+        """Return the factors at the foci for a nearby pose; this solution keeps them constant."""
         return self.factors[: len(posed.foci)]
 
 
@@ -205,7 +205,7 @@ class RigidParts:
         self._solver = solver.factorised(air, refined=self._reference.foci)
 
     def solved(self, joints: Joints, time: float) -> HandFactors:
-        """Solve for another pose; see the function ``solved`` for parameters and errors."""
+        """Solve for another pose, with the parameters and errors of the function ``solved``."""
         scene = self._scene
         posed = pose_hand(scene, joints)
         # Running mean of the bone lengths, which ``outgrown`` compares with the bodies.
@@ -246,7 +246,7 @@ class PartSolver:
         self._rigid: RigidParts | None = None
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve for a part; see the function ``solved`` for parameters and errors."""
+        """Solve for a part, with the parameters and errors of the function ``solved``."""
         if part == "phalanges" and "palm" not in self._scene.places:  # the palm is too large
             with suppress(InvalidInput):  # bodies that touch are solved as one body instead
                 if self._rigid is None or self._rigid.outgrown:
@@ -276,7 +276,8 @@ class OpenAir:
     def rows(self, foci: Foci) -> Rows:
         """Return the pressure at foci (F, 3) per unit drive (F, R) [Pa].
 
-        It is 0 behind a directional source. Single precision; relative error below 1e-4.
+        The pressure is 0 behind a directional source. The result is in single precision, with a
+        relative error below 1e-4.
         """
         array = self._array
         beacons = np.eye(len(foci), dtype=np.complex128)

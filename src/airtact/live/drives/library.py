@@ -38,15 +38,15 @@ GAP_SCALE = 1.0e-3
 def expected_kept(
     part: Rule, gap: Poses, turned: Poses, noise: float = 0.0, foci: int = FITTED_FOCI
 ) -> Poses:
-    """Return the expected share of the attainable pressure at the weakest focus of a drive.
+    """Return the expected fraction of the attainable pressure at the weakest focus of a drive.
 
-    The shares are medians over 1,700 pairs of poses of a pinch. One pose of each
+    The fractions are medians over 1,700 pairs of poses of a pinch. One pose of each
     pair is solved and the other is played, with solutions for the whole hand. The
     thumb and index finger open and close 200 mm in front of 2 x 2 flat boards,
-    while the hand moves by 150 mm. The share falls within a millimetre, an eighth
-    of the wavelength, because of multiple reflections between the two fingers.
-    Solutions for the whole hand lose their benefit as fast as those for the
-    phalanges.
+    while the hand moves by 150 mm. The fraction falls within a millimetre, an
+    eighth of the wavelength, because of multiple reflections between the two
+    fingers. Solutions for the whole hand lose their benefit as fast as those for
+    the phalanges.
 
     The effect of noise, as filtered by ``Predictor``, is fitted by hand to medians from
     ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 148 drives for
@@ -57,7 +57,7 @@ def expected_kept(
 
     Parameters
     ----------
-    part : solved part; for distances, the poses do not matter.
+    part : solved part; for "distances", the result does not depend on the poses.
     gap : ``gap_change`` from the solved pose to the current one [m].
     turned : ``turn`` from the solved pose to the current one [rad].
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
@@ -80,13 +80,13 @@ def expected_kept(
 
 
 def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
-    """Return the difference between poses; at 1, a solution has lost most of its benefit."""
+    """Return how different poses are; at 1, a solution has lost most of its benefit."""
     scale = (max(foci, FITTED_FOCI) / FITTED_FOCI) ** 2
     return scale * ((gap / GAP_SCALE) ** 2 + (turned / 0.2) ** 2)
 
 
 def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
-    """Return whether a fresh solution for any of these parts is expected to outperform distances.
+    """Return whether a fresh solution for one of these parts should outperform path lengths.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
 
 
 class Library:
-    """Solutions for a part in several poses; new poses replace the oldest.
+    """Solutions for one part in several poses; new solutions replace the oldest.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class Library:
         self._oldest = 0
 
     def add(self, solution: HandFactors) -> None:
-        """Store a solution in place of one for nearly the same pose, or of the oldest if full."""
+        """Store a solution; it replaces that of nearly the same pose or, if full, the oldest."""
         if not self._solutions:
             self._distances = np.empty((self._capacity, *solution.distances.shape))
             self._directions = np.empty((self._capacity, *solution.directions.shape))
@@ -146,7 +146,7 @@ class Library:
         self._directions[index] = solution.directions
 
     def best(self, posed: PosedHand, noise: float = 0.0) -> tuple[float, HandFactors | None]:
-        """Return the best solution for a pose and its expected share of the attainable pressure.
+        """Return the expected fraction of the attainable pressure, and the best solution.
 
         Parameters
         ----------

@@ -44,7 +44,7 @@ def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints]
 
 
 class SolvingMaker(DriveMaker):
-    """Maker of drives that solves for hands in separate processes."""
+    """Base class of drive makers that solve for hands in separate processes."""
 
     _solvers: list[SolverProcess]
 

@@ -53,9 +53,9 @@ class Rounds:
 
         Returns
         -------
-        (N, E) drives. The global phase of each is chosen closest to the previous frame
-        and to the same frame of the previous round, so that amplitudes and phases
-        change little over time.
+        (N, E) drives. The global phase of each drive is chosen so that it differs least from
+        the previous frame and from the same frame of the previous round. Amplitudes and phases
+        then change little over time.
         """
         points = moving_points(self._moving, posed)
         rows = self._rows(posed, points.reshape(-1, 3))
@@ -76,8 +76,8 @@ class Rounds:
     def _rows(self, posed: PosedHand, points: Points) -> PointRows:
         """Return the pressure at displaced foci per unit drive in open air [Pa].
 
-        The directivity towards a displaced focus is taken to be that towards its place; only the
-        distance differs.
+        The directivity towards a displaced focus is approximated by that towards its place;
+        only the distance differs.
         """
         places = self._moving.places.ravel()
         before = cdist(posed.foci, self._positions)[places]

@@ -23,7 +23,7 @@ class _Meshed:
 
 
 class MovingSkin:
-    """Skin of one hand, with the same 1,600 or so points in every pose; a pose takes 1 ms."""
+    """Skin of one hand, with the same points (about 1,600) in every pose; a pose takes 1 ms."""
 
     def __init__(self) -> None:
         self._meshed: _Meshed | None = None
@@ -47,7 +47,7 @@ class MovingSkin:
 
 
 def _look(hand: Hand, points: Points) -> tuple[PerPoint, Points]:
-    """Return the distances of points from the skin (P,) [m] and the unit normals there (P, 3)."""
+    """Return the distances (P,) of points from the skin [m], and the unit normals (P, 3) there."""
     near = hand.shape.hulls.look(points)
     slopes = np.linalg.norm(near.gradient, axis=1, keepdims=True)
     return near.distance, near.gradient / np.maximum(slopes, 1e-9)

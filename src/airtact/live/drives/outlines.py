@@ -89,8 +89,8 @@ def round_along(outlines: Sequence[Outline], frequency: float) -> Round:
     Parameters
     ----------
     outlines : at least one outline.
-    frequency : frequency of the sound [Hz]. Each frame lasts whole periods, as boards
-        require.
+    frequency : frequency of the sound [Hz]. Each frame lasts a whole number of periods, as
+        boards require.
     """
     lengths = [_stations(outline.curve) for outline in outlines]
     ends = np.cumsum([stations[-1] for stations in lengths])

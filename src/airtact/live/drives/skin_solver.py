@@ -2,11 +2,11 @@
 
 A focus at a contact may be anywhere on the hand, and it moves along the skin.
 Nearly all of the sound that the hand scatters to the focus comes from the skin
-around it. At two fingertips, panels within 20 mm of the foci give 0.92 to 0.94 of
-the attainable pressure; all panels give 0.97, and distances alone 0.68 to 0.75.
-Solving these panels takes milliseconds, so every drive uses a solution for its own
-pose. Panels that face away from the elements matter here, because the sound bends
-around a fingertip.
+around it. At two fingertips, panels within 20 mm of the foci yield 0.92 to 0.94 of
+the attainable pressure; all panels yield 0.97, and path lengths alone 0.68 to
+0.75. Solving these panels takes milliseconds, so every drive uses a solution for
+its own pose. Panels that face away from the elements matter here, because the
+sound bends around a fingertip.
 """
 
 from collections.abc import Mapping
@@ -55,7 +55,7 @@ class SkinRequest:
     __repr__ = in_short
 
     def after(self, ahead: float) -> tuple["SkinRequest", Mapping[Side, Joints]]:
-        """Return the request and the joints, both extrapolated by a time [s]."""
+        """Return the request and its joints, both extrapolated by a time [s]."""
         later = {}
         for side, joints in self.joints.items():
             try:
@@ -92,10 +92,10 @@ class SkinFactors:
     def at(
         self, bones: Mapping[Side, Bones], foci: Points
     ) -> tuple[Complex64[np.ndarray, "foci sources"], Float64[np.ndarray, "foci"]]:
-        """Return factors (F, R) at foci (F, 3) [m] on hands in a pose, and their benefit (F,).
+        """Return factors (F, R) at foci (F, 3) on hands in a pose, and their benefit (F,).
 
         The beacons move with the bones. The farther a focus is from the nearest beacon, the more
-        its factors approach a constant, for which the phases are those of open air. The benefit
+        its factors approach a constant, which leaves the phases as in open air. The benefit
         then falls from 1 to 0.
         """
         moved = np.full(self.points.shape, np.inf)

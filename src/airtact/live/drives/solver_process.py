@@ -116,7 +116,7 @@ def solve_hands(
 
 
 def solved_ahead(seconds: float) -> float:
-    """Return how far ahead of a request to solve [s], given the time that a solution takes [s]."""
+    """Return how far ahead to solve [s], given the duration of a solution [s]."""
     # A solution is ready after one solving time and used for another: aim at the middle of its use.
     return 1.5 * seconds
 

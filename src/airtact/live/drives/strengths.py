@@ -30,10 +30,9 @@ def balanced(
 
     Returns
     -------
-    (E,) amplitudes, whose largest equals the strength of the strongest focus. A focus
-    is left out if a stronger one is within a quarter of the wavelength, or if it is
-    shadowed: the array can only produce less than 5 % of the median pressure at the
-    other foci.
+    (E,) amplitudes; the largest equals the strength of the strongest focus. A focus is left out
+    if a stronger one is within a quarter of a wavelength, or if it is shadowed: the array can
+    produce less than 5 % of the median pressure over the foci there.
     """
     folded = scene.with_images.folded(rows)
     attainable = np.abs(folded).sum(axis=1)

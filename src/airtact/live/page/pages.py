@@ -61,8 +61,8 @@ class Said(msgspec.Struct, forbid_unknown_fields=True):
     emergency : whether the emergency stop was pressed.
     controls : changed settings, by name.
     levels : changed strengths of foci, by name.
-    across, offset : axis normal to the slice of the field, and offset of the slice from the foci
-        along that axis [m].
+    across, offset : axis normal to the slice of the field, and offset of the slice from the
+        foci along this axis [m].
     hand : changed parts of the pose of the dragged hand.
     frame : a hand tracked by a headset, in the format that trackers send.
     object : an application's message that moves an object.
@@ -200,7 +200,7 @@ class Pages:
             self._send(("object", bytes(said.object)))
 
     def _joints(self) -> Joints | None:
-        """Return the joints (25, 3) [m] of the dragged hand; None if a headset tracks hands."""
+        """Return the joints (25, 3) of the dragged hand [m]; None if a headset tracks hands."""
         joints = self._first
         if joints is None or time.monotonic() - self._tracked < 1.0:
             return None

@@ -99,12 +99,11 @@ class PageProcess:
         request must include.
     hand : (25, 3) initial joints of a hand that can be dragged on the page [m]; none by
         default.
-    stream : receives the frames of the dragged hand, with times by ``time.monotonic``,
-        while the page is open, and hands tracked by a headset. Closing the page counts
-        as losing them.
+    stream : receives the frames of the dragged hand while the page is open, with times of
+        ``time.monotonic``, and those of hands tracked by a headset. Closing the page counts as
+        losing these hands.
     controls : initial settings.
-    on_emergency : called in a separate thread as soon as the emergency stop is
-        pressed.
+    on_emergency : called in a separate thread when the emergency stop is pressed.
     world : virtual objects, which the page can move; by default, those of the
         moments.
     certificate : PEM file with a certificate and its key, to serve the page over

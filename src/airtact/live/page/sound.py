@@ -1,4 +1,4 @@
-"""The pressure shown on the skin and in a slice of the page, including scattering by the hand.
+"""The pressure that the page shows on the skin and in a slice, with scattering by the hand.
 
 A low-priority process solves for the whole hand with the newest drive, on panels that
 bend with the hand. This takes most of a second, so the page displays the age of the
@@ -80,9 +80,10 @@ def enlarged(field: Complex128[np.ndarray, "points"]) -> Float64[np.ndarray, "ro
 
 
 def element_sources(scene: LiveScene, amplitudes: Amplitudes, middle: Vector) -> Monopoles:
-    """Return monopoles that replace the elements and images near the point ``middle`` (3,) [m].
+    """Return one monopole per element or image, equivalent near the point ``middle`` (3,) [m].
 
-    Near ``middle``, their pressure equals that of the elements with their full faces.
+    Near ``middle``, the pressure of the monopoles equals that of the elements with their full
+    faces.
     """
     array = scene.with_images.array
     directions = middle - array.positions
@@ -108,7 +109,7 @@ class SoundRequest:
     time : time of the request by ``time.monotonic`` [s].
     joints : (25, 3) joints of the hand [m].
     foci : (F, 3) positions of the foci [m].
-    amplitudes : (E,) amplitudes of the drive, as shares of full scale.
+    amplitudes : (E,) amplitudes of the drive, as fractions of full scale.
     skin : (V, 3) points on the skin [m].
     section : slice in which the pressure is computed.
     """

@@ -42,8 +42,7 @@ class Picture:
     ----------
     facts : numbers and texts.
     arrays : arrays that change with every picture.
-    kept : groups of arrays by key. The page keeps a group for as long as pictures
-        contain its key.
+    kept : groups of arrays by key. The page keeps a group as long as pictures contain its key.
     """
 
     facts: dict[str, Any]
@@ -52,7 +51,7 @@ class Picture:
 
 
 class View:
-    """Maker of pictures for the page.
+    """Composes the pictures for the page.
 
     Parameters
     ----------
@@ -230,7 +229,7 @@ def packed(facts: dict[str, Any], arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
-    """Return the facts and numbers that do not change, for the template of the page."""
+    """Return the facts and numbers that never change, for the template of the page."""
     array = scene.array
     middle = expected_middle(scene)
     # A hand extends about 0.15 m from its foci.
@@ -322,7 +321,8 @@ class MovingSkin:
 def expected_middle(scene: LiveScene) -> Float64[np.ndarray, "3"]:
     """Return the expected position of a hand (3,) [m].
 
-    This is 0.2 m in front of a flat array, or the middle of an array that surrounds the hand.
+    The position is 0.2 m in front of a flat array, or the middle of an array that surrounds the
+    hand.
     """
     positions = scene.array.positions
     front = scene.array.normals.mean(axis=0)

@@ -44,9 +44,10 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
 
 
 def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Path:
-    """Return the path of a file; if it does not exist, that of the example with the same name.
+    """Return the path of a file or, if it does not exist, of the example with the same name.
 
-    A path that contains a folder never refers to an example. The errors are those of ``example``.
+    A path that contains a folder never refers to an example. The function raises the same errors as
+    ``example``.
     """
     file = Path(path)
     if file.exists() or file.name != str(path):

@@ -30,7 +30,7 @@ ALWAYS_FREE = 2**26
 
 
 class BlockPairs(_kernels.Pairs):
-    """Pairs of blocks: row block t is paired with ``column[first[t]:first[t + 1]]`` in order."""
+    """Pairs of blocks: row block t is paired with columns ``column[first[t]:first[t + 1]]``."""
 
     @classmethod
     def of(cls, chosen: Bool[np.ndarray, "blocks blocks"]) -> "BlockPairs":
@@ -61,7 +61,7 @@ def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "
 def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks blocks"]:
     """Return which pairs of blocks have a point of one block near a panel of the other.
 
-    Each list contains the near panels of points that are spread evenly over the panels.
+    Each list contains the near panels of some points, the same number of points per panel.
     """
     blocks = -(-panels // PANELS)
     near = np.zeros((blocks, blocks), dtype=bool)
@@ -78,11 +78,12 @@ class BlockMatrix:
     Attributes
     ----------
     count : number of unknowns.
-    whole : the blocks that are stored in full.
-    blocks : rows of these blocks, each with its real parts followed by its imaginary parts, padded
-        with zeros. A word contains one number of the format, or two in bfloat16.
-    far : the blocks that are sums of low-rank terms. Each has ``ranks`` terms, whose factors start
-        at ``begin``: first the factors along the block's columns, then those along its rows.
+    whole : the pairs of blocks that are stored in full.
+    blocks : rows of these blocks. Each row consists of its real parts followed by its imaginary
+        parts, padded with zeros. A word contains one number, or two numbers in bfloat16.
+    far : the pairs of blocks that are sums of low-rank terms. Pair i has ``ranks[i]`` terms, whose
+        factors start at ``begin[i]``: first those along the block's columns, then those along its
+        rows.
     factors : the factors of the low-rank terms, in the same number format.
     """
 
@@ -128,7 +129,7 @@ class BlockMatrix:
     def times(
         self, vectors: Complex[np.ndarray, "columns nodes"], transposed: bool = False
     ) -> Complex[np.ndarray, "columns nodes"]:
-        """Multiply the matrix, or its transpose, by row vectors, in one pass over it."""
+        """Multiply the matrix, or its transpose, by row vectors, reading the matrix once."""
         vectors = np.ascontiguousarray(vectors, dtype=self.precision)
         return _kernels.dual_product(
             self.whole, self.blocks, self.far, self.factors, vectors, transposed
@@ -164,7 +165,7 @@ def check_memory(count: int, store: Store, blocks: int, factors: int = 0) -> Non
 
 
 def worth_eliminating(unknowns: int, excitations: int) -> bool:
-    """Whether Gaussian elimination is faster than iterations.
+    """Return whether Gaussian elimination is faster than GMRES.
 
     It is faster if there are at least 0.05 right-hand sides per unknown, because GMRES's vectors
     then exceed the caches. This was measured at 2,000 to 5,000 unknowns and accuracies from 0.02 to
@@ -178,9 +179,10 @@ def eliminate(
     right: Complex128[np.ndarray, "nodes excitations"],
     transposed: bool,
 ) -> GmresResult:
-    """Solve with the sum of matrices without low-rank blocks, by Gaussian elimination.
+    """Solve for the sum of some matrices, without low-rank blocks, by Gaussian elimination.
 
-    The reported residual is that of the sum of the right-hand sides, which takes only one product.
+    The reported residual is that for the sum of all right-hand sides, because it takes only one
+    product.
     """
     total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
     for matrix in matrices[1:]:

@@ -95,7 +95,7 @@ class BoundaryField(RadiatedField):
     surface : collocation points of the bodies, without their images in a plane.
     pressure : the direct solution, which is the pressure at the nodes [Pa]; None if not computed.
     density : the transposed solution; None if not computed.
-    factors : factor of each source's strength: 2 on a body and 1 elsewhere.
+    factors : factor by which each source's strength is multiplied: 2 on a body and 1 elsewhere.
     accuracy : target relative error.
     max_error : relative error above which the report contains a warning.
     coarse : whether the direct solution is evaluated everywhere, in single precision and without
@@ -163,9 +163,9 @@ class BoundaryField(RadiatedField):
 
     @property
     def for_pictures(self) -> "BoundaryField":
-        """The field by the direct solution alone, if it was computed, without refined panels.
+        """The field by the direct solution alone, if computed, without refined panels.
 
-        The result differs by 0.1 % (rms) of the largest pressure, and by up to 4 % at the skin.
+        The rms difference is 0.1 % of the largest pressure; at the skin, it is up to 4 %.
         """
         return self if self.pressure is None else replace(self, coarse=True)
 
@@ -228,7 +228,7 @@ class BoundaryField(RadiatedField):
     def _in_cells(self, cells: Cells, located: Located, off: Mask, total: bool) -> Pressures:
         """Return the pressure [Pa] at many points; those ``off`` the surface are in cells.
 
-        Each solution is evaluated at all points if one of them needs it.
+        If one of the points needs a solution, it is evaluated at all points.
         """
         out = self.nowhere(located.points)
         points = located.points[off]
@@ -266,10 +266,11 @@ class BoundaryField(RadiatedField):
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
         """Return the relative error of the direct solution over points, for each excitation.
 
-        The error is the difference between the two solutions, plus 15 % of the accuracy times the
-        scattered pressure for the errors of panels and quadrature that both share. The transposed
-        solution is accurate only away from the surface. Points on or near it are therefore moved
-        away by a panel's radius if there is room. The error is NaN without a direct solution.
+        The error is estimated as the difference between the two solutions, plus 15 % of the
+        accuracy times the scattered pressure. The second term stands for errors of panels and
+        quadrature, which are the same in both solutions. The transposed solution is accurate only
+        away from the surface, so points on or near the surface are moved away by a panel's radius
+        if there is room. The error is NaN without a direct solution.
         """
         squares, size = self._errors(points_of(points, "points"))
         size = np.linalg.norm(size, axis=0)
@@ -293,7 +294,8 @@ class BoundaryField(RadiatedField):
     def _lifted(self, points: Vectors) -> tuple[Vectors, Mask]:
         """Move points near the surface away by a panel's radius, unless another surface is near.
 
-        Also return whether each point remains within a quarter of a panel's radius of a surface.
+        The second result is whether each point is still within a quarter of a panel's radius of
+        a surface.
         """
         nodes = self._mirrored.nodes
         near = np.flatnonzero(near_surface(nodes, points, self._mirrored.near_rule.reach))
@@ -313,7 +315,7 @@ class BoundaryField(RadiatedField):
         return points, touching
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report, with the worst error estimated at points [m] if that is larger.
+        """Return the report, with the worst error estimated at points if that is larger.
 
         Points inside bodies are ignored. The error is relative to the pressure at the point, or to
         a tenth of the strongest pressure if that is larger. If an error exceeds 1.25 times

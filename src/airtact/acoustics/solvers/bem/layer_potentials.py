@@ -1,4 +1,4 @@
-"""Layer potentials of curved panels at any points, and the positions of points relative to panels.
+"""Layer potentials of curved panels at any points, and where points lie relative to panels.
 
 With the outward normal n and the sources' pressure p_inc, Green's formula outside the bodies is
 p = p_inc + D[p], where D is the double layer. On a surface of impedance Z, ∂p/∂n = −(ikρc/Z) p, so
@@ -57,13 +57,15 @@ class NearRule:
 
 
 class NearRows(_kernels.NearRows):
-    """Corrections for the near panels of some points, in the lists of ``near_lists``.
+    """Corrections that near panels add to the plain sum over all nodes, for each of some points.
 
-    ``excess`` (pairs, 6) is the near integral for each node of a panel minus the node's plain term.
+    Pair i is a point and a near panel; point j has the pairs ``first[j]`` to ``first[j + 1] - 1``,
+    as in ``near_lists``. ``excess`` (pairs, 6) is the near integral for each of the panel's six
+    nodes minus the node's term in the plain sum.
     """
 
     def split(self, points: int) -> tuple["NearRows", "NearRows"]:
-        """Split into the rows of the first ``points`` points and the rows of the rest."""
+        """Split into the rows of the first ``points`` points and those of all others."""
         begin = int(self.first[points])
         return (
             NearRows(self.first[: points + 1], self.panel[:begin], self.excess[:begin]),
@@ -71,7 +73,7 @@ class NearRows(_kernels.NearRows):
         )
 
     def sparse(self, nodes: int) -> csr_array:
-        """Return the corrections as a sparse matrix of points and nodes."""
+        """Return the corrections as a sparse matrix (points, nodes)."""
         columns = (6 * self.panel[:, None] + np.arange(6)).ravel()
         return csr_array(
             (self.excess.ravel(), columns, 6 * self.first), shape=(len(self.first) - 1, nodes)
@@ -90,7 +92,7 @@ def near_rows(
     """Compute the corrections that near panels add to the plain sums.
 
     The plain sums omit nodes closer than ``min_distance`` [m]. In float32, no point may touch a
-    panel at its edge. ``lists`` are the near panels, if they have already been listed.
+    panel at its edge. ``lists`` contains the near panels, if they are already known.
     """
     if lists is None:
         lists = near_lists(nodes, points, near_rule.reach * nodes.radii)
@@ -126,7 +128,7 @@ def double_layer_pressure(
 
     Parameters
     ----------
-    cells : the points sorted into cells; none of them may then be on a panel.
+    cells : the points sorted into cells, if they are; no point may then be on a panel.
     nodal : whether all points are on panels and away from their edges, as nodes are. The near
         integrals then need only the working precision.
     contact : mask of the points that were projected onto a panel.
@@ -173,9 +175,9 @@ def _near_groups(
     """Return the near rows of points off the panels, and of points on a panel.
 
     Adjacent panels deviate from the true surface by different lengths. If a point on one panel
-    counted as above or below the next, the solid angle at their common corner would be halved or
-    doubled. The point therefore also touches the next panel if it is within the sum of both contact
-    lengths.
+    counted as above or below an adjacent panel, the solid angle at their common corner would be
+    halved or doubled. A point on one panel is therefore also treated as touching the adjacent panel
+    if its distance is within the sum of both contact lengths.
     """
     first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
     near = np.diff(first) > 0
@@ -263,7 +265,7 @@ def project_contacts(nodes: Nodes, points: Points) -> tuple[Vectors, Mask]:
 
 
 def near_surface(nodes: Nodes, points: Points, reach: float) -> Mask:
-    """Return whether the centre of a panel lies within ``reach`` of its radii from each point."""
+    """Return whether each point is within ``reach`` panel radii of the centre of a panel."""
     return np.diff(near_lists(nodes, points, reach * nodes.radii)[0]) > 0
 
 

@@ -108,7 +108,7 @@ class Nodes:
         return _kernels.Panels(self.quadratic_triangles, self.contact)
 
     def single_layer(self, wavenumber: complex) -> SingleLayer:
-        """ikρc/Z times area [m], which relates −∂p/∂n to p; empty if all panels are sound-hard."""
+        """Area times −∂p/∂n divided by p, ikρc/Z [m]; empty if all panels are sound-hard."""
         if not self.admittance.any():
             return np.empty(0, dtype=np.complex128)
         return 1j * wavenumber * np.repeat(self.admittance, 6) * self.weights
@@ -153,7 +153,7 @@ def place_nodes(
 
 @cache
 def near_quadrature(angular: int, radial: int) -> _kernels.NearQuadrature:
-    """Return Gauss-Legendre rules on [0, 1] with the points that near integrals start with."""
+    """Return the Gauss-Legendre rules on [0, 1] with which near integrals start."""
     largest = 40
     rules = [np.polynomial.legendre.leggauss(n) for n in range(1, largest + 1)]
     nodes = np.concatenate([0.5 * (x + 1) for x, _ in rules])
@@ -175,7 +175,8 @@ def thickness(
 ) -> Float64[np.ndarray, "nodes"]:
     """Return the diameter of the largest inner ball that touches the surface at each node [m].
 
-    The diameter is at most ``largest``. Nodes whose ``lower_bound`` reaches this are skipped.
+    The diameter is limited to ``largest``. Nodes whose ``lower_bound`` reaches this limit are
+    skipped.
 
     The ball shrinks until it contains no other node. It then shrinks until it only touches the
     panel point closest to its centre, because a panel may enter it between nodes (J. Ma, S. W. Bae,

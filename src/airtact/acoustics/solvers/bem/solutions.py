@@ -57,11 +57,11 @@ class DirectSolution:
 
         Parameters
         ----------
-        points : positions [m]; the caller projects those on the surface onto it.
-        contact : mask of the points on the surface. There the pressure is twice the incident
-            pressure plus the double layer.
+        points : positions [m]. The caller has projected points in contact with the surface onto it.
+        contact : mask of the points on the surface. There the total pressure is twice the sum of
+            incident pressure and double layer.
         on_surface : nodes and pressure on the surface; by default those of the solution.
-        cells : the points sorted into cells, if this is faster.
+        cells : the points sorted into cells, if sums in cells are faster.
         nodal : whether all points are on panels and away from their edges.
         coarse : whether single precision is enough for all sums.
         """
@@ -86,7 +86,7 @@ class DirectSolution:
         return layer
 
     def near(self, points: Vectors, contact: Mask | None = None, total: bool = True) -> Pressures:
-        """Return the pressure on and near the surface [Pa], from panels refined there."""
+        """Return the pressure on and near the surface [Pa], with panels refined there."""
         if not len(points):
             return np.empty((0, self.pressure.shape[1]), dtype=np.complex128)
         if contact is None:
@@ -96,10 +96,11 @@ class DirectSolution:
     def refined(self, points: Vectors) -> NodalPressure:
         """Return nodes and pressure on the surface, with smaller panels near some points.
 
-        The panels near the points are cut in four. The pressure on the pieces is computed from the
-        integral equation itself. It is smoother than the quadratic through the six nodes (Nyström
-        interpolation, Atkinson, The Numerical Solution of Integral Equations of the Second Kind,
-        1997, section 4).
+        The panels near the points are cut in four. The pressure on the pieces
+        follows from the integral equation itself, and is smoother than the
+        quadratic through the six nodes (Nyström interpolation, Atkinson, The
+        Numerical Solution of Integral Equations of the Second Kind, 1997,
+        section 4).
         """
         nodes = self.surface.nodes
         first, panel = near_lists(nodes, points, self.surface.near_rule.reach * nodes.radii)
@@ -137,7 +138,8 @@ class TransposedSolution:
     Attributes
     ----------
     density : strengths of the monopoles at the nodes [Pa·m].
-    factors : 1 for sources off the surface; 2 for sources on it, which radiate with their image.
+    factors : factor for each source: 1 off the surface, and 2 on it, where its image coincides
+        with it.
     """
 
     sources: Monopoles
@@ -189,7 +191,7 @@ class TransposedSolution:
 def incident_pressure(
     points: Points, sources: Monopoles, surface: DualSurface, cells: Cells | None = None
 ) -> Pressures:
-    """Return the pressure of the sources alone [Pa]; beyond 1 λ, in the working precision."""
+    """Return the pressure of the sources alone [Pa], beyond 1 λ in the working precision."""
     if cells is not None:
         layer = monopole_layer(sources.positions, surface.wavenumber)
         pressure = cells.sums(layer, sources.strengths)

@@ -24,7 +24,7 @@ MAX_GRID_SHARE = 0.5
 
 
 def monopole_layer(positions: SourcePoints, wavenumber: complex) -> _kernels.Layer:
-    """Return monopoles in the form for ``Cells.sums``, in place of a double layer."""
+    """Return monopoles as a layer that ``Cells.sums`` can sum instead of a double layer."""
     hard = np.empty(0, dtype=np.complex128)
     return _kernels.Layer(np.ascontiguousarray(positions), None, hard, complex(wavenumber))
 
@@ -39,7 +39,7 @@ class Cells:
     first : index of the first point of each cell.
     centres : centres of the cells [m].
     reach : distance from a cell's centre within which sources are near [m].
-    grids : Chebyshev points of all cells, ordered by cell [m].
+    grids : Chebyshev points of all cells [m], ordered by cell.
     weights : weights of a cell's grid points for each point, along each axis of the cell.
     """
 
@@ -86,7 +86,7 @@ class Cells:
 
 
 def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
-    """Sort points [m] into cells for sums to a relative error; return None if cells are slower."""
+    """Sort points into cells for sums with a relative error; return None if cells are slower."""
     grids = [(order, beyond) for left, order, beyond in GRIDS if left <= error]
     if not grids or len(points) < grids[0][0] ** 2 / MAX_GRID_SHARE:
         return None

@@ -33,7 +33,7 @@ TOUCHING = 0.04
 
 @dataclass(frozen=True, eq=False)
 class PointSources:
-    """Monopoles (possibly none): their positions [λ] and strengths of e^{ikr}/r."""
+    """Monopoles e^{ikr}/r, possibly none: their positions [λ] and strengths."""
 
     positions: SourcePoints
     strengths: Strengths
@@ -84,8 +84,8 @@ class Solution:
     def scattered(self, points: Points, clear: bool = False) -> Pressures:
         """Return the scattered pressure at points (P, 3) [λ] outside the bodies.
 
-        The pressure is computed by the surface integral. Points that are ``clear`` of the bodies
-        need fewer quadrature points.
+        The pressure is computed by the surface integral, with fewer quadrature points if the points
+        are ``clear`` of the bodies.
         """
         system = self.system
         surface = system.coarse_surface if clear else system.surface
@@ -166,7 +166,7 @@ class FiniteField(RadiatedField):
     def _scattering(self) -> Solution:
         """Solution that is accurate near the bodies.
 
-        It solves for the scattered pressure of all sources that do not touch a filled body.
+        Its unknown is the scattered pressure of all sources that do not touch a filled body.
         """
         if not beside(self.scene, self.sources.positions).any():
             return self.from_afar
@@ -248,7 +248,7 @@ class FiniteField(RadiatedField):
 
 
 def beside(scene: Scene, points: Points) -> Mask:
-    """Whether points lie in a body or within a quarter of a wavelength of a body."""
+    """Return whether points lie in a body or within a quarter of a wavelength of one."""
     return scene.depth(points) > -0.25 * scene.wavelength
 
 

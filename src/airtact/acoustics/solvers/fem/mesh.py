@@ -114,7 +114,7 @@ class Tetrahedra:
         return float(smallest.min()), int(smallest.argmin())
 
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
-        """Return each point's tetrahedron, or -1, and the point's barycentric coordinates in it.
+        """Return the tetrahedron of each point, or -1, and the barycentric coordinates there.
 
         The points are (P, 3) [λ]. The tetrahedra with the nearest centres are tried in turn, until
         one contains the point.
@@ -271,7 +271,7 @@ def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrah
 def _fills_box(
     mesh: NetgenMesh, box: Box, surface: SurfaceMesh, filled: Sequence[bool], wavelength: float
 ) -> bool:
-    """Whether tetrahedra fill the whole box, except bodies that sound does not enter."""
+    """Return whether tetrahedra fill the whole box, except bodies that sound does not enter."""
     vertices, corners = _straight(mesh)
     if not len(corners):
         return False

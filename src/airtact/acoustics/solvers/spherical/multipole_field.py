@@ -46,16 +46,16 @@ SPREAD = 5
 
 @dataclass(frozen=True, eq=False)
 class InterpolationSpheres:
-    """Scattered pressure divided by its carrier wave, on concentric spheres around bodies.
+    """Scattered pressure, divided by its carrier wave, on concentric spheres around the bodies.
 
     Attributes
     ----------
     centre : (3,) centre of the spheres [m].
     radius : radius of the smallest sphere [m].
     order : highest order of the expansion.
-    values : (A, B, R, S) values by polar angle (twice ``order`` points, and some beyond the poles),
-        azimuth (some are repeated), radius (``radius``/r are the Chebyshev points of [0, 1]) and
-        excitation.
+    values : (A, B, R, S) values for each polar angle (twice ``order`` angles, and some beyond
+        the poles), azimuth (some are repeated), radius r (``radius``/r are the Chebyshev points
+        of [0, 1]) and excitation.
     """
 
     centre: Float64[np.ndarray, "3"]
@@ -91,8 +91,6 @@ class InterpolationSpheres:
 @dataclass(frozen=True, eq=False, repr=False)
 class MultipoleField(RadiatedField):
     """A solved field whose scattered part is a multipole expansion.
-
-    Inside the smallest sphere, the original field is used.
 
     Attributes
     ----------
@@ -153,7 +151,7 @@ class MultipoleField(RadiatedField):
         )
 
     def _expanded(self, points: Vectors) -> Mask:
-        """Return which points (P, 3) and images are outside the spheres and in front of planes."""
+        """Return which points are in front of planes and, like their images, off the spheres."""
         planes = self.scene.planes
         offsets = images_in(planes, points) - self.spheres.centre
         outside = np.einsum("pd,pd->p", offsets, offsets) >= self.spheres.radius**2

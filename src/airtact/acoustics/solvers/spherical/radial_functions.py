@@ -91,7 +91,7 @@ def regular_ratios(
 def _lowest_regular(
     arguments: Complex128[np.ndarray, "arguments"], quotients: Complex128[np.ndarray, "arguments"]
 ) -> Complex128[np.ndarray, "arguments"]:
-    """Return j_0(z); near its zeros from j_1 / (j_1/j_0), so that products keep their precision."""
+    """Return j_0(z), near its zeros as j_1 / (j_1/j_0) so that products keep their precision."""
     safe = np.where(arguments == 0.0, 1.0, arguments)
     zeroth = np.where(arguments == 0.0, 1.0, np.sin(safe) / safe)
     first = np.where(arguments == 0.0, 0.0, (np.sin(safe) / safe - np.cos(safe)) / safe)

@@ -99,8 +99,9 @@ class SphereField(RadiatedField):
     def _scattered(self, points: Points, inside: bool, alone: bool = False) -> Pressures:
         """Sum the series at points on one side of the surface.
 
-        The error is ``ACCURACY`` times the open-air pressure. With ``alone``, this pressure is
-        evaluated no closer than at the image's distance, so that it is finite at the source itself.
+        The error is ``ACCURACY`` times the open-air pressure. If ``alone`` is set, the open-air
+        pressure is evaluated no closer than the distance of the source's image, so that it is
+        finite at the source itself.
         """
         pressure = np.zeros((len(points), self.excitations), dtype=np.complex128)
         radii, directions = self._polar(points)

@@ -69,7 +69,7 @@ class PlacedBody:
         return centre, 0.5 * float(np.linalg.norm(tree.maxes - tree.mins))
 
     def clear_of(self, points: Points, reach: float) -> bool:
-        """Whether all points are more than ``reach`` [m] from the ball around the nodes."""
+        """Return whether all points are more than ``reach`` [m] from the ball around the nodes."""
         centre, radius = self.ball
         offset = points - centre
         squares = np.einsum("pd,pd->p", offset, offset)
@@ -96,7 +96,7 @@ class PlacedBody:
         strengths: Strengths,
         contact: Bool[np.ndarray, "sources"],
     ) -> NodeValues:
-        """Return the right-hand side at all nodes; ``contact`` marks monopoles on a surface."""
+        """Return the right-hand side at all nodes; ``contact`` marks monopoles on the surface."""
         surface = self.reduced.surface
         return double_layer_transposed(
             self.local.apply(positions),
@@ -179,7 +179,8 @@ class FactorisedField(RadiatedField):
     Attributes
     ----------
     densities : strengths of the skeletons' monopoles, which radiate the scattered field [Pa·m].
-    factors : 1 for sources off the surface; 2 for sources on it, which radiate with their image.
+    factors : factor for each source: 1 off the surface, and 2 on it, where its image coincides
+        with it.
     """
 
     placed: tuple[PlacedBody, ...]
@@ -396,7 +397,7 @@ class FactorisedBodies(Solver):
 def _projected(
     scene: Scene, placed: Sequence[PlacedBody], sources: Monopoles
 ) -> tuple[Monopoles, Float64[np.ndarray, "sources"]]:
-    """Project sources that touch a surface onto its panel; factor 2 accounts for their images."""
+    """Project sources that touch a surface onto a panel; their factor of 2 includes their image."""
     positions = np.array(sources.positions)
     factors = np.ones(len(positions))
     limit = CONTACT_REACH * max(body.reduced.surface.nodes.contact.max() for body in placed)

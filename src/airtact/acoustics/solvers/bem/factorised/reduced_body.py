@@ -89,14 +89,14 @@ def product(
 
 @dataclass(frozen=True, eq=False)
 class FarMonopoles:
-    """A few monopoles that radiate the same field to far points as the skeleton of the rows.
+    """A few monopoles that radiate the same field to distant points as the skeleton of the rows.
 
     Attributes
     ----------
     reach : distance from all nodes beyond which the monopoles are valid [m].
     positions : positions of the monopoles [m].
     combinations : matrix from the densities on the skeleton to the strengths of the monopoles.
-    error : relative error at points near the reach.
+    error : relative error at points at about the distance ``reach``.
     """
 
     reach: float
@@ -117,12 +117,13 @@ class ReducedBody:
     reach : distance from all nodes beyond which the skeletons are valid [m].
     rows : nodes of the matrix's rows, where incident fields are evaluated.
     columns : nodes of the matrix's columns, which radiate.
-    solved : transposed solution on ``rows`` from the right-hand side at all nodes.
-    scattering : scattering matrix, the same solution from the right-hand side at ``columns``.
-    error : relative error of the scattering compared with all nodes, at points as near as the
-        reach, for sources there and beside the surface.
+    solved : matrix from the right-hand side at all nodes to the transposed solution on ``rows``.
+    scattering : scattering matrix: from the right-hand side at ``columns`` to the same solution.
+    error : relative error of the scattering, compared with that of all nodes. It is measured at
+        points at about the distance ``reach``, for sources there and for sources beside the
+        surface.
     tree : search tree of the nodes, for distances.
-    far : fewer monopoles, for points farther away.
+    far : a smaller set of monopoles, for points farther away.
     """
 
     surface: DualSurface
@@ -208,7 +209,7 @@ def _far_monopoles(
     tolerance: float,
     kind: type[np.complexfloating],
 ) -> FarMonopoles:
-    """Find a few of the rows' monopoles that radiate the same field beyond one wavelength."""
+    """Select a few of the rows' monopoles that radiate the same field beyond one wavelength."""
     reach = 2 * np.pi / surface.wavenumber.real
     candidates = _row_points(surface, rows)
     points = _proxies(surface.nodes, tree, reach)
@@ -233,8 +234,9 @@ def _error_check(
 ) -> Callable[[np.ndarray, np.ndarray, Matrix, Matrix], float]:
     """Return a function that measures the relative error of skeletons and their scattering.
 
-    The error is the larger of those for sources as near as the reach and for sources beside the
-    surface, at points near the reach. About 64 sources and points of each kind are used.
+    The error is measured at points at about the distance ``reach``, for sources there and for
+    sources beside the surface; the larger of the two errors is returned. About 64 sources and
+    points of each kind are used.
     """
     nodes = surface.nodes
     sources = np.arange(0, len(proxies), -(-len(proxies) // 64))
@@ -319,9 +321,10 @@ def _skeleton(
 ) -> tuple[Int64[np.ndarray, "skeleton"], Complex128[np.ndarray, "skeleton nodes"]]:
     """Find skeleton nodes, and write all other nodes as linear combinations of them.
 
-    They follow from an interpolative decomposition of the right-hand sides for ``count`` random
-    combinations of the proxies. The count is doubled until some are redundant (E. Liberty,
-    F. Woolfe, P. G. Martinsson, V. Rokhlin, M. Tygert, PNAS 104 (2007) 20167).
+    The nodes follow from an interpolative decomposition of the right-hand sides
+    for ``count`` random combinations of the proxies. ``count`` is doubled until
+    some combinations are redundant (E. Liberty, F. Woolfe, P. G. Martinsson, V.
+    Rokhlin, M. Tygert, PNAS 104 (2007) 20167).
     """
     random = np.random.default_rng(0)
     kind = np.complex128 if surface.precision == "float64" else np.complex64
