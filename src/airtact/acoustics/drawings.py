@@ -92,7 +92,7 @@ def svg_path(
     Parameters
     ----------
     source : an .svg file, or the text of one path, such as "M 0 0 L 10 0 C 10 5 5 10 0 10 Z".
-    width : width to which the drawing is scaled [m]; if it is one vertical line, its height.
+    width : width to which the drawing is scaled [m]; for a single vertical line, its height.
     spacing : largest distance between neighbours along a line [m].
     centre : (3,) middle of the drawing [m].
     normal : (3,) direction toward the viewer.

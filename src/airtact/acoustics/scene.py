@@ -237,7 +237,8 @@ class Scene:
         The depth (P,) is negative outside all bodies, and -inf if there are no bodies. Inside
         several bodies, it is the largest of their depths.
 
-        Raise ``InvalidInput`` if the points have the wrong shape, or are NaN or infinite.
+        The method raises ``InvalidInput`` if the points have the wrong shape, or are NaN or
+        infinite.
         """
         points = points_of(points, "points", least=0)
         depth = np.full(len(points), -np.inf)

@@ -153,14 +153,14 @@ def _value(tree: Any, arrays: list[np.ndarray], references: Mapping[str, object]
 class Stored(Solver):
     """A solver that stores every field in a folder and reads it back when it is needed again.
 
-    The key of a field includes everything that affects it, to the last bit: vertices and mid-edge
-    points, boundary conditions, medium, frequency, sources, settings of the solver, and airtact's
-    code. Code outside airtact is not part of the key, so use another folder after changing your own
-    solver. An entry is written completely or not at all, even if several processes write or are
-    killed. A damaged entry is detected by its checksum, and its field is solved again. If the
-    folder exceeds ``most_bytes``, the least recently used entries are deleted. A field that cannot
-    be stored, such as a field of finite elements, is still solved, and a warning in its report
-    states the reason.
+    Each field is stored under a key. The key includes everything that affects the field, to the
+    last bit: vertices and mid-edge points, boundary conditions, medium, frequency, sources,
+    settings of the solver, and airtact's code. Code outside airtact is not part of the key, so use
+    another folder after changing your own solver. An entry is written completely or not at all,
+    even if several processes write or are killed. A damaged entry is detected by its checksum, and
+    its field is solved again. If the folder exceeds ``most_bytes``, the least recently used entries
+    are deleted. A field that cannot be stored, such as a field of finite elements, is still solved,
+    and a warning in its report states the reason.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ class Stored(Solver):
         return Stored(self.solver.reporting(progress), self.folder, self.most_bytes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Return the field of the monopoles, read from the folder or solved.
+        """Return the field of the monopoles, read from the folder if stored there, else solved.
 
         The method raises the errors of the solver. If the field was read from the folder,
         ``store`` is the only step in ``seconds`` of its report.

@@ -104,15 +104,16 @@ class Target:
         points : (F, 3) foci [m], or (3,) for one focus.
         pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers also
             fix the phases; with real numbers, the drive method chooses them.
-        shares : relative pressures in the same form. Pass either pressures or shares, not both.
+        shares : relative pressures, in the same forms as ``pressures``. Pass one of the two,
+            not both.
         suppression_points : (Q, 3) points where the pressure is suppressed [m].
 
         Raises
         ------
         InvalidInput
             If there are no points, a number is NaN, infinite or negative, a point is more than 2 m
-            from the origin, no pressure or share is above zero, their number is not that of the
-            foci, both pressures and shares are given, a suppression point is within 1 µm of a
+            from the origin, no pressure or share is above zero, their number differs from that of
+            the foci, both pressures and shares are given, a suppression point is within 1 µm of a
             focus, or the points are a position and a normal as returned by ``hand.place``.
         """
         _check_no_normal(points)

@@ -75,7 +75,7 @@ class Drive:
 
     @property
     def magnitudes(self) -> Float64[np.ndarray, "elements"]:
-        """(E,) amplitude of each element, from 0 to 1 at full scale."""
+        """(E,) amplitude of each element, from 0 to 1 (full scale)."""
         return np.abs(self.amplitudes)
 
     @property

@@ -92,14 +92,16 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class DriveFile:
-    """Contents of a drive or sequence file. What the file does not contain is None.
+    """Contents of a drive or sequence file. Attributes that the file does not contain are None.
 
     Attributes
     ----------
-    drives : (N, E) complex amplitude of each of E elements in each of N frames, as computed and not
-        rounded; 1 is full scale. A drive has one frame.
+    drives : (N, E) complex amplitude of each of E elements in each of N frames; 1 is full
+        scale. A drive has one frame. The amplitudes are exact if ``save`` wrote the file, and
+        rounded to levels if ``write_frames`` wrote it.
     rate : frames per second of a sequence; None for a drive.
-    levels : the ``Levels`` of the boards; .h5 files also contain the drives rounded to them.
+    levels : the ``Levels`` of the boards; .h5 files also contain the drives rounded to these
+        levels.
     frequency, medium : frequency of the sound [Hz], and the ``Medium`` in which it travels.
     positions, normals : (E, 3) positions [m] and (E, 3) unit normals of the elements.
     sensitivity : peak pressure of a transducer at full scale, 1 m away on its axis [Pa·m].
@@ -108,7 +110,7 @@ class DriveFile:
     foci, wanted_pressures : (F, 3) foci [m], and (F,) requested peak pressures [Pa].
     transfer_matrix : (F, E) complex pressure at each focus per unit drive of each element [Pa].
     texts : texts by name, such as the text of the scene file.
-    modulation : the ``AmplitudeModulation`` of a drive during its emission.
+    modulation : the ``AmplitudeModulation`` applied to a drive during emission.
     """
 
     drives: Complex128[np.ndarray, "frames elements"]

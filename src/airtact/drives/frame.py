@@ -69,7 +69,7 @@ class Frame:
         return not self.amplitude.any()
 
     def same_as(self, frame: "Frame") -> bool:
-        """Whether both frames have the same levels."""
+        """Return whether both frames have the same levels."""
         return np.array_equal(self.amplitude, frame.amplitude) and np.array_equal(
             self.phase, frame.phase
         )

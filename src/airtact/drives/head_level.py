@@ -144,7 +144,7 @@ class HeadLevel:
         return self.drives[np.argsort(-powers, kind="stable")[:32]]
 
     def frames(self, cap: float) -> list[Frame]:
-        """Return the frames of the most powerful drives under a cap."""
+        """Return the frames of the most powerful drives, limited by a cap."""
         share = share_under_cap(self.drives, self.levels, cap)
         return [
             frame_at(drive, self.levels, share * factor)
@@ -153,7 +153,7 @@ class HeadLevel:
         ]
 
     def at(self, cap: float) -> tuple[float, float]:
-        """Return the peak and average level [dB SPL] under a cap from 0 to 1; -inf in silence."""
+        """Return the peak and average level [dB SPL] for a cap from 0 to 1; -inf in silence."""
         played = np.stack([frame.drive().amplitudes for frame in self.frames(cap)])
         pressures = pressures_around(self.positions, played, self.sensitivity, self.wavenumber)
         peak, average = sound_pressure_level(np.array(pressures))

@@ -39,7 +39,7 @@ class UpperBound:
     Attributes
     ----------
     worst : √Σ_e y_e, an upper bound on the smallest fraction of the requested pressures. If the
-        target requests shares or nothing, it bounds the smallest pressure divided by its share
+        target requests shares or nothing, it bounds the smallest ratio of pressure to share
         [Pa].
     relaxed : value reached by the relaxation; no choice of multipliers makes ``worst`` smaller.
     multipliers : (F,) μ_f; 0 for foci without a request.
@@ -92,7 +92,7 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     Returns
     -------
     The bound and its certificate. The bound is a fraction of the requested pressures. If no
-    pressure is requested, it is the pressure of a focus divided by its share [Pa].
+    pressure is requested, it is a ratio of pressure to share [Pa].
 
     Raises
     ------
@@ -224,7 +224,7 @@ class Stalled(UserWarning):
 
 
 def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) -> Drive:
-    """Compute the drive that maximises the pressure at the weakest focus, with any focal phases.
+    """Compute the drive that maximises the pressure at the weakest focus, choosing all phases.
 
     The method first solves the semidefinite relaxation of ``upper_bound`` (Inoue, Makino and
     Shinoda, IEEE World Haptics 2015), in which every element may emit several signals in turn. It

@@ -33,7 +33,7 @@ def nearest_drive(
 
     Returns
     -------
-    The changed drive, or an equal one if the drive is already strong enough. If these
+    The changed drive, or the same drive if it is already strong enough. If these
     amplitudes cannot reach the fraction, the weakest focus gets as much pressure as from
     ``weighted_gerchberg_saxton``.
 

@@ -215,11 +215,11 @@ def matrices_at(
 ) -> Iterator[FociRows | None]:
     """Yield the transfer matrix (F, E) of a hand that is moved rigidly by each pose [Pa].
 
-    ``slower`` scales the wavenumber, for warmer air. A pose is impossible if an element is inside a
-    body, or if a body or a focus is behind a face; it yields None. In front of a plane, ``solver``
-    solves each pose that changes the position relative to the plane. Without it, such a pose raises
-    an error with the code "not_converged". Otherwise, the function raises the same errors as
-    ``transfer_matrix``.
+    ``slower`` scales the wavenumber, for warmer air. If an element is inside a body, or if a body
+    or a focus is behind a face, the pose is impossible and None is yielded. In front of a plane,
+    ``solver`` solves each pose that changes the position relative to the plane. Without it, such a
+    pose raises an error with the code "not_converged". Otherwise, the function raises the same
+    errors as ``transfer_matrix``.
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)

@@ -96,7 +96,7 @@ class AUTD3Link(AUTD3Boards):
     """Link to a chain of AUTD3 boards with firmware before 0.10, on EtherCAT.
 
     Drives already contain all phases, so the frames do not depend on the speed of sound set in
-    pyautd3. Only simulators use it.
+    pyautd3; only simulators use this speed.
 
     Parameters
     ----------

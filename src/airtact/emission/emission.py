@@ -49,9 +49,9 @@ class Emission:
     Use it as ``with Emission(link) as emission:``. A separate process opens the link and raises the
     sound over a ramp. It sends a confirmed frame of zeros when the block is left, when this process
     ends for any reason, and when half a second passes without a call of ``send``, ``hold``,
-    ``play``, ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. The emission is
-    then over, unless only such a call was late and ``resumes`` is True. SIGINT, SIGTERM and SIGHUP
-    in the main thread raise ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
+    ``play``, ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. This ends the
+    emission, except after a late call if ``resumes`` is True. SIGINT, SIGTERM and SIGHUP in the
+    main thread raise ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
     opens the link and silences the boards. Two kinds of links are opened in this process instead:
@@ -238,7 +238,7 @@ class Emission:
     def cycle(self, sequence: Sequence, wait: bool = True) -> None:
         """Repeat the frames of a sequence from now on.
 
-        A sequence of the same length as the previous one continues at the same position. A
+        A sequence of the same length as the previous one continues at the same position. Any
         modulation ends. The first sequence rises over the ramp; if boards repeat it themselves,
         only its most powerful frame is played during the ramp. ``wait`` is described in ``send``.
 
@@ -278,9 +278,9 @@ class Emission:
     def modulate(
         self, drive: Drive, seconds: float, modulation: AmplitudeModulation | None = None
     ) -> Played:
-        """Play a drive with amplitude modulation for some time [s].
+        """Play a drive with amplitude modulation for ``seconds`` [s].
 
-        Skin only feels a modulated drive. By default the force varies as a cosine at 200 Hz. On
+        Skin feels only a modulated drive. By default the force varies as a cosine at 200 Hz. On
         boards without amplitude levels, the number of active elements varies instead. The drive
         rises over the ramp.
 
@@ -358,7 +358,7 @@ class Emission:
         self._ask("beat")
 
     def hold(self, seconds: float) -> None:
-        """Keep the boards playing for some time [s].
+        """Keep the boards playing for ``seconds`` [s].
 
         Raises
         ------

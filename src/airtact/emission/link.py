@@ -249,7 +249,7 @@ class Link(ABC):
     def modulate(  # noqa: B027 (most boards cannot)
         self, envelope: Float64[np.ndarray, "frames"] | None, rate: float
     ) -> None:
-        """Make boards that have ``plays_itself`` modulate all frames sent from now on.
+        """Make the boards modulate all frames sent from now on, if the link ``plays_itself``.
 
         Parameters
         ----------

@@ -80,7 +80,7 @@ class Comparison:
     def column(self, name: str, phase_only: bool = False) -> int:
         """Return the index of a drive's excitation in ``field``, or of its phases alone.
 
-        Raises ``InvalidInput`` if no drive has that name.
+        The method raises ``InvalidInput`` if no drive has that name.
         """
         if name not in self.names:
             raise InvalidInput(
@@ -97,7 +97,7 @@ class Comparison:
 
         Returns
         -------
-        For the name of each drive, the complex total pressure (P,) [Pa]; NaN inside bodies.
+        The complex total pressure (P,) [Pa] for the name of each drive; NaN inside bodies.
         """
         pressures = self.field.at(points)
         return {name: pressures[:, self.column(name)] for name in self.names}

@@ -29,7 +29,7 @@ def headline(
     drive : the drive that considers the bodies, as it is emitted. If it is at full scale, the drive
         that ignores them is compared at full scale, otherwise at equal energy.
     word : the word for the bodies, such as "hand".
-    foci : a name for each focus; the sentence names the focus that loses most.
+    foci : a name for each focus; the sentence names the focus whose pressure decreases most.
     """
     # Below full scale the hardware does not limit the peak, so compare the drives by energy.
     held_equal = "equal peak" if drive.is_full_scale else "equal energy"

@@ -88,7 +88,7 @@ class Evaluation:
     Attributes
     ----------
     target : the foci and their requested pressures.
-    pressures : (F,) complex pressure at each focus [Pa], peak.
+    pressures : (F,) complex peak pressure at each focus [Pa].
     report : report of the solver that evaluated them.
     field : the field of the drive alone; None if several drives were solved together.
     steepening : effect of real air at the foci; None if it was not estimated.

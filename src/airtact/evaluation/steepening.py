@@ -76,7 +76,10 @@ class Steepening:
 
     @property
     def second_harmonic(self) -> Float64[np.ndarray, "points"]:
-        """(F,) ratio of second harmonic to fundamental, to 15 % up to 1; NaN where ``kept`` is."""
+        """(F,) ratio of the second harmonic to the fundamental; NaN where ``kept`` is NaN.
+
+        The error is at most 15 % for ratios of up to 1.
+        """
         # It feeds the third and higher harmonics. The factor 0.4 fits the computed foci.
         saturated = self.second / (1.0 + 0.4 * self.second**2)
         return np.where(np.isfinite(self.kept), saturated, np.nan)

@@ -28,7 +28,7 @@ from airtact.transducers.levels import EIGHT_BITS, Levels
 def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
     """Return the peak pressure [Pa] that each focus would reach as the only focus.
 
-    It is Σ_e |H_fe|, where every element is at full scale and the contributions are in phase.
+    This pressure is Σ_e |H_fe|: every element is at full scale, and all contributions are in phase.
 
     Examples
     --------
@@ -165,7 +165,7 @@ def verify(
     target : the foci and suppression points.
     transfer : transfer matrix of the foci, for the attainable maximum; None to compute it with
         ``solver``.
-    head : (3,) or (N, 3) points of a head [m] at which the level is evaluated.
+    head : (3,) or (N, 3) points of a head at which the level is evaluated [m].
     levels : levels of a board; the drive rounded to them is also verified.
 
     Returns

@@ -121,7 +121,7 @@ class Capsule(Shape):
         return mesh.vertices, mesh.triangles
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the surface with curved panels of the area of equilateral ones with this edge [m].
+        """Cover the surface with curved panels as large as equilateral triangles of this edge [m].
 
         The normal turns by at most ``bend`` [rad] from one edge of a panel to another.
         """
@@ -199,7 +199,7 @@ def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
     Parameters
     ----------
     radius : radius of the sphere [m].
-    edge : longest edge of the triangles [m] of the mesh for pictures and files.
+    edge : longest triangle edge of the mesh [m], which only pictures and files use.
     centre : (3,) centre of the sphere [m].
 
     Returns

@@ -42,7 +42,7 @@ class Shape(ABC):
 
     @property
     def thinnest(self) -> float:
-        """Diameter of the inner ball that touches the surface [m], if equal everywhere; else 0."""
+        """Diameter of the largest inner ball at a surface point [m], if constant; else 0."""
         return 0.0
 
     @property
@@ -95,7 +95,7 @@ class Shape(ABC):
 
     @abstractmethod
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the surface with curved panels of the area of equilateral ones with this edge [m].
+        """Cover the surface with curved panels as large as equilateral triangles of this edge [m].
 
         On a closed form, the normal turns by at most about ``bend`` [rad] from one edge of a panel
         to another. On smooth parts of a mesh, the rms deviation of panels from the surface is at

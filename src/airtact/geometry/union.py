@@ -33,11 +33,11 @@ FLAT_TOLERANCE = 10e-6
 def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     """Merge bodies that overlap, touch or are less than a gap apart into one body.
 
-    The air between two bodies is filled with balls where the sum of its distances from both is
-    at most the gap and their surfaces face each other. The diameter of the balls is 0.6 mm, or
-    1.2 times the gap if that is larger. The gap is filled completely if the surfaces are within
-    17 degrees of parallel, and partly up to 53 degrees. Furrows with a wider angle remain.
-    Enclosed air is filled. Elsewhere the surface is unchanged to within 10 micrometres.
+    The air between two bodies is filled with balls wherever the distances to both bodies add up
+    to at most the gap and their surfaces face each other. The diameter of the balls is 0.6 mm,
+    or 1.2 times the gap if that is larger. The gap is filled completely if the surfaces are
+    within 17 degrees of parallel, and partly up to 53 degrees. Furrows with a wider angle
+    remain. Enclosed air is filled. Elsewhere the surface is unchanged to within 10 micrometres.
 
     Parameters
     ----------

@@ -146,7 +146,7 @@ class DriveMaker(ABC):
 
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive for sound that is in the air at a time of the tracker's clock [s]."""
+        """Compute the drive whose sound will be in the air at a time on the tracker's clock [s]."""
 
     def feel(  # noqa: B027 (some makers have fixed foci)
         self, objects: Sequence[VirtualObject], foci: "Sequence[at.live.WantedFocus]"

@@ -70,8 +70,7 @@ def run(
         own clock [s].
     cap : largest amplitude of an element, as a fraction of full scale; by default, a safe one
         that ``follow`` computes.
-    ignore_hand : whether phases are set from path lengths alone, as if there were no
-        hand.
+    ignore_hand : whether scattering by the hand is ignored, as in ``Controls``.
     page : port and host of the page; no page by default.
     certificate : PEM file with a certificate and its key, to serve the page over
         HTTPS.

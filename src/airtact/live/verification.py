@@ -29,8 +29,8 @@ class VerifiedSession:
     indices : (V,) indices of the drives.
     pressures : (V, F) pressures at the foci [Pa]; NaN if a drive has fewer foci.
     kept : (V,) fraction of the attainable pressure. It is the smallest ratio of pressure to
-        strength over the foci, divided by that of the best drive of equal energy for the hands
-        at that time.
+        strength over the foci, divided by the same ratio for the best drive of equal energy for
+        the hands at that time.
     """
 
     indices: tuple[int, ...]

@@ -61,8 +61,8 @@ class Located:
     residual : rms of the residual, including noise, divided by the rms of the echoes.
     misfit : like ``residual``, but without the contribution of noise; 0.2 or more for a wrong
         model, such as another hand.
-    converged : whether the iteration converged with a misfit of at most 0.1. Do not use the pose
-        otherwise.
+    converged : whether the iteration converged with a misfit of at most 0.1. If False, do not
+        use the pose.
     steps : number of steps from the initial pose.
     centre : (3,) centre of the bodies in the array's frame [m].
     left_out : indices of the receivers that disagree with every pose, such as dead receivers.

@@ -297,7 +297,7 @@ class ScatteringFamily:
         return self.matrices[0].scene
 
     def at(self, value: float) -> ScatteringMatrix:
-        """Return the interpolated matrix at a value, with the report and scene of the first."""
+        """Return the interpolated matrix at a value, with scene and report of the first value."""
         return replace(self.matrices[0], matrix=self._polynomial(value))
 
     def derivative(self, value: float) -> ScatteringMatrix:

@@ -54,8 +54,8 @@ class Calibrated:
     ----------
     array : the array with the corrected boards and the emission gains.
     sound_speed : speed of sound [m/s].
-    motions : motion of each board from its given to its true pose, in the array's frame; zero for
-        board 0.
+    motions : motion of each board from its assumed to its true pose, in the array's frame; none
+        for board 0.
     emission, reception : (E,) emission and reception gains; 0 for dead elements, and 1 in
         ``reception`` for elements that do not receive. Their common factor is a convention.
     covariance : (6 B − 5, 6 B − 5) covariance for boards 1 to B − 1 and for the sound speed [m/s],
@@ -65,8 +65,8 @@ class Calibrated:
         [rad].
     residual : rms of the residual, including noise, divided by the rms of the direct sound.
     misfit : like ``residual``, but without the contribution of noise.
-    converged : whether the iteration converged with a misfit of at most 0.1. Do not use the result
-        otherwise.
+    converged : whether the iteration converged with a misfit of at most 0.1. If False, do not
+        use the result.
     steps : number of iteration steps.
     believed : the array that was passed to ``calibrate``.
     dead : indices of the elements without a received signal.
@@ -105,7 +105,7 @@ class Calibrated:
 
     @property
     def shifts(self) -> Float64[np.ndarray, "boards 3"]:
-        """(B, 3) displacement of the centre of each board from its given position [m]."""
+        """(B, 3) displacement of the centre of each board from its assumed position [m]."""
         boards = len(self.motions)
         here = self.array.positions.reshape(boards, -1, 3).mean(axis=1)
         return here - self.believed.positions.reshape(boards, -1, 3).mean(axis=1)

@@ -16,7 +16,7 @@ from airtact.transducers.placement import check_placement
 
 
 def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
-    """Return the signs of a Hadamard matrix as codes; all elements emit every time.
+    """Return the signs of a Hadamard matrix as codes; all elements emit in every transmission.
 
     Parameters
     ----------

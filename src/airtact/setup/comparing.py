@@ -126,7 +126,7 @@ class MethodComparison:
 
     @property
     def equally_good(self) -> list[Contender]:
-        """The methods whose weakest focus at full scale is within ``tolerance`` of the best."""
+        """The methods within ``tolerance`` of the best, by the weakest focus at full scale."""
         largest = max(map(self.of_the_bound, self.contenders))
         return [
             contender

@@ -236,10 +236,10 @@ def place(
     refine : number of layouts to refine, 0 or more: the best ones that differ from each other
         by over 40 mm.
     progress : called with a description of each step as it begins.
-    keep_out : boxes without boards, each given by two opposite corners [m].
+    keep_out : boxes that must not contain any board, each given by two opposite corners [m].
     fixed : indices of boards of the setup's array that are part of every layout. They follow the
         placed boards.
-    symmetric : axis along which boards are mirrored, which makes them come in pairs.
+    symmetric : axis along which boards are mirrored to form pairs.
         The mirror plane passes through the centre of the region if it is a box,
         otherwise through that of the foci.
     tilted : whether boards may be tilted; otherwise each faces the centre of the

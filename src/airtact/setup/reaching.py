@@ -38,7 +38,7 @@ class ReachMap:
         normals.
     triangles : (T, 3) indices of the vertices of each triangle.
     chosen : (P,) indices of the vertices at which the pressure was computed.
-    places : part of the skin at each of these points, such as "index", "palm" or a
+    places : name of the part of the skin at each of these points, such as "index", "palm" or a
         body's name.
     transfer : transfer matrix for these points.
     report : report of the solve.

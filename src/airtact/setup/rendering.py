@@ -71,8 +71,8 @@ class Rendering:
     drives : the drives that were verified, each with its strongest element at full
         scale.
     sequence : drives for moving foci, or None.
-    robustness : pressures of the drive for samples of the uncertainty that were not used to compute
-        it; None without uncertainty.
+    robustness : pressures of the drive for samples of the uncertainty that were not used to
+        compute the drive; None without uncertainty.
     traps : verdict on the equilibrium nearest to each trap.
     headline : sentence with the pressure at the weakest focus, with and without the
         hand.

@@ -201,7 +201,7 @@ def plan(
 
 
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
-    """Return the largest cap that keeps the limit at a head, and the level at full scale [dB].
+    """Return the largest cap that respects the limit, and the level at full scale [dB].
 
     The function raises ``InvalidInput`` if the boards cannot reduce their level that far.
     """

@@ -93,8 +93,8 @@ class Contacts:
 
         Parameters
         ----------
-        most : largest number of foci. Beyond it, the weakest contacts are first merged with
-            stronger neighbours, then dropped.
+        most : largest number of foci. If there are more contacts, the weakest are merged with
+            stronger neighbours or, if they have none, get no focus.
         wavelength : wavelength of the sound [m].
 
         Raises

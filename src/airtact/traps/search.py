@@ -29,7 +29,7 @@ class Verdict:
     point : (3,) position of the centre of the bead [m].
     force : (3,) radiation force at the point [N].
     stiffness : (3, 3) stiffness matrix [N/m].
-    shift : (3,) estimated vector from the point to the equilibrium [m], from force and
+    shift : (3,) vector from the point to the equilibrium [m], estimated from force and
         stiffness.
     holds : largest restoring force within a quarter of a wavelength of the point, along the
         weakest of the six directions ±x, ±y and ±z, divided by the weight of the bead.

@@ -152,7 +152,7 @@ class RadiatedField(ABC):
 
     # Public methods check their points once; solvers implement the methods with underscores.
     def at(self, points: Points) -> Pressures:
-        """Return the total pressure (P, S) [Pa] of all S excitations at points (P, 3) [m].
+        """Return the total pressure (P, S) of all S excitations at points (P, 3) [Pa].
 
         The pressure is NaN where the field is not ``valid``.
 
@@ -172,9 +172,9 @@ class RadiatedField(ABC):
         """Return the scattered pressure (P, S): the total minus the open-air pressure [Pa].
 
         The scattered pressure is finite at the sources, where the total pressure is infinite.
-        It is NaN where the field is not ``valid``, and at a source that touches a body. For
-        some solvers, it is the difference of two pressures that are infinite at a source, where
-        the method then raises an error.
+        It is NaN where the field is not ``valid``, and at a source that touches a body. Some
+        solvers compute it as the difference of two pressures that are both infinite at a
+        source; they raise an error there.
 
         Raises
         ------
@@ -188,7 +188,7 @@ class RadiatedField(ABC):
         return self._valid(points_of(points, "points", least=0))
 
     def velocity(self, points: Points) -> Gradients:
-        """Return the particle velocity v = ∇p/(iωρ) [m/s], (P, 3, S) for points (P, 3) [m].
+        """Return the particle velocity v = ∇p/(iωρ) (P, 3, S) at points (P, 3) [m/s].
 
         The velocity is computed by central differences of ``at`` over 1/40 of a wavelength, or less
         near a surface. Points within 1/200 of a wavelength of a surface count as lying on it; the
@@ -275,7 +275,7 @@ class RadiatedField(ABC):
         return np.full(self.excitations, self.report.estimated_error)
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report, updated with the error and warnings at points (P, 3) [m]."""
+        """Return the report, updated with the error and the warnings for points (P, 3)."""
         return self.report
 
 

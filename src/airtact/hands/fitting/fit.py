@@ -85,7 +85,7 @@ class FittedHand:
     points : (N, 3) points of the cloud near the hand, averaged in cells [m].
     distances : (N,) distances of these points from the skin [m], positive outside.
     outliers : (N,) mask of the points that had no weight in the fit.
-    misfit : root mean square distance of all other points from the skin [m].
+    misfit : root mean square distance from the skin of all points that are not outliers [m].
     """
 
     hand: Hand
@@ -110,7 +110,7 @@ class FittedHand:
         return self.skin(3.5e-3, 2.5e-3)
 
     def skin(self, *edges: float) -> Surface:
-        """Return the skin, meshed with the first of these edge lengths [m] that works.
+        """Return the skin, meshed with the first of these edge lengths that works [m].
 
         An edge length fails if triangles would cross. If all fail, ``hand.surface`` is returned,
         without the offset to the points.

@@ -172,7 +172,7 @@ def replay(
 
     Yields
     ------
-    Each frame, not before its time. Overdue frames are yielded immediately.
+    The frames, none before its time. Overdue frames are yielded immediately.
 
     Raises
     ------

@@ -40,7 +40,7 @@ MAX_JUMP = 1000
 class StreamHealth:
     """Counts of received frames and of their faults.
 
-    Only frames counted in ``used`` are returned.
+    A stream returns only the frames counted in ``used``.
 
     Attributes
     ----------

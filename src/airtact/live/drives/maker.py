@@ -67,8 +67,9 @@ class HandAware(SolvingMaker):
     promises a larger pressure, the factors are omitted. The solvers pause while noise makes all
     solutions useless. A Kalman filter smooths and predicts the frames.
 
-    Here the method ``"best"`` means ``weighted_gerchberg_saxton``, which takes less than 1 ms
-    and reaches a pressure within 1 % of that of ``best``.
+    In the live loop, the method ``"best"`` means ``weighted_gerchberg_saxton``,
+    which takes less than 1 ms and reaches a pressure within 1 % of that of
+    ``best``.
 
     Parameters
     ----------
@@ -130,7 +131,7 @@ class HandAware(SolvingMaker):
         self._rejected = {focus.name: reason for focus in foci}
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive for sound that is in the air at a time [s]; zeros without a hand.
+        """Compute the drive whose sound will be in the air at a time [s]; zeros without a hand.
 
         The cap, the modulation and ``playing`` are applied by the loop.
         """

@@ -86,7 +86,7 @@ class _Foci:
 class TouchAware(SolvingMaker):
     """Computes drives for contacts with virtual objects and for requested foci, on both hands.
 
-    At each drive, contacts are found on the predicted hands. Their foci appear,
+    For each drive, contacts are found on the predicted hands. Their foci appear,
     move and fade as described in ``TouchState``; requested foci rise and fall at
     the same rate. The transfer matrix is that of open air times the factors of the
     newest solution for the skin near contacts. A separate process computes these
@@ -171,7 +171,7 @@ class TouchAware(SolvingMaker):
         self._asked = tuple(foci)
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive for sound that is in the air at a time [s].
+        """Compute the drive whose sound will be in the air at a time [s].
 
         All amplitudes are 0 if there is no hand or no focus.
         """

@@ -112,8 +112,8 @@ class MovingPanels:
     ) -> DirectSolution:
         """Solve the direct equation for moved panels, which is also accurate on the body.
 
-        The method needs all panels, and the sources must be away from the body. The parameters and
-        errors are those of ``radiated``.
+        The method needs all panels, and the sources must be away from the body. It takes the
+        same parameters and raises the same errors as ``radiated``.
         """
         surface = self._surface(corners, inside)
         right = direct_right_side(surface, sources.positions, sources.strengths)

@@ -159,7 +159,7 @@ class BoundaryElement(Solver):
         return 34.0 * (0.01 / self.accuracy) ** (2 / 3)
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
-        """Return the number of unknowns (nodes) of a solve; the panels are made, but not solved."""
+        """Return the number of unknowns (nodes) that a solve would have, by meshing the bodies."""
         return 6 * sum(map(len, covers(**self._covering(scene, sources.refined_positions))))
 
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField | BoardField:
@@ -168,10 +168,10 @@ class BoundaryElement(Solver):
         Parameters
         ----------
         scene : sound-hard or impedance bodies. Their images in a plane add no unknowns.
-        sources : monopoles outside the bodies or on their surfaces, and in front of the plane
-            or on it if there is one. If some lie in the faces of reflecting boards, the
-            returned field is that around the other bodies, and panels are not refined near
-            these sources.
+        sources : monopoles outside the bodies or on their surfaces. If there is a plane,
+            they must be in front of it or on it. If some lie in the faces of reflecting
+            boards, the returned field is that around the other bodies, and panels are not
+            refined near these sources.
 
         Returns
         -------
@@ -404,7 +404,7 @@ class BoundaryElement(Solver):
         )
 
     def moving_panels(self, scene: Scene, refined: Points) -> "at.acoustics.MovingPanels":
-        """Cover one body with panels that the caller may move; they are solved in single precision.
+        """Cover one body with panels that the caller may move and solve, in single precision.
 
         Parameters
         ----------
@@ -551,7 +551,7 @@ class BoundaryElement(Solver):
         return wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
 
     def _smallest_edge(self, scene: Scene) -> float:
-        """Edge length [m] below which panels are not refined near a source."""
+        """Edge length below which panels are not refined near a source [m]."""
         # The pressure varies faster on a yielding surface, which needs 1.28 times as many nodes.
         yielding = np.abs(admittances(scene)).max(initial=0.0) > 0.1
         return 0.5 * self.panel_edge(scene.wavelength) / math.sqrt(1.28 if yielding else 1.0)

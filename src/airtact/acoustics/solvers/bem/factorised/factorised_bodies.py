@@ -283,7 +283,7 @@ class FactorisedBodies(Solver):
 
         The scene must contain the same bodies, which may have moved rigidly, in the same medium at
         the same frequency. The monopoles must be outside the bodies or on their surfaces. If two
-        bodies are closer together than the skeletons' reach, ``fallback`` solves the scene.
+        bodies are too close together for this method, ``fallback`` solves the scene.
 
         Returns
         -------
