@@ -278,7 +278,7 @@ class Emission:
     def modulate(
         self, drive: Drive, seconds: float, modulation: AmplitudeModulation | None = None
     ) -> Played:
-        """Play a drive with amplitude modulation for ``seconds`` [s].
+        """Play a drive with amplitude modulation for a number of seconds.
 
         Skin feels only a modulated drive. By default the force varies as a cosine at 200 Hz. On
         boards without amplitude levels, the number of active elements varies instead. The drive
@@ -358,7 +358,7 @@ class Emission:
         self._ask("beat")
 
     def hold(self, seconds: float) -> None:
-        """Keep the boards playing for ``seconds`` [s].
+        """Keep the boards playing for a number of seconds.
 
         Raises
         ------

@@ -45,8 +45,9 @@ def load_drive(
       ``phase_degrees`` or the numbers exceed a turn in radians;
     - .csv and .holo files of AcousTools, in the order of OpenMPD's boards;
     - simulations of Ultraino (.xml, .xml.gz);
-    - NumPy arrays (.npy) of complex amplitudes, of phases, or of uint8 pairs of phase and intensity
-      as in AUTD3's buffers;
+    - NumPy arrays (.npy) of shape (elements,) or (frames, elements), with complex amplitudes or
+      phases; or with a last axis of two uint8 numbers, phase and intensity, as in AUTD3's
+      buffers;
     - the bytes of messages to boards (.bin).
 
     Parameters

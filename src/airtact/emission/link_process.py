@@ -389,7 +389,7 @@ def guard(process: int, end: socket.socket, owner: int, rescue: Callable[[], boo
     process : id of the link process, a child of this one.
     end : socket connected to the ``Tether`` of the link process.
     owner : id of the process that started this one.
-    rescue : opens the link, silences the boards, and returns whether that succeeded.
+    rescue : function that opens the link, silences the boards, and returns whether this succeeded.
 
     Returns
     -------

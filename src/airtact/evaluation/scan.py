@@ -176,8 +176,8 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     Raises
     ------
     InvalidInput
-        If the shapes differ, fewer than 3 positions can be compared, the prediction is 0 at all of
-        them, or negated phases fit far better.
+        If the shapes differ, fewer than 3 positions can be compared, the prediction is 0 at all
+        of them, or the scan fits far better after negating its phases.
 
     Examples
     --------

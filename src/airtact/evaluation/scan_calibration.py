@@ -240,11 +240,15 @@ def calibrate_from_scans(
     scene : medium and frequency, without bodies and planes.
     microphone : the microphone; a point by default.
 
+    Returns
+    -------
+    The array with the fitted sensitivity and gains, the misalignment, and their uncertainty.
+
     Raises
     ------
     InvalidInput
-        If the numbers of scans, drives and elements do not match, a drive is silent, the scene has
-        bodies or planes, or the negated phases fit far better.
+        If the numbers of scans, drives and elements do not match, a drive is silent, the scene
+        has bodies or planes, or the scans fit far better after negating their phases.
     NotConverged
         With the code "pose_not_found", if no small misalignment explains a scan to within 50 %.
     """

@@ -315,7 +315,7 @@ class _Loop:
         return max(until - time.monotonic(), 0.0)
 
     def _next_drive(self) -> float:
-        """Return the time to start a drive if no frame arrives, so that the next is not delayed."""
+        """Return when to start a drive if no frame arrives, so as not to delay the next drive."""
         begin = self.begun + float(np.clip(2.0 * self.duration, MIN_INTERVAL, 1.0 / 66.0))
         if len(self.arrivals) > 1:
             first = self.arrivals[0][1]

@@ -131,6 +131,10 @@ def register_tracker(
         of the tracker.
     report : called with the progress, up to ten times per second.
 
+    Returns
+    -------
+    The pose of the tracker with its uncertainty, and the touched transducers.
+
     Raises
     ------
     InvalidInput

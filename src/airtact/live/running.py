@@ -77,6 +77,10 @@ def run(
     report_step : called with each step of the start.
     report : called twice a second with the status.
 
+    Returns
+    -------
+    A summary of the run.
+
     Raises
     ------
     InvalidInput
@@ -144,8 +148,12 @@ def record(
     source : "websocket" or "osc". Append ":PORT" for another port; port 0 selects a
         free one.
     seconds : duration [s]; by default, until Ctrl-C is pressed.
-    report_step : called with the address once it is open, and whenever frames begin to be
-        rejected or stop arriving.
+    report_step : called with the address once it is open, and whenever frames begin to be rejected
+        or stop arriving.
+
+    Returns
+    -------
+    Numbers of received frames and of their faults.
 
     Raises
     ------
@@ -206,6 +214,10 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
         where port 0 selects a free one; or "page" for the hand on the page. By default, an example
         motion is repeated.
     folder : folder for the session of this run. The source must be another session.
+
+    Returns
+    -------
+    The source, ready for ``run``.
 
     Raises
     ------

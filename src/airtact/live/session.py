@@ -429,6 +429,10 @@ def read_session(path: str | Path) -> Session:
     ----------
     path : file ``session.h5``, or the folder that contains it.
 
+    Returns
+    -------
+    The contents of the file.
+
     Raises
     ------
     InvalidInput

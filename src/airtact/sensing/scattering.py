@@ -325,7 +325,7 @@ class ScatteringFamily:
 
     @cached_property
     def effect(self) -> float:
-        """Ratio of the matrix's change with the parameter to its change with a 1 m translation."""
+        """Change of the matrix per unit of the parameter, divided by that per metre of shift."""
         middle = 0.5 * (self.low + self.high)
         here = self.at(middle).matrix
         change = self.derivative(middle).matrix

@@ -155,6 +155,10 @@ def reach(
         their own accuracy.
     progress : called with a description of each step as it begins.
 
+    Returns
+    -------
+    The bound at each point, the points, and the skin around them.
+
     Raises
     ------
     InvalidInput

@@ -227,7 +227,7 @@ class Setup:
         return self.maker(self.method)
 
     def maker(self, method: str) -> Callable[[TransferMatrix, Target], Drive]:
-        """Return the function for a method, which also computes the traps of the setup."""
+        """Return the function that computes drives by a method, including the setup's traps."""
         if not self.traps:
             return METHODS[method]
         from airtact.traps.holding import holding

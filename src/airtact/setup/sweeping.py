@@ -348,7 +348,7 @@ class ScenePoints:
     content: tuple[str, ...] = ()
 
     def __call__(self, point: Mapping[str, Value]) -> dict[str, Value]:
-        """Return the peak pressure at each focus, the gain over the control, and solver figures."""
+        """Return the pressures, the gain over the control, unknowns, error and warnings."""
         setup = read_scene(self.scene, point)
         transfer, report = solve_foci(setup, Clock())
         drive, stalled = synthesise(setup.synthesise, transfer, setup.target)

@@ -97,6 +97,10 @@ class Contacts:
             stronger neighbours or, if they have none, get no focus.
         wavelength : wavelength of the sound [m].
 
+        Returns
+        -------
+        The foci, ``offset`` outside the skin, with their strengths.
+
         Raises
         ------
         InvalidInput

@@ -17,7 +17,7 @@ Indices = Int64[np.ndarray, "contacts"]
 
 
 class ContactArrays(NamedTuple):
-    """Contacts: connected parts of skin inside an object, separate for each finger.
+    """Contacts: connected pieces of skin inside an object, divided by finger or other part.
 
     Attributes
     ----------

@@ -229,7 +229,7 @@ class PhasedArray:
 
         Parameters
         ----------
-        pose : pose of the hand in the array's frame, which maps the frame of the obstacles to that
+        pose : pose of the hand in the array's frame; it maps the frame of the obstacles to that
             of the array.
 
         Returns

@@ -20,7 +20,7 @@ def signature(
     kind: Literal["twin", "vortex", "bottle"] = "twin",
     axis: Vector = (0, 1, 0),
 ) -> Drive:
-    """Add the signature of a trap to the drive for a focus, which makes the pressure there zero.
+    """Add the signature of a trap to the drive for a focus, so that the pressure there is zero.
 
     A signature only shifts phases. It depends on the positions of the elements relative to the mean
     position of the array.

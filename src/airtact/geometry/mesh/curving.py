@@ -143,7 +143,10 @@ def _in_tangent_plane(along: EdgeVectors, normals: EdgeVectors) -> EdgeVectors:
 
 
 def _half_tangent(tangent: EdgeVectors, along: EdgeVectors) -> EdgeVectors:
-    """Return vectors of length tan(a/2) across an edge, for tangents at angle a; 0 over 60°."""
+    """Return vectors of length tan(a/2) across an edge, for a tangent at an angle a to the edge.
+
+    The vectors are 0 if a exceeds 60°.
+    """
     cosine = np.einsum("tei,tei->te", tangent, along)[:, :, None]
     across = (tangent - cosine * along) / (1 + np.maximum(cosine, 0))
     return np.where(cosine > np.cos(np.radians(60.0)), across, 0.0)

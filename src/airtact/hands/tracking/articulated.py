@@ -190,7 +190,7 @@ class ArticulatedHand:
         common: float,
         agility: float,
     ) -> None:
-        """Update the estimate with a measurement at its time.
+        """Update the estimate with a measurement made at the time of the estimate.
 
         Parameters
         ----------

@@ -384,7 +384,7 @@ class BendingHand:
         self._solutions = [*self._solutions[-59:], solution]
 
     def carried(self, joints: Joints, time: float) -> CarriedFactors | None:
-        """Move the solution of the most similar pose to this one; return None if there is none."""
+        """Move the solution of the most similar pose to this pose; None if there is no solution."""
         solutions = self._solutions
         posed = pose_hand(self._scene, joints)
         if not solutions:

@@ -46,7 +46,7 @@ class Request:
     __repr__ = in_short
 
     def after(self, ahead: float) -> Joints:
-        """Extrapolate the joints by a time [s]; return them unchanged if the result is no hand."""
+        """Extrapolate the joints by a time [s]; keep them if the result is not a hand."""
         try:
             return joints_of(self.joints + ahead * self.velocities)
         except InvalidInput:

@@ -228,7 +228,7 @@ class BoundaryField(RadiatedField):
     def _in_cells(self, cells: Cells, located: Located, off: Mask, total: bool) -> Pressures:
         """Return the pressure [Pa] at many points; those ``off`` the surface are in cells.
 
-        If one of the points needs a solution, it is evaluated at all points.
+        A solution that one of the points needs is evaluated at all points.
         """
         out = self.nowhere(located.points)
         points = located.points[off]

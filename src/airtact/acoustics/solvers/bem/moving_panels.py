@@ -110,7 +110,7 @@ class MovingPanels:
         sources: Monopoles,
         tolerance: float,
     ) -> DirectSolution:
-        """Solve the direct equation for moved panels, which is also accurate on the body.
+        """Solve the direct equation for moved panels; it is also accurate on the body.
 
         The method needs all panels, and the sources must be away from the body. It takes the
         same parameters and raises the same errors as ``radiated``.

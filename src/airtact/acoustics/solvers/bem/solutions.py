@@ -138,8 +138,8 @@ class TransposedSolution:
     Attributes
     ----------
     density : strengths of the monopoles at the nodes [Pa·m].
-    factors : factor for each source: 1 off the surface, and 2 on it, where its image coincides
-        with it.
+    factors : factor for each source: 1 off the surface, and 2 on it, where a source coincides
+        with its image.
     """
 
     sources: Monopoles

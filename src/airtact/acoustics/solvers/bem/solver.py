@@ -159,7 +159,7 @@ class BoundaryElement(Solver):
         return 34.0 * (0.01 / self.accuracy) ** (2 / 3)
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
-        """Return the number of unknowns (nodes) that a solve would have, by meshing the bodies."""
+        """Mesh the bodies, and return the number of unknowns (nodes) that a solve would have."""
         return 6 * sum(map(len, covers(**self._covering(scene, sources.refined_positions))))
 
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField | BoardField:
@@ -404,7 +404,7 @@ class BoundaryElement(Solver):
         )
 
     def moving_panels(self, scene: Scene, refined: Points) -> "at.acoustics.MovingPanels":
-        """Cover one body with panels that the caller may move and solve, in single precision.
+        """Cover one body with panels for the caller to move and solve, in single precision.
 
         Parameters
         ----------

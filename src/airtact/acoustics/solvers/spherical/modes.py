@@ -179,7 +179,7 @@ class _Tail:
         source_radii: Float64[np.ndarray, "sources"],
         versine: Pairs,
     ) -> "_Tail":
-        """Use x = a²/(r r0) outside and r/r0 inside: waves of high order n approach scale·x^n."""
+        """Use x = a²/(r r0) outside and r/r0 inside, because high orders n approach scale·x^n."""
         scale = np.broadcast_to((modes.radius / source_radii)[None, :], versine.shape)
         if inside:
             ratio = radii[:, None] / source_radii

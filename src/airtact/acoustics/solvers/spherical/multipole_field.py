@@ -151,7 +151,7 @@ class MultipoleField(RadiatedField):
         )
 
     def _expanded(self, points: Vectors) -> Mask:
-        """Return which points are in front of planes and, like their images, off the spheres."""
+        """Return which points are before planes and, like their images, outside the spheres."""
         planes = self.scene.planes
         offsets = images_in(planes, points) - self.spheres.centre
         outside = np.einsum("pd,pd->p", offsets, offsets) >= self.spheres.radius**2

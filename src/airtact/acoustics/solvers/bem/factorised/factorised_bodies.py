@@ -179,8 +179,8 @@ class FactorisedField(RadiatedField):
     Attributes
     ----------
     densities : strengths of the skeletons' monopoles, which radiate the scattered field [Pa·m].
-    factors : factor for each source: 1 off the surface, and 2 on it, where its image coincides
-        with it.
+    factors : factor for each source: 1 off the surface, and 2 on it, where a source coincides
+        with its image.
     """
 
     placed: tuple[PlacedBody, ...]
