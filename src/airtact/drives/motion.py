@@ -253,7 +253,7 @@ def moving_foci(
             f"{clock / frames:.4g} Hz or less.",
             code="out_of_range",
         )
-    # Boards play a frame for a whole number of periods, so the rate is rounded here.
+    # Boards play a frame for a whole number of periods, so the rate is rounded accordingly.
     periods = round(clock / (turns * frames))
     return _sequence_through(transfer, target, indices, clock / periods, method)
 

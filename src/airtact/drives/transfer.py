@@ -132,8 +132,8 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     paper).
 
     If the scene contains the array's boards (``reflecting_boards``), b_f is the pressure on their
-    faces. It is halved, because an infinite face doubles the pressure and the sensitivity of an
-    element already includes the board behind it.
+    faces. This pressure is halved, because an infinite face doubles the pressure and the
+    sensitivity of an element already includes the board behind it.
 
     Parameters
     ----------

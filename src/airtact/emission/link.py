@@ -39,7 +39,7 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
 
 
 class Link(ABC):
-    """Connection to boards of one kind, which sends frames or plays a sequence.
+    """Connection that sends frames to boards of one kind, or makes them play a sequence.
 
     A link sends every frame unchanged. ``Emission`` adds the safety features: ramp, cap,
     watchdog, and silence at the end.

@@ -43,7 +43,7 @@ SILENCED = 3
 
 
 class Channel:
-    """One end of a connection for Python objects, which incomplete messages never block.
+    """One end of a connection that transfers Python objects; incomplete messages do not block it.
 
     Parameters
     ----------

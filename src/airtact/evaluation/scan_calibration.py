@@ -2,12 +2,13 @@
 
 The scans are of the empty array. The pressure at a point x is s Σ_e d_e (1 + ε_e) h_e(x), where d
 is the drive, h_e the field of element e per unit of sensitivity, s the common scale and ε_e the
-deviation of an element's gain. The positions of all scans are displaced by one rigid motion. Scale
-and motion are found by nonlinear least squares on the residual of the best ε, which is a linear
-least-squares problem (variable projection: G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 413,
-1973). A prior of spread τ holds the deviations near 0, so the gains of elements that the scans do
-not distinguish stay nominal. The noise and τ are estimated from the data by expectation
-maximisation (C. Bishop, Pattern Recognition and Machine Learning, 2006, section 9.3.4).
+deviation of an element's gain. The positions of all scans are displaced by one rigid motion.
+Scale and motion are found by nonlinear least squares. The residual is that of the best ε, which
+solves a linear least-squares problem (variable projection: G. Golub and V. Pereyra, SIAM J.
+Numer. Anal. 10, 413, 1973). A prior of spread τ holds the deviations near 0, so the gains of
+elements that the scans do not distinguish stay nominal. The noise and τ are estimated from the
+data by expectation maximisation (C. Bishop, Pattern Recognition and Machine Learning, 2006,
+section 9.3.4).
 """
 
 from collections.abc import Sequence

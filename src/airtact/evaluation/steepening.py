@@ -211,8 +211,8 @@ def _second_harmonic(cosine: np.ndarray, path: float) -> tuple[np.ndarray, np.nd
 
     Returns
     -------
-    The amplitude of the forced wave, times ρc²/2 [Pa], and the ratio of the free wave to it, which
-    is negative.
+    The amplitude of the forced wave, times ρc²/2 [Pa], and the negative ratio of the free wave
+    to the forced wave.
     """
     square = np.maximum(2.0 + 2.0 * cosine, 0.0)  # of |k₁ + k₂|/k
     gap = 4.0 - square
@@ -257,7 +257,8 @@ def _third_order(waves: _Waves) -> float:
 def _response(square: Float32[np.ndarray, "pairs waves"], path: float) -> np.ndarray:
     """Return the response of the fundamental to a force e^{iκx} along the path, given κ²/k².
 
-    It is (1 − e^{−iφ})/(κ² − 1) with φ = (κ − 1) times the path, in a form that avoids 0/0.
+    The response is (1 − e^{−iφ})/(κ² − 1) with φ = (κ − 1) times the path, in a form that
+    avoids 0/0.
     """
     wavenumber = np.sqrt(np.maximum(square, 0.0))
     half = np.float32(0.5 * path) * (wavenumber - np.float32(1.0)) + np.float32(1e-6)

@@ -16,8 +16,8 @@ from airtact.errors import InvalidInput
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the same folder, and rename the file afterward.
 
-    The file only appears once it is complete, even if several processes write it. If it cannot be
-    written, the error names the path.
+    The file appears only once it is complete, even if several processes write it, and replaces
+    an existing file. If it cannot be written, the error names the path.
     """
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:

@@ -490,7 +490,8 @@ class _Loop:
         self.maker.feel(self.world.objects, self.world.foci(now))
         self.acts = now + self.duration
         if self.output.lead and self.durations:
-            # Send drives ahead, so that 9 of 10 take effect at the time they were computed for.
+            # Send drives ahead, so that 9 out of 10 take effect at the time for which they were
+            # computed.
             self.acts = now + min(float(np.percentile(self.durations, 90)), self.output.lead)
         try:
             return self.maker.make(self.clock.time(self.acts), self.controls)

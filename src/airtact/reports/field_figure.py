@@ -48,7 +48,7 @@ def solid_depth(
 ) -> Float64[np.ndarray, "points"]:
     """Return the depth of points (P, 3) behind planes or in bodies without a field inside [m].
 
-    It is negative in the air.
+    The depth is negative in the air.
     """
     bodies = [body.surface for body in scene.obstacles if body.boundary != "filled"]
     depths = [body.depth(points) for body in bodies]

@@ -166,8 +166,8 @@ def motion_of(twist: Twist) -> Pose:
 def further_motion(twist: Twist) -> Float64[np.ndarray, "6 6"]:
     """Return the Jacobian from changes of a twist to further motions of bodies already moved.
 
-    It is (1 − exp(−ad))/ad, where ad is the commutator with the twist (K. M. Lynch, F. C. Park,
-    Modern Robotics, 2017, section 8.3).
+    The Jacobian is (1 − exp(−ad))/ad, where ad is the commutator with the twist
+    (K. M. Lynch, F. C. Park, Modern Robotics, 2017, section 8.3).
     """
     turn = _cross(twist[3:])
     commutator = np.block([[turn, _cross(twist[:3])], [np.zeros((3, 3)), turn]])

@@ -10,8 +10,8 @@ Numer. Anal. 10, 413, 1973), with exact derivatives.
 
 Board 0 is fixed, because a motion of the whole array changes nothing. Multiplying all ρ and
 dividing all τ by a common factor changes nothing either, so both are scaled to the same mean (with
-two boards, separately for each direction). The scale of the array follows from the positions of the
-elements on their boards, which are assumed to be exact.
+two boards, separately for each direction). The scale of the array follows from the positions of
+the elements on their boards; these positions are assumed to be exact.
 """
 
 from dataclasses import dataclass, replace

@@ -226,7 +226,7 @@ def _verification_accuracy(setup: Setup) -> float:
 
     enough = 1.8 * unknowns(setup.accuracy)
     if enough > MOST_UNKNOWNS:
-        # Use the finest of the steps by 1.2 that surely stays below the limit, but at least one.
+        # Divide by 1.2 as often as surely stays below the limit, but at least once.
         growth = MOST_UNKNOWNS / enough * 1.8
         steps = max(1, math.floor(1.5 * math.log(growth, 1.2)))
         return max(setup.accuracy / 1.2**steps, finest)

@@ -253,9 +253,10 @@ def _computed(
 def process_count(points: int, limit: int | None = None, memory: float = 0.0) -> int:
     """Return the number of processes to use if each requires ``memory`` [bytes].
 
-    This is ``limit``, or by default the number of processors, but not more than the number of
-    points or the number of processes that fit into 80 % of the available memory. Raise
-    ``InvalidInput`` if not even one process fits.
+    The number is ``limit``, or by default the number of processors, but not
+    more than the number of points or the number of processes that fit into 80 %
+    of the available memory. Raise ``InvalidInput`` if not even one process
+    fits.
     """
     free = available_memory()
     if memory > free:

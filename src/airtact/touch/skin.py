@@ -93,8 +93,8 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
         them.
     longest_edge : longest distance between neighbours [m]. With the default, a hand has about
         6,000 points, and several points of a fingertip are inside a ball that it enters by 2
-        mm. With 10 mm, which suits a live loop, a hand has 1,600 points, but as many at the
-        finger pads.
+        mm. With 10 mm, which suits a live loop, a hand has 1,600 points; their density at the
+        finger pads is the same.
 
     Returns
     -------

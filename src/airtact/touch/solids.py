@@ -243,7 +243,7 @@ class Button(Solid):
 
     @cached_property
     def _body(self) -> Cylinder:
-        # Below the travel, another 20 mm still count as contact if a finger is pressed through.
+        # If a finger is pressed through, up to 20 mm beyond the travel still counts as contact.
         below = (self.travel + 20e-3) * np.asarray(self.normal)
         return Cylinder(np.asarray(self.centre) - below, self.centre, self.radius)
 
@@ -262,9 +262,8 @@ class Button(Solid):
 class SurfaceSolid(Solid):
     """The inside of a closed surface; depths are exact for spheres and capsules.
 
-    For a mesh, an exact depth takes 10 µs per point. ``depth`` therefore interpolates
-    between the nodes of a grid whose spacing is 1/40 of the longest side, which takes
-    0.3 µs.
+    For a mesh, an exact depth takes 10 µs per point. ``depth`` therefore interpolates between
+    the nodes of a grid with a spacing of 1/40 of the longest side. This takes 0.3 µs per point.
 
     Attributes
     ----------

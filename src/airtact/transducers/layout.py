@@ -39,8 +39,8 @@ class PhasedArray:
     ----------
     positions : (E, 3) centres of the elements' faces [m].
     normals : (E, 3) directions in which the elements radiate, stored as unit vectors.
-    element : kind of transducer at every position. By default, a piston with a radius of 4.5 mm,
-        which only radiates forward; without normals, a monopole.
+    element : kind of transducer at every position. By default, a piston with a radius of 4.5 mm
+        that radiates only forward; without normals, a monopole.
     tangents : (E, 3) directions of the elements' x axes, which orient the points on
         their faces; stored as unit vectors. By default, any directions perpendicular to
         the normals.

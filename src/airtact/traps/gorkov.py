@@ -175,8 +175,9 @@ def stiffness(
     """Return the stiffness matrix of a trap at each point; see ``force`` for the arguments.
 
     The result (P, 3, 3) consists of the second derivatives of the potential, ∂²U/∂x_i∂x_j =
-    −∂F_i/∂x_j [N/m]. It is positive along an axis if the radiation force pushes the bead back. The
-    weight of the bead does not depend on its position, so it does not affect the stiffness.
+    −∂F_i/∂x_j [N/m]. The stiffness is positive along an axis if the radiation force pushes
+    the bead back. The weight of the bead does not depend on its position, so it does not
+    affect the stiffness.
     """
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return stiffness_of(derivatives(field, points, bead), bead, scene)

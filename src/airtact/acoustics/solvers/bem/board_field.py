@@ -2,8 +2,8 @@
 
 The pressure near elements in a face varies faster than panels resolve, so the direct solution fails
 there. The monopoles of the transposed solution on the boards radiate the reflections of the boards.
-Together with the elements they are the sources of a second, smaller solve around the other bodies,
-which is also accurate on and near the surfaces of these bodies.
+Together with the elements, these monopoles are the sources of a second, smaller solve around the
+other bodies. The second solve is also accurate on and near the surfaces of these bodies.
 """
 
 from dataclasses import dataclass, replace

@@ -171,7 +171,7 @@ class BoundaryField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Total pressure at the nodes by the direct solution, which must exist."""
+        """Total pressure at the nodes by the direct solution, which must have been computed."""
         nodes = self.surface.nodes
         pressure = self.direct.pressure[: len(nodes.points)]  # without the images
         return SurfaceField(nodes.points, nodes.normals, nodes.weights, pressure)

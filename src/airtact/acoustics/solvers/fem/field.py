@@ -135,7 +135,7 @@ class FiniteField(RadiatedField):
 
     Attributes
     ----------
-    from_afar : solution with the sources near the bodies as point loads, which is accurate away
+    from_afar : solution in which sources near the bodies are point loads; it is accurate away
         from the bodies.
     """
 

@@ -116,7 +116,7 @@ class ReducedBody:
     surface : the collocation points.
     reach : distance from all nodes beyond which the skeletons are valid [m].
     rows : nodes of the matrix's rows, where incident fields are evaluated.
-    columns : nodes of the matrix's columns, which radiate.
+    columns : nodes of the matrix's columns, from which the scattered field is radiated.
     solved : matrix from the right-hand side at all nodes to the transposed solution on ``rows``.
     scattering : scattering matrix: from the right-hand side at ``columns`` to the same solution.
     error : relative error of the scattering, compared with that of all nodes. It is measured at
