@@ -161,8 +161,9 @@ def in_mm(point: Real[np.ndarray, "3"]) -> str:
     >>> in_mm(np.array([0.001, -0.02, 0.3]))
     '(1.00, -20.00, 300.00) mm'
     """
+    # "z" writes a negative zero without its sign.
     x, y, z = 1e3 * np.asarray(point, dtype=np.float64)
-    return f"({x:.2f}, {y:.2f}, {z:.2f}) mm"
+    return f"({x:z.2f}, {y:z.2f}, {z:z.2f}) mm"
 
 
 def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Value:
@@ -343,9 +344,10 @@ def check_finite(array: np.ndarray, what: str) -> None:
     """Raise an error if an array contains NaN or infinity."""
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
-        values = counted(len(bad), "NaN or infinite value", "NaN or infinite values")
+        values = counted(len(bad), "value is", "values are")
         raise InvalidInput(
-            f"{what} contain {values}, the first at index {bad[0].tolist()}.", code="not_finite"
+            f"{values} NaN or infinite in {what}, the first at index {bad[0].tolist()}.",
+            code="not_finite",
         )
 
 

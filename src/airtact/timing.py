@@ -19,6 +19,19 @@ def no_progress(step: str) -> None:
     """Report nothing."""
 
 
+def duration(seconds: float) -> str:
+    """Write a duration [s] in the unit that suits it.
+
+    Examples
+    --------
+    >>> duration(6.7e-7), duration(0.0123), duration(65.0)
+    ('under 1 ms', '12 ms', '65.0 s')
+    """
+    if seconds < 1e-3:
+        return "under 1 ms"
+    return f"{1e3 * seconds:.0f} ms" if seconds < 1.0 else f"{seconds:.1f} s"
+
+
 class Clock:
     """Measure the wall time of each step, and report each step as it begins.
 

@@ -125,7 +125,7 @@ def test_a_boundary_takes_what_it_needs_and_no_more(ball, boundary, ratio, mediu
             lambda ball: Scene(
                 AIR, [sound_hard(ball), sound_hard(at.sphere(0.01, 5e-3, (0, 0, 50)))]
             ),
-            "out_of_range",
+            "not_in_metres",
         ),
         (lambda _: Scene(at.Medium(343.1, 1.293, absorption=1300), []), "out_of_range"),
     ],

@@ -23,7 +23,7 @@ def test_pressures_are_one_for_all_or_one_each_or_as_strong_as_possible():
         (np.zeros((0, 3)), "empty"),
         (np.array([[0.0, np.nan, 0.0]]), "not_finite"),
         ((POINTS[1], np.array([0.0, -0.6, 0.8])), "misplaced"),
-        (np.array([[0.0, 0.0, 1.0], [0.0, 5.5, 0.0]]), "out_of_range"),
+        (np.array([[0.0, 0.0, 1.0], [0.0, 5.5, 0.0]]), "not_in_metres"),
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")
@@ -80,7 +80,7 @@ def test_suppression_points_follow_the_foci_as_beacons_where_asked():
         ({"pressures": np.array([1j, np.inf])}, "not_finite"),
         ({"suppression_points": np.zeros((2, 2))}, "wrong_shape"),
         ({"suppression_points": np.array([[0.0, 0.0, np.nan]])}, "not_finite"),
-        ({"suppression_points": np.array([[0.0, 0.0, 3.0]])}, "out_of_range"),
+        ({"suppression_points": np.array([[0.0, 0.0, 3.0]])}, "not_in_metres"),
         (
             {"suppression_points": np.array([[0.0, 0.1, 0.0], [0.0, 2e-7, 0.01]])},
             "misplaced",

@@ -74,7 +74,7 @@ class Running:
         return self.process.returncode, "".join(self.lines) + rest + out
 
 
-def test_it_runs_at_once_with_what_comes_along(tmp_path, live):
+def test_it_runs_at_once_with_what_comes_along(tmp_path, live, capsys):
     code, found, said = live(*QUICK, *AUDIT, "--out", tmp_path, seconds=1.5)
     assert code == 0, said
     assert found["frames"] > 0
@@ -83,6 +83,8 @@ def test_it_runs_at_once_with_what_comes_along(tmp_path, live):
     assert np.abs(session.amplitudes).max() == pytest.approx(0.5, abs=0.04)
     assert not session.amplitudes[-1].any()
     assert session.text == at.example("live_pinch").read_text()
+    assert main(["why", "pinch", "--session", str(tmp_path / "session.h5")]) == 2
+    assert "[does_not_match]" in capsys.readouterr().err
 
 
 def reach_through(tracker, ended: Event) -> None:

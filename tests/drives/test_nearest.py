@@ -24,13 +24,13 @@ def move(one: at.Drive, other: at.Drive) -> float:
 def test_one_focus_meets_the_condition_of_the_optimum() -> None:
     transfer, target = transfer_to(POINTS[:1])
     drive = at.Drive(np.exp(2j * np.pi * np.random.default_rng(1).uniform(size=len(ARRAY))))
-    mended = at.drives.nearest_drive(transfer, target, drive)
+    corrected = at.drives.nearest_drive(transfer, target, drive)
     bound = np.abs(transfer.matrix).sum()
-    assert np.abs(transfer.pressure(mended)[0]) == pytest.approx(0.95 * bound, rel=1e-3)
+    assert np.abs(transfer.pressure(corrected)[0]) == pytest.approx(0.95 * bound, rel=1e-3)
     # Lagrange: the slope of the move is proportional to that of the pressure, element by element.
-    waves = transfer.matrix[0] * mended.amplitudes
+    waves = transfer.matrix[0] * corrected.amplitudes
     pull = np.imag(waves * np.conj(waves.sum()))
-    moved = mended.amplitudes * np.conj(drive.amplitudes)
+    moved = corrected.amplitudes * np.conj(drive.amplitudes)
     slope = np.imag(moved * np.conj(moved.mean()))
     assert abs(np.corrcoef(pull, slope)[0, 1]) > 0.999
 
@@ -41,11 +41,11 @@ def test_two_foci_get_their_share_with_smaller_moves_than_the_best_drive(blur: f
     best = at.best(transfer, target)
     phases = best.phases + np.random.default_rng(3).normal(0.0, blur, len(best))
     drive = at.Drive(best.magnitudes * np.exp(1j * phases))
-    mended = at.drives.nearest_drive(transfer, target, drive, share=0.9)
+    corrected = at.drives.nearest_drive(transfer, target, drive, share=0.9)
     bound = at.upper_bound(transfer, target).worst
-    assert np.abs(transfer.pressure(mended)).min() >= 0.89 * bound
-    np.testing.assert_allclose(mended.magnitudes, drive.magnitudes)
-    assert move(mended, drive) < move(best, drive)
+    assert np.abs(transfer.pressure(corrected)).min() >= 0.89 * bound
+    np.testing.assert_allclose(corrected.magnitudes, drive.magnitudes)
+    assert move(corrected, drive) < move(best, drive)
 
 
 def test_a_good_drive_stays() -> None:

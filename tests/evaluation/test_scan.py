@@ -73,7 +73,7 @@ def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
         ("x,y,z,pressure\n0,0,0,1\n0,0,1,nan\n0,1,0,1\n", "file_unreadable"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,1,2\n", "too_few"),
         ("x,y,z,pressure\n", "too_few"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,12,2\n0,0,1,2\n", "out_of_range"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,12,2\n0,0,1,2\n", "not_in_metres"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,0,2\n0,0,1,2\n0,0,0,2\n", "too_few"),
         ("x,y,z,pressure\n0,0,0,0\n0,0,1,0\n0,1,0,0\n", "all_zero"),
     ],

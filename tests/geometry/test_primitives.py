@@ -119,10 +119,10 @@ def test_projecting_goes_straight_to_the_surface(rng):
 @pytest.mark.parametrize(
     ("make", "code", "said"),
     [
-        (lambda: sphere(0.24e-3, 0.1e-3), "out_of_range", "0.48 mm"),
-        (lambda: sphere(8.0, 2.0), "too_many", "16 m"),
-        (lambda: capsule((0, 0, 0), (0, 0, 44), radius=8, edge=0.0025), "too_many", "60 m"),
-        (lambda: capsule((0, 0, 0), (0.0, 0.0, 1.99), 0.01, 0.02), "too_many", "2.01 m"),
+        (lambda: sphere(0.24e-3, 0.1e-3), "not_in_metres", "0.48 mm"),
+        (lambda: sphere(8.0, 2.0), "not_in_metres", "16 m"),
+        (lambda: capsule((0, 0, 0), (0, 0, 44), radius=8, edge=0.0025), "not_in_metres", "60 m"),
+        (lambda: capsule((0, 0, 0), (0.0, 0.0, 1.99), 0.01, 0.02), "not_in_metres", "2.01 m"),
         (lambda: sphere(0.0, 0.1e-3), "out_of_range", "0 m"),
         (lambda: sphere(-0.01, 0.1e-3), "out_of_range", "-0.01 m"),
         (lambda: sphere(math.nan, 0.1e-3), "out_of_range", "nan m"),

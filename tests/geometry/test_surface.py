@@ -146,9 +146,9 @@ TURNED[5] = TURNED[5, ::-1]
         (changed((4, 1), index=-1), "out_of_range", ["triangle 4 names -1,"]),
         (changed((6, 2), vertex=np.nan), "not_finite", ["1 NaN", "[6, 2]"]),
         (changed((6, 2), vertex=np.inf), "not_finite", ["[6, 2]"]),
-        ((BOX[0] * 1e3, BOX[1]), "too_many", ["40 m", "2 m"]),
-        ((BOX[0] * 50.01, BOX[1]), "too_many", ["2 m"]),
-        ((BOX[0] * 0.01, BOX[1]), "out_of_range", ["0.4 mm", "0.5 mm"]),
+        ((BOX[0] * 1e3, BOX[1]), "not_in_metres", ["40 m", "2 m"]),
+        ((BOX[0] * 50.01, BOX[1]), "not_in_metres", ["2 m"]),
+        ((BOX[0] * 0.01, BOX[1]), "not_in_metres", ["0.4 mm", "0.5 mm"]),
     ],
 )
 def test_faulty_meshes_are_rejected_with_their_number_and_place(mesh, code, values):

@@ -106,23 +106,31 @@ def test_when_all_raise_there_is_no_result(monkeypatch):
         at.compare(at.read_scene(BALL))
 
 
-def test_a_drive_of_another_program_is_judged_and_mended(compared):
+def test_a_drive_of_another_program_is_judged_and_corrected(compared):
     setup = compared[1].setup
     best = compared[1].best.drive
     blurred = np.random.default_rng(2).normal(0.0, 1.0, len(setup.array))
     theirs = at.Drive(np.exp(1j * (best.phases + blurred)))
     opposite = at.Drive(np.conj(best.amplitudes))
-    contest = at.compare(setup, drives={"theirs": theirs, "opposite": opposite, "good": best})
+    silent = at.Drive(best.amplitudes * (np.arange(len(best)) % 2))
+    drives = {"theirs": theirs, "opposite": opposite, "good": best, "silent": silent}
+    contest = at.compare(setup, drives=drives)
     by_name = {one.name: one for one in contest.contenders}
     assert list(by_name)[1:] == [
-        *("theirs", "theirs, mended", "opposite", "opposite, mended", "good", CONTROL)
+        *("theirs", "theirs, corrected", "opposite", "opposite, corrected", "good"),
+        *("silent", "silent, corrected", CONTROL),
     ]
     share = {name: contest.of_the_bound(one) for name, one in by_name.items()}
     assert share["theirs"] < 0.7
-    assert 0.93 < share["theirs, mended"] < 0.97
-    # The mended drive is nearer to the given one than the best drive is, but for a common phase.
-    mended = by_name["theirs, mended"].drive
-    near = [abs(np.mean(other.amplitudes * theirs.amplitudes.conj())) for other in (mended, best)]
+    assert 0.93 < share["theirs, corrected"] < 0.97
+    # Half of the elements are silent: no phases correct that.
+    assert share["silent"] < 0.6
+    assert share["silent, corrected"] > 0.93
+    # The corrected drive is nearer to the given one than the best drive is, but for a common phase.
+    corrected = by_name["theirs, corrected"].drive
+    near = [
+        abs(np.mean(other.amplitudes * theirs.amplitudes.conj())) for other in (corrected, best)
+    ]
     assert near[0] > near[1] + 0.1
     assert [text for text in contest.warnings if "opposite" in text]
     with raises_code("sizes_differ"):

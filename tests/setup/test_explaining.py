@@ -27,19 +27,23 @@ def beside_a_ball():
 
 def test_the_changes_add_up_to_the_verified_pressure(beside_a_ball, tmp_path) -> None:
     result, found, by_name = beside_a_ball
-    np.testing.assert_allclose(found.changes.sum(axis=0), found.causes[-1].pressures)
+    first = found.causes[0].pressures
+    assert np.isnan(found.changes[0]).all()
+    np.testing.assert_allclose(first + found.changes[1:].sum(axis=0), found.causes[-1].pressures)
     np.testing.assert_allclose(by_name["rounding to levels"], result.pressures, rtol=0.02)
     # Open air from the distances alone, all elements in phase
     setup = result.setup
     away = np.linalg.norm(setup.array.positions - setup.target.points[0], axis=1)
     directivity = np.abs(at.open_air_matrix(setup.scene, setup.array, setup.target).matrix[0])
-    assert by_name["one focus in open air"][0] == pytest.approx(directivity.sum())
+    assert by_name["distance and direction"][0] == pytest.approx(directivity.sum())
     assert directivity.sum() <= (setup.array.element.sensitivity / away).sum()
-    assert "shadow and reflection by the bodies" in by_name
+    assert f"shadow and reflection by the {setup.bodies[0]}" in by_name
     found.save(tmp_path / "why.csv")
     rows = list(csv.DictReader((tmp_path / "why.csv").read_text().splitlines()))
     assert len(rows) == len(found.causes) * len(found.foci)
-    total = sum(float(row["change_Pa"]) for row in rows if row["focus"] == found.foci[0])
+    changes = [row["change_Pa"] for row in rows if row["focus"] == found.foci[0]]
+    assert changes[0] == ""  # the first row has nothing to change from
+    total = first[0] + sum(map(float, changes[1:]))
     assert total == pytest.approx(found.causes[-1].pressures[0], rel=1e-4)
 
 
@@ -58,7 +62,8 @@ def test_each_setting_is_a_cause_of_its_own() -> None:
     )
     _, found, by_name = explained(setup, kept=0.7)
     assert [cause.name for cause in found.causes] == [
-        "one focus in open air",
+        "strongest place in open air",
+        "distance and direction",
         "gains and dead elements",
         "sharing with 1 other focus",
         "the method weighted gerchberg saxton",
@@ -68,7 +73,7 @@ def test_each_setting_is_a_cause_of_its_own() -> None:
         "modulation, root mean square over time",
         "error and age of the tracked pose",
     ]
-    alone = by_name["one focus in open air"]
+    alone = by_name["distance and direction"]
     np.testing.assert_allclose(by_name["gains and dead elements"], 189 / 249 * alone, rtol=0.1)
     last = found.causes[-3].pressures
     # A cosine of the force has half of its maximum on average.
@@ -77,9 +82,21 @@ def test_each_setting_is_a_cause_of_its_own() -> None:
 
 
 def test_the_advice_names_the_largest_removable_loss() -> None:
-    setup = at.Setup(AIR, BOARD, at.Target(POINTS))
+    setup = at.Setup(AIR, BOARD, at.Target(POINTS - [0.0, 0.0, 0.08]))
     assert "sharing" in explained(setup)[1].advice
-    # One weak focus at full scale loses nothing that could be removed.
-    far = at.Target((0.0, 0.0, 0.5))
+    far = at.Target((0.0, 0.0, 0.6))
     alone = explained(replace(setup, target=far, foci=(), riding=()))[1]
-    assert "No single change" in alone.advice
+    assert "due to distance" in alone.advice
+    # A limit for safety is no fault, however much it takes.
+    board = replace(setup, target=at.Target(POINTS[:1]), foci=(), riding=(), board="autd3")
+    found = explained(board)[1]
+    limited = [cause for cause in found.causes if "head" in cause.name]
+    assert [cause.remedy for cause in limited] == [""]
+    assert "head" not in found.advice
+
+
+def test_a_focus_that_runs_through_the_points_shares_with_no_other() -> None:
+    turns = at.drives.Motion("stm", "points", frequency=50.0)
+    result, _, by_name = explained(at.Setup(AIR, BOARD, at.Target(POINTS), modulation=turns))
+    assert not [name for name in by_name if "sharing" in name]
+    np.testing.assert_allclose(by_name["rounding to levels"], result.pressures, rtol=0.01)

@@ -245,6 +245,8 @@ def test_impossible_requests_are_rejected(beside_ball, two_boards) -> None:
         ({"distance": (0.2, 0.1)}, "out_of_range"),
         ({"distance": (-0.2, 0.1)}, "out_of_range"),
         ({"board": "autd4"}, "unknown_name"),
+        ({"distance": (150.0, 250.0)}, "out_of_range"),
+        ({"objective": "lowest_tenth"}, "data_missing"),
         ({"hands": []}, "empty"),
         ({"seed": -1}, "out_of_range"),
         ({"boards": 3, "symmetric": "x"}, "options_clash"),

@@ -312,3 +312,29 @@ def test_one_focus_takes_three_lines():
     np.testing.assert_allclose(np.abs(rows.pressure(result.drive)), 1000.0, rtol=1e-6)
     ball = at.sphere(5e-3, 2e-3, centre=(0.09, 0.07, 0.16))
     assert at.focus(board, np.array([[0.09, 0.07, 0.1545]]), ball).headline.startswith("Object")
+
+
+def test_a_focus_that_runs_through_points_is_judged_by_its_frames():
+    points = np.array([[0.06, 0.07, 0.15], [0.09, 0.07, 0.15], [0.12, 0.07, 0.15]])
+    scene = at.Scene(
+        at.air(), [at.sound_hard(at.sphere(5e-3, 2e-3).moved(at.Pose.shift((0.09, 0.07, 0.16))))]
+    )
+    turns = at.drives.Motion("stm", "points", frequency=50.0)
+    board = at.autd3_board()
+    result = at.render(at.Setup(scene, board, at.Target(points), modulation=turns, accuracy=0.05))
+    frames = [result.sequence.sequence.drive(2 * focus) for focus in range(3)]
+    solver = at.BoundaryElement(accuracy=0.02)
+    true = [
+        at.evaluate(scene, board, frame, at.Target(point), solver=solver).magnitudes[0]
+        for frame, point in zip(frames, points, strict=True)
+    ]
+    np.testing.assert_allclose(result.pressures, true, rtol=0.03)
+    assert f"{1e-3 * result.pressures.min():.2f} kPa" in result.headline
+    # All foci at once are far weaker.
+    assert result.verification.weakest("equal peak")[0] < 0.7 * result.pressures.min()
+    # In phase, no drive of one focus is stronger; the control ignores the ball.
+    np.testing.assert_allclose(
+        result.felt.pressures["equal peak"][0], np.abs(result.transfer.matrix).sum(axis=1)
+    )
+    assert (result.control_pressures <= result.pressures * 1.001).all()
+    np.testing.assert_allclose(result.evaluation.magnitudes, result.pressures)

@@ -206,7 +206,7 @@ class Scene:
                 raise InvalidInput(
                     f"body {index} is {distance:.4g} m from the origin, more than 10 m: is it "
                     "in millimetres? Use metres.",
-                    code="out_of_range",
+                    code="not_in_metres",
                 )
         decay = self.medium.absorption * self.wavelength
         if decay > 1.0:

@@ -249,5 +249,5 @@ def _check_near_origin(points: Float64[np.ndarray, "points 3"], name: str) -> No
             f"{name} {worst} at {in_mm(points[worst])} is {distance[worst]:.4g} m from the origin "
             "of the obstacles' frame, more than 2 m: is this in millimetres? Use metres.",
             points[worst],
-            code="out_of_range",
+            code="not_in_metres",
         )

@@ -177,7 +177,7 @@ def _from_scans(
         ),
         (
             "shift of the scan",
-            f"({1e3 * shift[0]:.2f}, {1e3 * shift[1]:.2f}, {1e3 * shift[2]:.2f}) mm, standard "
+            f"({1e3 * shift[0]:z.2f}, {1e3 * shift[1]:z.2f}, {1e3 * shift[2]:z.2f}) mm, standard "
             f"deviation {1e3 * shift_doubt:.2g} mm",
         ),
         ("gains determined", gains),
@@ -212,7 +212,7 @@ def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[
         facts.append(
             (
                 f"misalignment of board {board}",
-                f"({x:.3f}, {y:.3f}, {z:.3f}) mm, rotated by {angle:.3f}°",
+                f"({x:z.3f}, {y:z.3f}, {z:z.3f}) mm, rotated by {angle:.3f}°",
             )
         )
     gains = np.abs(calibrated.emission[calibrated.emission != 0.0])

@@ -215,7 +215,7 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
     for index, (name, point) in enumerate(zip(setup.foci, setup.target.points, strict=True)):
         foci.add_row(
             escape(name),
-            *(f"{1e3 * number:.2f} mm" for number in point),
+            *(f"{1e3 * number:z.2f} mm" for number in point),
             f"{1e3 * distances[index]:.3g} mm" if setup.bodies else "–",
             "strongest" if requested is None else f"{requested[index]:g} Pa",
         )

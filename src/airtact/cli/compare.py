@@ -98,6 +98,8 @@ def _record(result: "MethodComparison") -> dict[str, Any]:
 
 
 def _table(result: "MethodComparison") -> "Table":
+    from airtact.timing import duration
+
     uncertain = result.contenders[0].kept is not None
     suppressed = len(result.setup.target.suppression_points) > 0
     columns = ["method", "weakest focus", "of the bound", "mean", "time"]
@@ -110,19 +112,20 @@ def _table(result: "MethodComparison") -> "Table":
     table.title = "Pressure at the foci, and share of the upper bound at full scale"
     equal = len(result.equally_good)
     if equal > 1:
-        table.caption = f"The first {equal} are equal within {result.tolerance:.1%}."
+        table.caption = (
+            f"The first {equal} reach the same share of the bound, within {result.tolerance:.1%}."
+        )
     for contender in result.ranked:
-        seconds = contender.seconds
         row = [
             result.label(contender),
             f"{contender.pressures.min():,.0f} Pa",
             f"{result.of_the_bound(contender):.0%}",
             f"{contender.pressures.mean():,.0f} Pa",
-            f"{1e3 * seconds:,.3g} ms" if seconds < 1.0 else f"{seconds:.1f} s",
+            duration(contender.seconds),
         ]
         if uncertain:
             row.insert(2, f"{contender.kept:,.0f} Pa")
         if suppressed:
-            row.append(f"{contender.suppression_level:+.1f} dB")
+            row.append(f"{contender.suppression_level:+z.1f} dB")
         table.add_row(*row)
     return table

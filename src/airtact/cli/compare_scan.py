@@ -65,7 +65,7 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
                 measured, lambda points: face.read(field, points)[:, 0]
             )
             if left < 0.5 * overlay.error:
-                millimetres = " ".join(f"{1e3 * part:+.2g}" for part in shift)
+                millimetres = " ".join(f"{1e3 * part:+z.2g}" for part in shift)
                 shifted.append(
                     f"the relative error is {left:.1%} if the scan's positions are shifted by "
                     f"{millimetres} mm along x, y and z: check its origin."

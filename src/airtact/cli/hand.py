@@ -236,7 +236,7 @@ def _facts(
     ]
     for name, point in places.items():
         depth = float(shape.depth(point[None])[0])
-        words = f"({', '.join(f'{1e3 * number:.1f}' for number in point)}) mm"
+        words = f"({', '.join(f'{1e3 * number:z.1f}' for number in point)}) mm"
         # Pads that touch lie inside the merged body, where no focus is possible.
         if depth > 1e-6:
             words += f", {1e3 * depth:.1f} mm inside the body"

@@ -139,7 +139,7 @@ def _checked_edge(edge: float, surface: "Surface") -> float:
         raise at.InvalidInput(
             f"edge is {edge:g} m, but the surface spans {1e3 * surface.extent:.3g} mm: is it in "
             "millimetres? Use metres.",
-            code="does_not_match",
+            code="not_in_metres",
         )
     count = surface.area / (math.sqrt(3) / 4 * edge**2)
     # More panels would take minutes to compute, and solvers cannot use even a tenth of them.

@@ -209,5 +209,5 @@ def _moves_table(result: "Placement") -> "Table":
     table = plain_table("board", "1 cm in x", "y", "z", "5° about x", "y", "z")
     table.title = "Change of layout 1 if one board is moved along or about its own axes"
     for index, changes in enumerate(result.moves):
-        table.add_row(str(index), *(f"{100 * change:+.1f} %" for change in changes))
+        table.add_row(str(index), *(f"{100 * change:+z.1f} %" for change in changes))
     return table

@@ -86,6 +86,6 @@ def _table(result: "ReachMap") -> "Table":
             str(result.places.count(name)),
             f"{1e-3 * result.bounds[weakest]:.2f} kPa",
             f"{1e-3 * result.bounds[strongest]:.2f} kPa",
-            *(f"{1e3 * number:.1f} mm" for number in result.points[strongest]),
+            *(f"{1e3 * number:z.1f} mm" for number in result.points[strongest]),
         )
     return table

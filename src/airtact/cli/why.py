@@ -41,12 +41,21 @@ def why(
         import airtact as at
 
         setup = at.read_scene(scene)
+        setup.check_no_traps("why")
         kept = None
         if session is not None:
             from airtact.live.session import read_session
-            from airtact.live.verification import verify_session
+            from airtact.live.verification import differing_tables, verify_session
 
-            verified = verify_session(read_session(session), report_step=report_step)
+            recorded = read_session(session)
+            different = differing_tables(recorded, setup)
+            if different:
+                raise at.InvalidInput(
+                    f"{session} was recorded for another scene: {', '.join(different)} differ from "
+                    f"{scene.name}. Use the scene of the session.",
+                    code="does_not_match",
+                )
+            verified = verify_session(recorded, report_step=report_step)
             kept = float(sorted(verified.kept)[len(verified.kept) // 2])
         explained = at.setup.why(at.render(setup, store=store, progress=report_step), kept)
         if file is not None:
@@ -75,10 +84,7 @@ def _table(explained: "Explanation") -> "Table":
     for index, cause in enumerate(explained.causes):
         cells = []
         for focus, pressure in enumerate(cause.pressures):
-            change = ""
-            if index:
-                before = explained.causes[index - 1].pressures[focus]
-                change = f"  {pressure / before - 1.0:+.0%}"
-            cells.append(f"{pressure:,.0f} Pa{change}")
+            change = explained.change_in_words(index, focus)
+            cells.append(f"{pressure:,.0f} Pa  {change}".rstrip())
         table.add_row(cause.name, *cells)
     return table

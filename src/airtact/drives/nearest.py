@@ -46,8 +46,9 @@ def nearest_drive(
     --------
     >>> import airtact as at
     >>> transfer = at.TransferMatrix(np.exp(1j * np.arange(30.0))[None], 1.0)
-    >>> mended = nearest_drive(transfer, at.Target((0.0, 0.0, 0.1)), at.Drive(np.ones(30, complex)))
-    >>> round(float(np.abs(transfer.pressure(mended)[0])), 1)
+    >>> target = at.Target((0.0, 0.0, 0.1))
+    >>> corrected = nearest_drive(transfer, target, at.Drive(np.ones(30, complex)))
+    >>> round(float(np.abs(transfer.pressure(corrected)[0])), 1)
     28.5
     """
     between(share, 0.0, 1.0, "the share", "of the bound", "95 per cent is 0.95.")

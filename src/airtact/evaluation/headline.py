@@ -105,7 +105,7 @@ def _per_cent(share: float) -> str:
 
 
 def _signed(share: float) -> str:
-    return f"{100 * share:+.0f} %".replace("-", "\u2212")
+    return f"{100 * share:+z.0f} %".replace("-", "\u2212")
 
 
 def _amount(weakest: float, target: Target) -> str:

@@ -72,7 +72,7 @@ class Scan:
                 f"position {worst} of the scan is {away[worst]:.4g} m from the origin. Is it in "
                 "millimetres? Use metres.",
                 points[worst],
-                code="out_of_range",
+                code="not_in_metres",
             )
         if not pressures.any():
             raise InvalidInput(

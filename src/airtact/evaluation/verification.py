@@ -84,7 +84,7 @@ class Verification:
 
     def __repr__(self) -> str:
         weakest = f"weakest focus {self.evaluation.magnitudes.min():.0f} Pa"
-        return one_line(self, weakest, f"{self.contrast:+.1f} dB above the side lobe")
+        return one_line(self, weakest, f"{self.contrast:+z.1f} dB above the side lobe")
 
     @property
     def attained(self) -> Float64[np.ndarray, "foci"]:
@@ -123,11 +123,12 @@ class Verification:
             f"rounding to {amplitudes} amplitude levels and {phases} phase levels changes the "
             f"pressure at a focus by at most {self.quantisation_loss:.2%}",
             f"strongest side lobe {self.side_lobe.pressure:.1f} Pa at "
-            f"{in_mm(self.side_lobe.point)}: the weakest focus is {self.contrast:+.1f} dB above it",
+            f"{in_mm(self.side_lobe.point)}: the weakest focus is {self.contrast:+z.1f} dB "
+            "above it",
         ]
         if len(self.suppression_points):
             count = len(self.suppression_points)
-            level = f"{self.suppression_level:+.1f} dB"
+            level = f"{self.suppression_level:+z.1f} dB"
             lines.append(f"mean p² at {count} suppression points relative to the foci: {level}")
         forces = self.forces[np.isfinite(self.forces)]
         if len(forces):

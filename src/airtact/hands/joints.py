@@ -237,7 +237,7 @@ def checked_side(
     bent_as: Side = "right" if evidence > 0.0 else "left"
     if known is None and abs(evidence) < min_evidence:
         raise InvalidInput(
-            f"the {word} do not distinguish a left from a right hand (evidence {evidence:+.2f}, "
+            f"the {word} do not distinguish a left from a right hand (evidence {evidence:+z.2f}, "
             f"but a magnitude of {min_evidence:g} is needed): the fingers are too "
             "straight; set side.",
             code="side_unclear",
@@ -245,7 +245,7 @@ def checked_side(
     if known not in (None, bent_as) and abs(evidence) >= min_evidence:
         raise InvalidInput(
             f"the {word} are labelled as a {known} hand, but fingers and thumb bend like those "
-            f"of a {bent_as} hand ({evidence:+.2f}; positive is right): are they mirrored?",
+            f"of a {bent_as} hand ({evidence:+z.2f}; positive is right): are they mirrored?",
             code="wrong_side",
         )
     return known or bent_as

@@ -247,9 +247,9 @@ def _values(pose: Pose) -> dict[str, str]:
     angle = float(np.linalg.norm(turn))
     axis = turn / angle if angle > 0.0 else np.array([1.0, 0.0, 0.0])
     return {
-        "axis": "[" + ", ".join(f"{number:.6f}" for number in axis) + "]",
-        "degrees": f"{np.degrees(angle):.4f}",
-        "translation": "[" + ", ".join(f"{number:.5f}" for number in pose.translation) + "]",
+        "axis": "[" + ", ".join(f"{number:z.6f}" for number in axis) + "]",
+        "degrees": f"{np.degrees(angle):z.4f}",
+        "translation": "[" + ", ".join(f"{number:z.5f}" for number in pose.translation) + "]",
     }
 
 

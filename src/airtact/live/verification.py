@@ -17,6 +17,8 @@ from airtact.hands.hand import Hand, Side
 from airtact.hands.joints import radii_of
 from airtact.live.scene import SIDES, Foci, Joints, foci_on
 from airtact.live.session import Session
+from airtact.setup.parsing import parse_scene
+from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
 
 
@@ -114,6 +116,22 @@ def verify_session(
     for row, values in zip(padded, pressures, strict=True):
         row[: len(values)] = values
     return VerifiedSession(tuple(indices), fixed(padded), fixed(np.array(kept)))
+
+
+def differing_tables(session: Session, setup: Setup) -> list[str]:
+    """Return the parts of a scene that differ between a session and a setup.
+
+    The computation of the drive does not count, because a session is evaluated with its own drives.
+    """
+    if session.text and setup.text:
+        recorded = parse_scene(session.text)
+        scene = parse_scene(setup.text)
+        names = ("frequency", "medium", "array", "planes", "obstacles", "objects", "foci")
+        return [name for name in names if getattr(recorded, name) != getattr(scene, name)]
+    positions = session.scene.array.positions
+    other = setup.array.positions
+    same = positions.shape == other.shape and np.allclose(positions, other, atol=1e-6)
+    return [] if same else ["array"]
 
 
 def _touched(

@@ -258,8 +258,8 @@ def _title(face: Face, positions: Real[np.ndarray, "elements 3"]) -> str:
     for name, axis in AXES.items():
         if abs(face.normal @ axis) > 1 - 1e-6:
             sign = "+" if face.normal @ axis > 0 else "−"
-            return f"at {name} = {middle @ axis:.0f} mm, facing {sign}{name}".replace("-", "−")
-    return "facing ({:.2f}, {:.2f}, {:.2f})".format(*face.normal).replace("-", "−")
+            return f"at {name} = {middle @ axis:z.0f} mm, facing {sign}{name}".replace("-", "−")
+    return "facing ({:z.2f}, {:z.2f}, {:z.2f})".format(*face.normal).replace("-", "−")
 
 
 def draw_scene(

@@ -14,7 +14,7 @@ from airtact.reports.page import picture, write_page
 from airtact.reports.plots import draw_bars
 from airtact.reports.viewer import scene_view, viewer_values
 from airtact.setup.comparing import MethodComparison
-from airtact.timing import Clock, Progress
+from airtact.timing import Clock, Progress, duration
 
 
 def write_methods_page(
@@ -51,7 +51,7 @@ def write_methods_page(
             (best.name, _standing(contest)),
             (_digits(contest.worst(best)), f"{unit} at the weakest focus"),
             (f"{contest.of_the_bound(best):.0%}", "of the upper bound, at full scale"),
-            (f"{1e3 * best.seconds:.3g} ms", "to compute this drive"),
+            (duration(best.seconds), "to compute this drive"),
         ],
         warnings=contest.warnings,
         not_modelled=not_modelled(contest.report),
@@ -70,7 +70,10 @@ def _standing(contest: MethodComparison) -> str:
     equal = _equal_to_best(contest)
     if not equal:
         return "produces the highest pressure at the weakest focus"
-    return f"and {equal} are the best methods and equal to within {contest.tolerance:.1%}"
+    return (
+        f"and {equal} reach the highest share of the upper bound, equal to within "
+        f"{contest.tolerance:.1%}"
+    )
 
 
 def _equal_to_best(contest: MethodComparison) -> str:
@@ -96,10 +99,10 @@ def _tables(contest: MethodComparison, unit: str) -> dict[str, Any]:
             f"{contender.pressures.min() / contender.pressures.max():.2f}",
             f"{contender.energy:.2f}",
             f"{np.abs(rounded / exact - 1).max():.2%}",
-            f"{1e3 * contender.seconds:.3g}",
+            f"{1e3 * contender.seconds:.1f}",
         ]
         if len(contender.suppression_points):
-            row.append(f"{contender.suppression_level:+.1f}")
+            row.append(f"{contender.suppression_level:+z.1f}")
         if contender.kept is not None:
             row.append(f"{contender.kept:,.0f}")
         rows.append(row)

@@ -268,11 +268,19 @@ def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
 
         ax = space_axes(pyplot.figure(layout="constrained"), view_of_reach(result))
     kilopascals = 1e-3 * result.on_skin[result.triangles].mean(axis=1)
-    scale = ScalarMappable(Normalize(0.0, 1e-3 * result.bounds.max()), colormaps[COLOURS])
+    ends = (1e-3 * lowest_colour(result), 1e-3 * result.bounds.max())
+    scale = ScalarMappable(Normalize(*ends), colormaps[COLOURS])
     add_solid(ax, 1e3 * result.vertices[result.triangles], scale.to_rgba(kilopascals))
     frame(ax, 1e3 * result.vertices)
     ax.figure.colorbar(scale, ax=ax, label="largest peak pressure [kPa]", shrink=0.6)
     return ax
+
+
+def lowest_colour(result: ReachMap) -> float:
+    """Return the pressure at which the colours of a reach map begin [Pa]."""
+    # A scale from 0 would leave its lower part unused; equal values leave no other choice.
+    lowest = float(result.bounds.min())
+    return lowest if lowest < 0.99 * result.bounds.max() else 0.0
 
 
 def view_of_reach(result: ReachMap) -> View:

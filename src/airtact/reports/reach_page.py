@@ -1,6 +1,5 @@
-"""The page of a reach map: the skin in 3-D, the extremes of each part, and the table as CSV."""
+"""The page of a reach map: the skin in 3-D, and the extremes of each part."""
 
-import base64
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,9 @@ from matplotlib.figure import Figure
 from airtact.errors import counted
 from airtact.evaluation.metrics import not_modelled
 from airtact.reports import plot
-from airtact.reports.array_figures import spacing, unfold
 from airtact.reports.page import picture, write_page
 from airtact.reports.solids import broad_view, sheet_of, space_axes, towards_viewer
-from airtact.reports.viewer import colour_scales, embedded, framed, joined
+from airtact.reports.viewer import embedded, framed, stage_facts
 from airtact.setup.reaching import ReachMap
 
 
@@ -25,8 +23,8 @@ def write_reach_page(path: Path, result: ReachMap) -> None:
     for name, *ends in result.extremes:
         row = [name]
         for point in ends:
-            place = ", ".join(f"{round(1e3 * number)}" for number in result.points[point])
-            row += [f"{kilopascals[point]:.2f}", place.replace("-", "−")]
+            row.append(f"{kilopascals[point]:.2f}")
+            row += [f"{round(1e3 * number)}".replace("-", "−") for number in result.points[point]]
         rows.append(row)
     facts, numbers = _facts(result)
     write_page(
@@ -42,7 +40,6 @@ def write_reach_page(path: Path, result: ReachMap) -> None:
             (f"{kilopascals.min():.3g} kPa", "at the weakest point of the skin"),
         ],
         rows=rows,
-        table=base64.b64encode(result.csv.encode()).decode("ascii"),
         still=_still(result),
         report=result.report,
         not_modelled=not_modelled(result.report),
@@ -66,58 +63,34 @@ def _still(result: ReachMap) -> Any:
 
 def _facts(result: ReachMap) -> tuple[dict[str, Any], bytes]:
     setup = result.setup
-    array = setup.array
-    everything = np.concatenate([array.positions, result.vertices])
+    everything = np.concatenate([setup.array.positions, result.vertices])
     sheets = [sheet_of(plane, everything) for plane in setup.scene.planes]
     seen = towards_viewer(*plot.view_of_reach(result))
     aside = towards_viewer(*broad_view(everything))
-    places, data = joined(
+    skin = framed(result.vertices, seen)
+    facts, data = stage_facts(
+        setup,
+        float(result.bounds.max()),
         {
-            "positions": (1e3 * array.positions).astype(np.float32),
-            "normals": np.asarray(array.normals, dtype=np.float32),
             "vertices": (1e3 * result.vertices).astype(np.float32),
             "triangles": result.triangles.astype(np.uint32),
             "bounds": result.on_skin.astype(np.float32),
-        }
+        },
+        sheets,
+        {
+            "first": skin,
+            "foci": skin,
+            "back": framed(result.vertices, -seen),
+            "array": framed(np.concatenate([everything, *sheets]), aside),
+        },
     )
-    views = {
-        "first": framed(result.vertices, seen),
-        "back": framed(result.vertices, -seen),
-        "array": framed(np.concatenate([everything, *sheets]), aside),
-    }
-    views["foci"] = views["first"]
-    facts = {
-        "title": f"{setup.title} reach",
-        "most": float(result.bounds.max()),
-        "arrays": places,
-        "colours": colour_scales(),
-        "radius": 0.45e3
-        * min(
-            spacing(array.positions[face.elements])
-            for face in unfold(array.positions, array.normals)
-        ),
-        "foci": [
-            {"name": name, "position": (1e3 * point).tolist()}
-            for name, point in zip(setup.foci, setup.target.points, strict=True)
-        ],
+    facts |= {
+        "least": plot.lowest_colour(result),
         "paths": [],
-        "sheets": [(1e3 * sheet).tolist() for sheet in sheets],
-        "parts": list(dict.fromkeys(result.places)),
         "points": [
-            {
-                "position": (1e3 * point).round(2).tolist(),
-                "place": place,
-            }
+            {"position": (1e3 * point).round(2).tolist(), "place": place}
             for point, place in zip(result.points, result.places, strict=True)
         ],
-        "views": {
-            name: {
-                "middle": (1e3 * middle).tolist(),
-                "reach": 1e3 * reach,
-                "seen": [float(np.arctan2(way[1], way[0])), float(np.arcsin(way[2]))],
-            }
-            for name, (middle, reach, way) in views.items()
-        },
         # Transducers that face away would hide the skin.
         "backs": False,
     }

@@ -221,7 +221,7 @@ def _fields(run: Rendering, cut: Cut, view: SceneView, error: float) -> list[Mar
     difference = picture(
         draw_difference(cut, (names[0], names[1]), peak, points, run.setup.foci),
         f"Red: higher with {names[0]}. Grey: below {FAINT:.0%} of the largest pressure in both.",
-        f"Map of the difference in dB: {change.min():+.1f} to {change.max():+.1f} dB at the foci",
+        f"Map of the difference in dB: {change.min():+z.1f} to {change.max():+z.1f} dB at the foci",
     )
     return [*panels, difference]
 
@@ -233,8 +233,8 @@ def _foci(run: Rendering) -> dict[str, Any]:
     header = ["focus", "x [mm]", "y [mm]", "z [mm]", "distance from the surface [mm]", "p [Pa]"]
     columns = [
         run.setup.foci,
-        *([f"{value:.2f}" for value in axis] for axis in 1e3 * points.T),
-        [f"{-1e3 * depth:.2f}" if scene.obstacles else "–" for depth in scene.depth(points)],
+        *([f"{value:z.2f}" for value in axis] for axis in 1e3 * points.T),
+        [f"{-1e3 * depth:z.2f}" if scene.obstacles else "–" for depth in scene.depth(points)],
         [_pascal(pressure) for pressure in run.pressures],
     ]
     if asked is not None:
@@ -245,7 +245,7 @@ def _foci(run: Rendering) -> dict[str, Any]:
     trap_rows = [
         [
             f"trap {index}",
-            *(f"{value:.2f}" for value in np.round(1e3 * verdict.point, 2) + 0.0),
+            *(f"{value:z.2f}" for value in 1e3 * verdict.point),
             *(f"{value:.3g}" for value in verdict.stiffness.diagonal()),
             f"{verdict.holds:.1f}",
             "yes" if verdict.is_trap else "no",
@@ -257,16 +257,27 @@ def _foci(run: Rendering) -> dict[str, Any]:
         "trap_pictures": [trap_pictures(run, index) for index in range(min(len(run.traps), 6))],
         "focus_header": header,
         "focus_rows": list(zip(*columns, strict=True)),
-        "amplitude": f"{run.drive.peak:.2f}",
+        "emitted": _emitted(run),
         "comparison_header": ["focus", *(f"{name} [Pa]" for name in run.drives), "ratio"],
         "comparisons": _comparisons(run) if run.setup.bodies else {},
     }
 
 
+def _emitted(run: Rendering) -> str:
+    """Return what produces the pressures in the table of foci, and its largest amplitude."""
+    if not run.setup.in_turn or run.sequence is None:
+        return f"this drive. The largest amplitude is {run.drive.peak:.2f} of full scale"
+    peak = float(np.abs(run.sequence.drives).max())
+    return (
+        "the sequence while the moving focus is there, from the matrix that the verification of "
+        f"all foci at once confirms. The largest amplitude is {peak:.2f} of full scale"
+    )
+
+
 def _comparisons(run: Rendering) -> dict[str, list[tuple[str, ...]]]:
     """Return rows with the pressures of both drives by caption; one table if all are equal."""
     tables = {}
-    for held_equal, pressures in run.verification.pressures.items():
+    for held_equal, pressures in run.felt.pressures.items():
         rows = []
         for name, (first, second) in zip(run.setup.foci, pressures.T, strict=True):
             ratio = f"{first / second:.3f}" if second > 0.0 else "–"

@@ -95,7 +95,7 @@ def _pose(sensed: Sensed) -> dict[str, Any]:
     rows = []
     for index, (name, factor, unit) in enumerate(quantities):
         doubts = [factor * deviation[index] for deviation in deviations]
-        first, *truth = [f"{factor * change:+.4f} {unit}" for change in changes[:, index]]
+        first, *truth = [f"{factor * change:+z.4f} {unit}" for change in changes[:, index]]
         cells = [f"{doubt:.4f} {unit}" if np.isfinite(doubt) else "" for doubt in doubts]
         rows.append([name, *(text.replace("-", "−") for text in (first, *cells, *truth))])
     header = ["", "relative to the scene", "standard deviation", "Cramér-Rao bound"]

@@ -35,6 +35,9 @@ from airtact.setup.setup import Setup
 
 SCALES = {"pressure": COLOURS, "difference": "RdBu_r", "phase": "twilight", "amplitude": "viridis"}
 
+# Centre and radius [m] of a view, and the direction to the viewer
+View = tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]
+
 
 @dataclass(frozen=True, eq=False)
 class SceneView:
@@ -231,31 +234,68 @@ def _packed(data: bytes) -> str:
     return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode("ascii")
 
 
-def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
-    places, data = joined(_arrays(view))
-    array = view.setup.array
-    asked = [""] * len(view.setup.foci)
-    if view.setup.target.pressures is not None:
-        asked = [f"{pressure:,.0f} Pa" for pressure in view.setup.target.pressures]
+def stage_facts(
+    setup: Setup,
+    most: float,
+    arrays: Mapping[str, np.ndarray],
+    sheets: Sequence[Float64[np.ndarray, "4 3"]],
+    views: Mapping[str, View],
+) -> tuple[dict[str, Any], bytes]:
+    """Return the facts and the numbers that all 3-D scenes share.
+
+    Parameters
+    ----------
+    setup : setup with the transducers and foci.
+    most : largest pressure [Pa].
+    arrays : arrays by name, besides the transducers.
+    sheets : corners of each visible plane [m].
+    views : views by name, as returned by ``framed``.
+    """
+    array = setup.array
+    places, data = joined(
+        {
+            "positions": (1e3 * array.positions).astype(np.float32),
+            "normals": np.asarray(array.normals, dtype=np.float32),
+            **arrays,
+        }
+    )
     faces = unfold(array.positions, array.normals)
     facts = {
-        "title": view.setup.title,
-        "most": view.peak,
-        "drives": list(view.drives),
+        "title": setup.title,
+        "most": most,
         "arrays": places,
         "colours": colour_scales(),
         "radius": 0.45e3 * min(spacing(array.positions[face.elements]) for face in faces),
         "foci": [
-            {"name": name, "position": _rounded(1e3 * point), "asked": words, "got": _rounded(got)}
-            for name, point, words, got in zip(
-                view.setup.foci, view.setup.target.points, asked, view.reached, strict=True
-            )
+            {"name": name, "position": _rounded(1e3 * point)}
+            for name, point in zip(setup.foci, setup.target.points, strict=True)
         ],
-        "paths": [[_rounded(1e3 * point) for point in path] for path in paths_of(view.setup)],
-        "objects": [thing.name for thing in view.setup.objects],
-        "sheets": [[_rounded(1e3 * corner) for corner in sheet] for sheet in view.sheets],
+        "sheets": [[_rounded(1e3 * corner) for corner in sheet] for sheet in sheets],
+        "views": {
+            name: {
+                "middle": _rounded(1e3 * centre),
+                "reach": 1e3 * float(radius),
+                "seen": [float(np.arctan2(seen[1], seen[0])), float(np.arcsin(seen[2]))],
+            }
+            for name, (centre, radius, seen) in views.items()
+        },
+    }
+    return facts, data
+
+
+def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
+    setup = view.setup
+    facts, data = stage_facts(setup, view.peak, _arrays(view), view.sheets, _views(view))
+    asked = [""] * len(setup.foci)
+    if setup.target.pressures is not None:
+        asked = [f"{pressure:,.0f} Pa" for pressure in setup.target.pressures]
+    for focus, words, got in zip(facts["foci"], asked, view.reached, strict=True):
+        focus.update(asked=words, got=_rounded(got))
+    facts |= {
+        "drives": list(view.drives),
+        "paths": [[_rounded(1e3 * point) for point in path] for path in paths_of(setup)],
+        "objects": [thing.name for thing in setup.objects],
         "slices": _planes(view),
-        "views": _views(view),
         "backs": not _surrounds(view),
     }
     return facts, data
@@ -270,8 +310,6 @@ def _arrays(view: SceneView) -> dict[str, np.ndarray]:
     # A byte represents depths of up to half the distance of the planes, on both sides of a surface.
     depth = np.clip(slices.depth / (0.5 * slices.steps.max()), -1.0, 1.0)
     arrays = {
-        "positions": (1e3 * view.setup.array.positions).astype(np.float32),
-        "normals": np.asarray(view.setup.array.normals, dtype=np.float32),
         "depth": np.round(127.5 * (1.0 + depth)).astype(np.uint8),
     }
     for index, amplitudes in enumerate(view.drives.values()):
@@ -312,7 +350,7 @@ def _planes(view: SceneView) -> dict[str, Any]:
     }
 
 
-def _views(view: SceneView) -> dict[str, Any]:
+def _views(view: SceneView) -> dict[str, View]:
     slices = view.slices
     spans = slices.steps * (np.array(slices.depth.shape[::-1]) - 1)
     middle = slices.corner + (spans / 2.0) @ slices.axes
@@ -332,19 +370,10 @@ def _views(view: SceneView) -> dict[str, Any]:
         views["first"] = framed(
             np.concatenate([view.surfaces.vertices, view.setup.target.points]), first
         )
-    return {
-        name: {
-            "middle": _rounded(1e3 * centre),
-            "reach": 1e3 * float(radius),
-            "seen": [float(np.arctan2(seen[1], seen[0])), float(np.arcsin(seen[2]))],
-        }
-        for name, (centre, radius, seen) in views.items()
-    }
+    return views
 
 
-def framed(
-    points: Float64[np.ndarray, "points 3"], seen: Float64[np.ndarray, "3"]
-) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
+def framed(points: Float64[np.ndarray, "points 3"], seen: Float64[np.ndarray, "3"]) -> View:
     """Return the centre, radius [m] and direction of a view that shows all points."""
     across = unit(np.cross([0.0, 0.0, 1.0], seen))
     axes = np.stack([across, np.cross(seen, across), seen])

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from airtact.reports.page import write_page
-from airtact.setup.explaining import Explanation
+from airtact.setup.explaining import MODULATED, Explanation
 
 
 def write_why_page(path: Path, explained: Explanation, title: str, text: str) -> None:
@@ -28,6 +28,14 @@ def write_why_page(path: Path, explained: Explanation, title: str, text: str) ->
         charts=[_waterfall(explained, focus) for focus in range(len(explained.foci))],
         headline=f"{last[weakest]:,.0f} Pa of {explained.causes[0].pressures[weakest]:,.0f} Pa "
         f"remain at the weakest focus, {explained.foci[weakest]}.",
+        rms=f"; from “{MODULATED}” on, they are the root mean square of the peak pressure over time"
+        if MODULATED in (cause.name for cause in explained.causes)
+        else "",
+        header=["focus", *(f"{cause.name} [Pa]" for cause in explained.causes)],
+        rows=[
+            [name, *(f"{cause.pressures[focus]:,.0f}" for cause in explained.causes)]
+            for focus, name in enumerate(explained.foci)
+        ],
         remedies=[[name, remedy] for name, remedy in remedies.items()],
         text=text,
     )
@@ -39,10 +47,8 @@ def _waterfall(explained: Explanation, focus: int) -> dict[str, Any]:
     largest = max(pressures)
     bars = []
     before = 0.0
-    for cause, after in zip(explained.causes, pressures, strict=True):
+    for index, (cause, after) in enumerate(zip(explained.causes, pressures, strict=True)):
         kind = "total" if not bars else "loss" if after < before else "gain"
-        change = f"{100.0 * (after / before - 1.0):+.0f} %" if bars and before > 0.0 else ""
-        change = "0 %" if change in ("+0 %", "-0 %") else change
         bars.append(
             {
                 "name": cause.name,
@@ -50,7 +56,7 @@ def _waterfall(explained: Explanation, focus: int) -> dict[str, Any]:
                 "start": 100.0 * min(before, after) / largest,
                 "length": 100.0 * abs(after - before) / largest,
                 "pressure": f"{after:,.0f} Pa",
-                "change": change.replace("-", "−"),
+                "change": explained.change_in_words(index, focus),
             }
         )
         before = after

@@ -397,9 +397,9 @@ def _check_determined(
     raise InvalidInput(
         f"{counted(receivers, 'receiver', 'receivers')} and "
         f"{counted(transmissions, 'transmission', 'transmissions')} do not determine the pose: "
-        f"{kind} ({x:.2f}, {y:.2f}, {z:.2f}){opening} changes the echoes only {effect:.1g} times "
-        "as much as other motions. Use more receivers or transmissions, or bodies without that "
-        "symmetry.",
+        f"{kind} ({x:z.2f}, {y:z.2f}, {z:z.2f}){opening} changes the echoes only "
+        f"{effect:.1g} times as much as other motions. Use more receivers or transmissions, or "
+        "bodies without that symmetry.",
         code="pose_not_found",
     )
 

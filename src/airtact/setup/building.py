@@ -425,7 +425,7 @@ def _foci(
         raise InvalidInput(
             f"offset = {offset:g} m exceeds the gap of {1e3 * room:g} mm in front of {table.at}: "
             "is it in millimetres? Use metres.",
-            code="out_of_range",
+            code="not_in_metres",
         )
     return (point + offset * normal)[None]
 

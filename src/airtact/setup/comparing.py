@@ -172,7 +172,7 @@ class MethodComparison:
         folder = Path(folder)
         drives = writable_folder(folder / "drives")
         for contender in self.contenders:
-            file = drives / f"{contender.name.replace(' ', '_')}.h5"
+            file = drives / f"{contender.name.replace(', ', '_').replace(' ', '_')}.h5"
             save_drive(file, contender.drive, self.setup, self.transfer, self.beacons)
         table = folder / "methods.csv"
         with whole_file(table) as partial, partial.open("w", newline="", encoding="utf-8") as file:
@@ -233,9 +233,10 @@ def compare(
     accurate solve verifies all drives. The method chosen in the setup is ignored.
 
     With a setup and drives, for example from another program, the drives are compared with that of
-    the method "best". Each drive is also compared with a mended version (see ``nearest_drive``),
+    the method "best". Each drive is also compared with a corrected version (see ``nearest_drive``),
     whose phases differ as little as possible but whose weakest focus reaches 95 % of the upper
-    bound.
+    bound. If its amplitudes do not allow that, for example because elements are silent, all
+    elements of the corrected version emit at full scale.
 
     With a scene, an array, drives, a target and a solver, the function calls
     ``evaluation.compare``.
@@ -293,6 +294,7 @@ def _compare_methods(
     times = Clock()
     words = counted(len(methods), "method", "methods")
     with clock.step("drives", f"computing the drive by {words}"):
+        bound = upper_bound(transfer, setup.target).worst
         for method in methods:
             words = method.replace("_", " ")
             try:
@@ -305,10 +307,15 @@ def _compare_methods(
         for name, drive in given.items():
             with times.step(name):
                 drives[name] = drive
-            with times.step(f"{name}, mended"):
-                mended = nearest_drive(transfer, setup.target, drive)
-            if mended is not drive:
-                drives[f"{name}, mended"] = mended
+            with times.step(f"{name}, corrected"):
+                corrected = nearest_drive(transfer, setup.target, drive)
+                # Silent elements can keep all drives with these amplitudes below the share.
+                share = _weakest(transfer, setup.target, corrected) / (bound * drive.peak)
+                if share < 0.94 and drive.magnitudes.min() < 0.999 * drive.peak:
+                    full = Drive(np.exp(1j * drive.phases))
+                    corrected = nearest_drive(transfer, setup.target, full)
+            if corrected is not drive:
+                drives[f"{name}, corrected"] = corrected
             warnings += _conjugated(name, drive, transfer, setup.target)
         if not drives:
             raise InvalidInput(f"no method returned a drive; {warnings[0]}", code="empty")
@@ -318,7 +325,6 @@ def _compare_methods(
             control = control_drive(setup, setup.maker("best"))
         if control is not None:
             drives[name] = control
-        bound = upper_bound(transfer, setup.target).worst
     # Boards emit rounded drives, so verify and compare those.
     emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
     with clock.step(
@@ -377,12 +383,17 @@ def _compare_methods(
     )
 
 
+def _weakest(transfer: TransferMatrix, target: Target, drive: Drive) -> float:
+    """Return the smallest ratio of pressure to weight over foci with weight above 0 [Pa]."""
+    asked = target.weights > 0.0
+    pressures = np.abs(transfer.pressure(drive)[: len(asked)][asked])
+    return float((pressures / target.weights[asked]).min())
+
+
 def _conjugated(name: str, drive: Drive, transfer: TransferMatrix, target: Target) -> list[str]:
     """Warn if a drive was probably computed with the opposite sign of the phases."""
-    asked = target.weights > 0.0
     pressures = [
-        float((np.abs(transfer.pressure(one)[: len(asked)][asked]) / target.weights[asked]).min())
-        for one in (drive, Drive(np.conj(drive.amplitudes)))
+        _weakest(transfer, target, signed) for signed in (drive, Drive(np.conj(drive.amplitudes)))
     ]
     if pressures[1] < 2.0 * pressures[0]:
         return []

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.head_level import HeadLevel
@@ -20,8 +21,12 @@ from airtact.files.atomic import whole_file
 from airtact.setup.rendering import Rendering
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.placement import strongest_open_air
 
 Pressures = Float64[np.ndarray, "foci"]
+
+MODULATED = "modulation, root mean square over time"
+"""Name of the cause from which on pressures are not peak values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +54,7 @@ class Explanation:
     Attributes
     ----------
     foci : names of the F foci.
-    causes : the causes in order, beginning with open air.
+    causes : the causes in order, beginning with the place where the array is strongest.
     advice : sentence on the change that would increase the pressure at the weakest
         focus most.
     """
@@ -62,8 +67,16 @@ class Explanation:
 
     @property
     def changes(self) -> Float64[np.ndarray, "causes foci"]:
-        """Change of the pressure by each cause [Pa]; the first row is the pressure in open air."""
-        return np.diff([cause.pressures for cause in self.causes], axis=0, prepend=0.0)
+        """Change of the pressure by each cause [Pa]; NaN for the first, which changes nothing."""
+        return np.diff([cause.pressures for cause in self.causes], axis=0, prepend=np.nan)
+
+    def change_in_words(self, cause: int, focus: int) -> str:
+        """Return the relative change of the pressure by a cause, such as "−26 %"; "" without."""
+        before = self.causes[cause - 1].pressures[focus] if cause else 0.0
+        if before == 0.0:
+            return ""
+        share = round(100.0 * (self.causes[cause].pressures[focus] / before - 1.0))
+        return f"{share:+d} %".replace("-", "\u2212") if share else "0 %"
 
     def save(self, path: str | Path) -> None:
         """Write or replace a .csv file: a table with one row per cause and focus."""
@@ -72,9 +85,8 @@ class Explanation:
             table.writerow(["cause", "focus", "pressure_Pa", "change_Pa", "remedy"])
             for cause, changes in zip(self.causes, self.changes, strict=True):
                 for name, pressure, change in zip(self.foci, cause.pressures, changes, strict=True):
-                    table.writerow(
-                        [cause.name, name, f"{pressure:.6g}", f"{change:.6g}", cause.remedy]
-                    )
+                    words = "" if np.isnan(change) else f"{change:.6g}"
+                    table.writerow([cause.name, name, f"{pressure:.6g}", words, cause.remedy])
 
 
 def why(result: Rendering, kept: float | None = None) -> Explanation:
@@ -100,7 +112,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     >>> pair = at.Target(np.array([[0.0, 0.0, 0.15], [0.04, 0.0, 0.15]]))
     >>> result = at.render(at.Setup(at.Scene(at.air()), at.flat_boards(1, 1), pair))
     >>> [cause.name for cause in at.setup.why(result).causes]  # doctest: +ELLIPSIS
-    ['one focus in open air', 'sharing with 1 other focus', ...]
+    ['strongest place in open air', 'distance and direction', 'sharing with 1 other focus', ...]
     """
     setup = result.setup
     setup.check_no_traps("why")
@@ -111,25 +123,50 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     )
     transfer = TransferMatrix(result.transfer.matrix[:count], result.transfer.estimated_error)
     # The largest pressure of any drive within full scale at one focus: all waves in phase.
+    bare = Scene(setup.medium, frequency=setup.frequency)
     alone = [
-        np.abs(open_air_matrix(setup.scene, array, target).matrix[:count]).sum(axis=1)
-        for array in (nominal, setup.array)
+        np.abs(open_air_matrix(scene, array, target).matrix[:count]).sum(axis=1)
+        for scene, array in ((bare, nominal), (setup.scene, nominal), (setup.scene, setup.array))
     ]
-    causes = [Cause("one focus in open air", alone[0])]
+    strongest = max(strongest_open_air(nominal, setup.scene.wavenumber.real), alone[0].max())
+    causes = [
+        Cause("strongest place in open air", np.full(count, strongest)),
+        Cause(
+            "distance and direction",
+            alone[0],
+            "move the foci towards the middle of the array's beams, or move the boards closer "
+            "(airtact place)",
+        ),
+    ]
+    if setup.scene.planes:
+        causes.append(Cause("reflection by the planes", alone[1], "move the planes away"))
     if np.any(setup.array.gains != 1.0):
-        causes.append(Cause("gains and dead elements", alone[1], "replace the dead elements"))
+        causes.append(Cause("gains and dead elements", alone[2], "replace the dead elements"))
     if setup.bodies:
-        word = "hand" if setup.hands else "bodies"
+        # A long list of boards would hide the name of the hand.
+        body = " and ".join(setup.bodies) if len(setup.bodies) <= 3 else "bodies"
         causes.append(
             Cause(
-                f"shadow and reflection by the {word}",
+                f"shadow and reflection by the {body}",
                 np.abs(transfer.matrix).sum(axis=1),
-                f"turn the {word}, or move boards to the side that the focus faces (airtact place)",
+                f"turn the {body}, or move boards to the side that the focus faces (airtact place)",
             )
         )
+    # A focus that runs through the points has its own drive at each of them.
+    drives = [result.drive]
+    parts = [slice(None)]
+    if setup.in_turn:
+        assert result.sequence is not None
+        drives = [Drive(amplitudes) for amplitudes in result.sequence.drives]
+        parts = [slice(index, index + 1) for index in range(count)]
+
+    def at_foci(drives: list[Drive]) -> Pressures:
+        pairs = zip(parts, drives, strict=True)
+        return np.concatenate([np.abs(transfer.pressure(drive))[part] for part, drive in pairs])
+
     shares = Target(target.points, shares=target.weights / target.weights.max())
-    drive = best(transfer, shares).at_full_scale()
-    if count > 1:
+    if count > 1 and not setup.in_turn:
+        drive = best(transfer, shares).at_full_scale()
         others = "1 other focus" if count == 2 else f"{count - 1} other foci"
         causes.append(
             Cause(
@@ -140,38 +177,38 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
         )
     if setup.method != "best" or len(target.suppression_points):
         name = setup.method.replace("_", " ")
-        pressures = np.abs(transfer.pressure(result.drive.at_full_scale()))
-        causes.append(Cause(f"the method {name}", pressures, 'use method = "best"'))
-    if result.drive.peak < 0.999 or target.phases is not None:
-        pressures = np.abs(transfer.pressure(result.drive))
-        causes.append(Cause("the requested pressures", pressures, "request more"))
-    rounded = quantise(result.drive, setup.levels).drive()
-    causes.append(
-        Cause("rounding to levels", np.abs(transfer.pressure(rounded)), "use finer levels")
-    )
+        full = [drive.at_full_scale() if drive.peak else drive for drive in drives]
+        causes.append(Cause(f"the method {name}", at_foci(full), 'use method = "best"'))
+    if min(drive.peak for drive in drives) < 0.999 or target.phases is not None:
+        causes.append(Cause("the requested pressures", at_foci(drives), "request more"))
+    rounded = [quantise(drive, setup.levels).drive() for drive in drives]
+    causes.append(Cause("rounding to levels", at_foci(rounded), "use finer levels"))
     last = causes[-1].pressures
     emitted = rounded
     # Boards that only switch elements on and off cannot be turned down; ``emit`` asks for a cap.
     if setup.board is not None and not setup.levels.phase_only:
         array = setup.array
         level = HeadLevel(
-            rounded.amplitudes[None],
+            np.stack([drive.amplitudes for drive in rounded]),
             array.positions,
             setup.levels,
             setup.scene.wavenumber.real,
             array.element.sensitivity,
         )
-        cap = min(1.0, level.safe_cap() / rounded.peak)
+        cap = min(1.0, level.safe_cap() / max(drive.peak for drive in rounded))
         if cap < 0.999:
-            emitted = quantise(Drive(cap * result.drive.amplitudes), setup.levels).drive()
-            last = np.abs(transfer.pressure(emitted))
-            remedy = "raise the cap if no head is near (--cap)"
-            causes.append(Cause("the level limit at a head", last, remedy))
+            capped = [Drive(cap * drive.amplitudes) for drive in drives]
+            emitted = [quantise(drive, setup.levels).drive() for drive in capped]
+            last = at_foci(emitted)
+            # A limit for safety is not a fault of the scene, so it has no remedy here.
+            causes.append(Cause("the level limit at a head, as in emit", last))
     # The steepening depends on the emitted drive, which rounding or a cap may have changed.
     in_real_air = np.ones(count)
-    if last.any():
-        sources = drive_sources(setup.array, [emitted], setup.scene)
-        in_real_air = steepening(setup.scene, sources, target.points, last).kept
+    for part, drive in zip(parts, emitted, strict=True):
+        if last[part].any():
+            sources = drive_sources(setup.array, [drive], setup.scene)
+            points = target.points[part]
+            in_real_air[part] = steepening(setup.scene, sources, points, last[part]).kept
     known = np.isfinite(in_real_air)
     if not known.all() or in_real_air.min() < 0.99:
         last = last * np.where(known, in_real_air, 1.0)
@@ -185,7 +222,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     if isinstance(setup.modulation, AmplitudeModulation):
         share = float(np.sqrt(np.mean(setup.modulation.envelope(64) ** 2)))
         last = share * last
-        causes.append(Cause("modulation, root mean square over time", last))
+        causes.append(Cause(MODULATED, last))
     if kept is not None:
         remedy = "improve the tracker, its registration or its rate"
         causes.append(Cause("error and age of the tracked pose", kept * last, remedy))
@@ -193,7 +230,10 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
 
 
 def _advice(causes: list[Cause]) -> str:
-    """State which removable cause reduces the pressure at the weakest focus most."""
+    """State which removable cause reduces the pressure at the weakest focus most.
+
+    Causes without a remedy, such as the level limit at a head, are passed over.
+    """
     weakest = int(causes[-1].pressures.argmin())
     best_gain = 1.1
     words = "No single change would gain more than 10 %: use more boards, or move them closer."

@@ -29,12 +29,13 @@ from airtact.drives.drive import Drive
 from airtact.errors import (
     InvalidInput,
     Vector,
+    check_choice,
     check_seed,
     counted,
     of_kind,
     one_line,
     point_of,
-    positive,
+    within,
 )
 from airtact.files.atomic import whole_file, writable_folder
 from airtact.geometry.pose import Pose
@@ -44,7 +45,7 @@ from airtact.setup.setup import Setup
 from airtact.setup.solving import verification_solver
 from airtact.timing import Progress
 from airtact.transducers.boards import kind_of_array
-from airtact.transducers.layout import PhasedArray, board_array, join
+from airtact.transducers.layout import MAX_ARRAY_EXTENT, PhasedArray, board_array, join
 from airtact.transducers.placement import check_placement
 
 # Two opposite corners of a box
@@ -282,18 +283,24 @@ def place(
                 f"the number of {name} is {count!r}: use a whole number of at least 1.",
                 code="out_of_range",
             )
-    if symmetric is not None and (symmetric not in ("x", "y", "z") or boards % 2):
+    if symmetric is not None:
+        check_choice(symmetric, "the axis of symmetry", ("x", "y", "z"))
+        if boards % 2:
+            raise InvalidInput(
+                f"{counted(boards, 'board', 'boards')} cannot be mirrored in pairs along "
+                f"{symmetric}, because the number is odd: use {boards + 1} boards.",
+                code="options_clash",
+            )
+    check_choice(objective, "the objective", ("weakest", "lowest_tenth"))
+    if objective == "lowest_tenth" and (hands is None or len(hands) < 2):
         raise InvalidInput(
-            f"{counted(boards, 'board', 'boards')} cannot be mirrored in pairs along "
-            f"{symmetric!r}: use an even number of boards, and x, y or z.",
-            code="options_clash",
+            "the objective lowest_tenth needs several poses of the hand: add a recording, or use "
+            "the objective weakest.",
+            code="data_missing",
         )
-    if objective not in ("weakest", "lowest_tenth"):
-        raise InvalidInput(
-            f"the objective is {objective!r}: use weakest or lowest_tenth.", code="unknown_name"
-        )
-    nearest = positive(distance[0], "the smallest distance", "m")
-    farthest = positive(distance[1], "the largest distance", "m")
+    slip = "are the distances in millimetres? Use metres, such as 0.15 and 0.25."
+    nearest = within(distance[0], 0.0, MAX_ARRAY_EXTENT, "the smallest distance", "m", slip)
+    farthest = within(distance[1], 0.0, MAX_ARRAY_EXTENT, "the largest distance", "m", slip)
     if farthest < nearest:
         raise InvalidInput(
             f"the largest distance, {farthest:g} m, is below the smallest, {nearest:g} m: give "
@@ -408,10 +415,13 @@ def _fixed(setup: Setup, board: str, indices: Sequence[int]) -> list[Pose]:
     kind = kind_of_array(array.positions, array.normals)
     poses = kind[1] if kind is not None and kind[0].name == board else []
     if not set(indices) <= set(range(len(poses))) or len(set(indices)) < len(indices):
+        words = "fixed board" if len(indices) == 1 else "fixed boards"
+        fault = f"it has {counted(len(poses), 'board', 'boards')}. Name each once, counting from 0."
+        if kind is None or kind[0].name != board:
+            made = "not of one kind" if kind is None else kind[0].name
+            fault = f"its boards are {made}, not {board}. Place boards of the kind in the scene."
         raise InvalidInput(
-            f"the present array has {counted(len(poses), f'{board} board', f'{board} boards')}, so "
-            f"the fixed boards cannot be {', '.join(map(str, indices))}. Name each board once, "
-            "counting from 0. Fixed and placed boards must be of the same kind.",
+            f"the scene has no {words} {', '.join(map(str, indices))}: {fault}",
             code="unknown_name",
         )
     if np.any(array.gains != 1.0):

@@ -1,13 +1,13 @@
 """Render a setup: solve for the field, compute the drive, verify and save it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 
 import msgspec
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Complex128, Float64, Real
 
 import airtact as at
 from airtact.acoustics.medium import Medium
@@ -24,7 +24,7 @@ from airtact.errors import Vector, of_kind, one_line, point_of
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.headline import body_word, headline, shortfalls
-from airtact.evaluation.metrics import Evaluation, in_real_air
+from airtact.evaluation.metrics import Evaluation, in_real_air, pascals
 from airtact.evaluation.steepening import Steepening
 from airtact.files.atomic import writable_folder
 from airtact.setup.sentences import (
@@ -64,10 +64,13 @@ class Rendering:
     transfer : transfer matrix from which the drive was computed.
     beacons : report of the solve for the transfer matrix.
     drive : amplitude and phase of each transducer.
-    pressures : (F,) verified peak pressure at each focus [Pa].
+    pressures : (F,) verified peak pressure at each focus [Pa]. If one focus runs through the
+        points in turn, they are those of the sequence while it is there, from the same matrix.
     steepening : effect of real air on these pressures.
     verification : comparison of the drive with its control, a drive that the same method
         computes without the bodies. In open air there is no control.
+    felt : comparison of ``pressures`` with those of the control. It differs from ``verification``
+        if the focus runs through the points in turn.
     drives : the drives that were verified, each with its strongest element at full
         scale.
     sequence : drives for moving foci, or None.
@@ -90,6 +93,7 @@ class Rendering:
     pressures: Float64[np.ndarray, "foci"]
     steepening: Steepening
     verification: Comparison
+    felt: Comparison
     drives: Mapping[str, Drive]
     sequence: "at.setup.MovingDrive | None"
     robustness: "at.evaluation.HeldOut | None"
@@ -124,11 +128,14 @@ class Rendering:
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """The pressures of the emitted drive, without its field."""
-        target = self.setup.target
-        pressures = self.drive.peak * self.verification.at_foci[:, 0]
-        report = self.verification.report
-        return Evaluation(target, pressures, report, steepening=self.steepening)
+        """The pressures of the emitted drive or sequence, without its field."""
+        phases = np.exp(1j * np.angle(self.felt.at_foci[:, 0]))
+        return Evaluation(
+            self.setup.target,
+            self.pressures * phases,
+            self.verification.report,
+            steepening=self.steepening,
+        )
 
     @property
     def control_pressures(self) -> Float64[np.ndarray, "foci"] | None:
@@ -138,8 +145,8 @@ class Rendering:
         """
         if len(self.drives) == 1:
             return None
-        _, control = self.drives.values()
-        return self.verification.pressures["equal peak"][1] * control.factor_to_match(self.drive)
+        drive, control = self.felt.pressures["equal energy"]
+        return control * (self.pressures.max() / drive.max())
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write drive.csv, drive.h5 and, for moving foci, sequence.h5; return their paths.
@@ -338,9 +345,28 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
         )
     pressures = drive.peak * at_full_scale
     steepening = comparison.steepening(names[0]).scaled(drive.peak)
+    warnings = (
+        *reach_cautions(setup),
+        *computed.notes,
+        *shadows(setup, transfer),
+        *disagreement(setup, transfer, drive, pressures),
+        *named(comparison.report.warnings, setup.bodies),
+    )
+    felt = comparison
+    # The drive with the largest amplitude, which shows whether the sequence is at full scale.
+    loudest = drive
+    standing = share_of_bound(setup, transfer, drive)
+    if setup.in_turn:
+        assert computed.sequence is not None
+        at_once = pascals(pressures.min())
+        standing = f"All foci at once (drive.h5) would have {at_once} at the weakest focus."
+        pressures = computed.sequence.pressures
+        steepening = computed.sequence.steepening
+        felt = _felt_in_turn(setup, transfer, computed.sequence.drives, comparison)
+        loudest = Drive(max(computed.sequence.drives, key=lambda frame: np.abs(frame).max()))
 
     robustness = None
-    remarks = shortfalls(setup.target, setup.foci, pressures, drive)
+    remarks = shortfalls(setup.target, setup.foci, pressures, loudest)
     if setup.uncertainty is not None:
         from airtact.evaluation.held_out import held_out
 
@@ -352,7 +378,8 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
             if setup.method != "time_reversal":
                 compared["time reversal"] = at.time_reversal(transfer, setup.target)
             robustness = held_out(other_samples(setup, computed.field), setup.target, compared)
-        remarks = (*remarks, robustness.sentence())
+        words = "All foci at once: " if setup.in_turn else ""
+        remarks = (*remarks, words + robustness.sentence())
     return Rendering(
         setup=setup,
         transfer=transfer,
@@ -361,17 +388,19 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
         pressures=pressures,
         steepening=steepening,
         verification=comparison,
+        felt=felt,
         drives={name: emitted.at_full_scale() for name, emitted in drives.items()},
         sequence=computed.sequence,
         robustness=robustness,
         traps=traps,
-        headline=headline(comparison, drive, body_word(setup.bodies), setup.foci),
+        headline=headline(felt, loudest, body_word(setup.bodies), setup.foci),
         remarks=(
             *touches(setup),
             *trap_sentences(setup, traps),
             *remarks,
-            share_of_bound(setup, transfer, drive),
-            *in_real_air(pressures, steepening),
+            standing,
+            # The sentences of a sequence state the effect of real air on it.
+            *(() if setup.in_turn else in_real_air(pressures, steepening)),
         ),
         # The steepening estimate is only invalid far above the threshold, where it is not needed.
         sensation=sensations(
@@ -379,12 +408,24 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
             np.fmin(pressures, pressures * steepening.kept),
             computed.sequence,
         ),
-        warnings=(
-            *reach_cautions(setup),
-            *computed.notes,
-            *shadows(setup, transfer),
-            *disagreement(setup, transfer, drive, pressures),
-            *named(comparison.report.warnings, setup.bodies),
-        ),
+        warnings=warnings,
         seconds=clock.seconds,
     )
+
+
+def _felt_in_turn(
+    setup: Setup,
+    transfer: TransferMatrix,
+    drives: Complex128[np.ndarray, "foci elements"],
+    comparison: Comparison,
+) -> Comparison:
+    """Return the comparison for a focus that runs through the points one by one."""
+    from airtact.setup.sequences import drives_at_foci, pressures_of
+
+    compared = [drives]
+    control = control_drive(setup, partial(drives_at_foci, setup))
+    if control is not None:
+        compared.append(control)
+    at_foci = np.einsum("fe,fe->f", transfer.matrix[: len(drives)], drives)
+    pressures = pressures_of(transfer, compared)
+    return replace(comparison, pressures=pressures, at_foci=at_foci[:, None])

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Complex128, Float64
 
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Amplitudes, Drive
@@ -49,6 +49,12 @@ class MovingDrive:
         """(P,) pressure in real air [Pa], as in ``Evaluation``; NaN where it is unknown."""
         return self.pressures * self.steepening.kept
 
+    @property
+    def drives(self) -> Complex128[np.ndarray, "positions elements"]:
+        """Amplitudes of the elements at each position of a single focus."""
+        # Short paths repeat every position.
+        return self.sequence.drives[:: len(self.sequence) // len(self.target.points)]
+
     def sentences(self) -> tuple[str, ...]:
         """State the pressure at the weakest position, and the effect of real air if noticeable."""
         # Where the estimate is invalid, the linear pressure is far above the threshold.
@@ -82,7 +88,7 @@ def moving_drive(
     paths = paths_of(setup)
     turns = motion.turns(paths)
     together = 1
-    if not motion.through_points(len(target.points)):
+    if not setup.in_turn:
         together = len(target.points)
         target = moving_target(target, paths)
         moved = replace(
@@ -122,6 +128,43 @@ def moving_drive(
     )
 
 
+def drives_at_foci(
+    setup: Setup, transfer: TransferMatrix, target: Target
+) -> Complex128[np.ndarray, "foci elements"]:
+    """Return the drive that plays at each focus; all are equal unless one focus runs through."""
+    if not setup.in_turn:
+        drive = setup.synthesise(transfer, target)
+        return np.tile(drive.amplitudes, (len(target.points), 1))
+    # Each point is a frame, which may be repeated.
+    sequence = moving_foci(transfer, target, 1, 1.0, setup.synthesise)
+    return sequence.drives[:: len(sequence) // len(target.points)]
+
+
+def pressures_of(
+    transfer: TransferMatrix, drives: list[Complex128[np.ndarray, "foci elements"]]
+) -> dict[str, Float64[np.ndarray, "drives foci"]]:
+    """Return the pressure at each focus during its own drive, for each key of ``HELD_EQUAL``.
+
+    Each item of ``drives`` is a result of ``drives_at_foci``, whose peak and energy count as one.
+    """
+    rows = transfer.matrix[: len(drives[0])]
+
+    def pressures(
+        amplitudes: Complex128[np.ndarray, "foci elements"],
+    ) -> Float64[np.ndarray, "foci"]:
+        return np.abs(np.einsum("fe,fe->f", rows, amplitudes))
+
+    strongest = [amplitudes / np.abs(amplitudes).max() for amplitudes in drives]
+    norms = [float(np.linalg.norm(amplitudes)) for amplitudes in strongest]
+    phases = [np.exp(1j * np.angle(amplitudes)) * (amplitudes != 0.0) for amplitudes in drives]
+    equal_peak = np.stack([pressures(amplitudes) for amplitudes in strongest])
+    return {
+        "equal peak": equal_peak,
+        "equal energy": equal_peak * (min(norms) / np.array(norms))[:, None],
+        "phase only": np.stack([pressures(amplitudes) for amplitudes in phases]),
+    }
+
+
 def _steepening(
     setup: Setup,
     drive: Amplitudes,
@@ -142,6 +185,6 @@ def paths_of(setup: Setup) -> Float64[np.ndarray, "paths frames 3"]:
     foci = setup.target.points
     if motion is None:
         return np.empty((0, 0, 3))
-    if motion.through_points(len(foci)):
+    if setup.in_turn:
         return foci[None]
     return motion.paths(setup.scene, setup.target, setup.array.positions.mean(axis=0))

@@ -202,6 +202,11 @@ class Setup:
             return None
         return self.modulation
 
+    @property
+    def in_turn(self) -> bool:
+        """Whether one focus runs through the points of the target, instead of all at once."""
+        return self.motion is not None and self.motion.through_points(len(self.target.points))
+
     @cached_property
     def poses(self) -> tuple[Pose, ...]:
         """Pose of each board, from its own frame to that of the obstacles; empty without boards."""

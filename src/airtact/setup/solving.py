@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float64
@@ -25,6 +26,9 @@ from airtact.errors import counted
 from airtact.evaluation.headline import body_word
 from airtact.setup.setup import Setup
 from airtact.timing import Clock
+
+# A drive, or the drives of a focus that runs through several points
+Made = TypeVar("Made")
 
 # Largest number of unknowns of the verification solve, whose matrix then takes 3 GB
 MOST_UNKNOWNS = 19_000
@@ -116,9 +120,9 @@ def other_samples(setup: Setup, beacons: RadiatedField) -> "at.drives.TransferEn
 
 
 def synthesise(
-    method: Callable[[TransferMatrix, Target], Drive], transfer: TransferMatrix, target: Target
-) -> tuple[Drive, tuple[str, ...]]:
-    """Compute a drive, and collect the warnings of a method that stopped early."""
+    method: Callable[[TransferMatrix, Target], Made], transfer: TransferMatrix, target: Target
+) -> tuple[Made, tuple[str, ...]]:
+    """Compute a drive or several, and collect the warnings of a method that stopped early."""
     # Turn warnings of the method into sentences of the result; pass other warnings on.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Stalled)
@@ -162,8 +166,8 @@ def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
     return f"{word} considered", f"{word} ignored"
 
 
-def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive]) -> Drive | None:
-    """Compute the drive of the same method without the bodies; return None in open air.
+def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Made]) -> Made | None:
+    """Compute the drives of the same method without the bodies; return None in open air.
 
     A method that uses samples gets samples of the same uncertainty in open air.
     """

@@ -37,6 +37,7 @@ from airtact.files.bounded import bytes_of, text_of
 from airtact.setup.building import read_scene
 from airtact.setup.examples import file_or_example
 from airtact.setup.parsing import Value, parse_scene
+from airtact.setup.sequences import drives_at_foci, pressures_of
 from airtact.setup.setup import Setup
 from airtact.setup.solving import (
     control_drive,
@@ -352,21 +353,23 @@ class ScenePoints:
         """Return the pressures, the gain over the control, unknowns, error and warnings."""
         setup = read_scene(self.scene, point)
         transfer, report = solve_foci(setup, Clock())
-        drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
+        method = partial(drives_at_foci, setup)
+        drives, stalled = synthesise(method, transfer, setup.target)
+        control = control_drive(setup, method)
+        compared = pressures_of(transfer, [drives] if control is None else [drives, control])
         weights = setup.target.weights
         # Foci of weight 0 request no pressure, so they never count as the weakest.
         requested = np.flatnonzero(weights > 0.0)
-        pressures = np.abs(transfer.pressure(drive))[: len(weights)]
+        peak = np.abs(drives).max()
+        pressures = peak * compared["equal peak"][0]
         weakest = requested[np.argmin(pressures[requested] / weights[requested])]
 
         gain = None
-        control = control_drive(setup, setup.synthesise)
         if control is not None:
             # As in ``render``, compare at full scale if the drive is, otherwise at equal energy.
-            held_equal = "peak" if drive.is_full_scale else "energy"
-            at_control = np.abs(transfer.pressure(control))[requested] / weights[requested]
-            factor = control.factor_to_match(drive, held_equal)
-            gain = float(pressures[weakest] / weights[weakest] / (factor * at_control.min()))
+            held_equal = "equal peak" if peak >= 0.99 else "equal energy"
+            ratios = compared[held_equal][:, requested] / weights[requested]
+            gain = float(ratios[0].min() / ratios[1].min())
         # Foci may have the same name, but columns may not.
         words = [name.replace(" ", "_") for name in setup.foci]
         columns = [

@@ -348,7 +348,7 @@ def near_point(vector: Vector, what: str) -> Vector3:
             f"{what} is {distance:.4g} m from the origin, more than 2 m: is it in millimetres? "
             "Use metres.",
             point,
-            code="out_of_range",
+            code="not_in_metres",
         )
     return point
 

@@ -88,7 +88,7 @@ class PhasedArray:
             raise InvalidInput(
                 f"the elements span {spread:.4g} m, more than {MAX_ARRAY_EXTENT:g} m: is this in "
                 "millimetres? Use metres.",
-                code="out_of_range",
+                code="not_in_metres",
             )
         if element is None:
             # Murata's transducers are the most common.

@@ -107,13 +107,13 @@ def check_size(extent: float) -> None:
         raise InvalidInput(
             f"the surface spans {extent:.4g} m, more than {largest:g} m: is this in millimetres? "
             "Use metres, or scale it by 1e-3.",
-            code="too_many",
+            code="not_in_metres",
         )
     if extent < smallest * (1.0 - 1e-9):
         raise InvalidInput(
             f"the surface spans {extent * 1e3:.4g} mm, less than {smallest * 1e3:g} mm: was it "
             "converted from millimetres twice? Check the scale.",
-            code="out_of_range",
+            code="not_in_metres",
         )
 
 

@@ -392,7 +392,7 @@ class HandStream:
             raise FaultyFrame(
                 "mirrored",
                 f"the landmarks are labelled as a {frame.side} hand, but fingers and thumb bend "
-                f"like those of the other hand ({evidence:+.2f} in this frame): swap left and "
+                f"like those of the other hand ({evidence:+z.2f} in this frame): swap left and "
                 "right, or negate z if the axes are left-handed, as in Unity.",
             )
 

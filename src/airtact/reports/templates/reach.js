@@ -41,7 +41,8 @@ class Reach extends Stage {
 
   // Place of a pressure on the colour scale.
   share(pressure) {
-    if (this.shown === "pressure") return pressure / this.facts.most;
+    const { least, most } = this.facts;
+    if (this.shown === "pressure") return Math.max(0, (pressure - least) / (most - least));
     return Math.max(0, 1 + this.below(pressure) / this.span);
   }
 
@@ -57,11 +58,13 @@ class Reach extends Stage {
     const { overlay, turning } = this;
     overlay.draw({ shown: "", array: "hidden", largest: 1, turning });
     const length = Math.min(260, overlay.width - 50);
-    const kilopascals = this.facts.most / 1e3;
+    const [least, most] = [this.facts.least / 1e3, this.facts.most / 1e3];
+    const range = most - least;
     const levels = [0, 0.2, 0.4, 0.6, 0.8, 1].map((share) => [1 - share, share ? grouped(-share * this.span) : "0"]);
-    const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((size) => kilopascals / size < 6) ?? 100;
-    const ticks = [...Array(1 + Math.floor(kilopascals / step)).keys()];
-    const pressures = ticks.map((n) => [(n * step) / kilopascals, grouped(n * step, step < 1 ? 1 : 0)]);
+    const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((size) => range / size < 6) ?? 100;
+    const first = Math.ceil(least / step - 1e-9);
+    const ticks = [...Array(1 + Math.floor(most / step + 1e-9) - first).keys()].map((n) => (first + n) * step);
+    const pressures = ticks.map((tick) => [(tick - least) / range, grouped(tick, step < 1 ? 1 : 0)]);
     const titles = { pressure: "largest peak pressure [kPa]", level: "below the strongest point [dB]" };
     const chosen = this.shown === "pressure" ? pressures : levels;
     overlay.scale(18, length, "pressure", chosen, titles[this.shown]);

@@ -6,7 +6,10 @@ const LEVELS = 40; // range of the colours of levels [dB]
 const MOST_NAMES = 8; // largest number of foci with names and large rings
 
 const grouped = (number, digits = 0) =>
-  number.toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }).replace("-", "−");
+  number
+    .toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits })
+    .replace(/^-(?=[0.]+$)/, "") // no negative zero
+    .replace("-", "−");
 const decibels = (pressure) => 20 * Math.log10(Math.max(pressure, 1e-3) / Math.SQRT2 / 20e-6);
 
 class Overlay {
