@@ -31,8 +31,8 @@ _LIMITS = {
 class Uncertainty:
     """Standard deviations of the hand's pose, the air and the transducers.
 
-    All attributes are standard deviations, except ``age``, ``velocity`` and ``dead``, and are 0
-    by default.
+    All attributes are standard deviations, except ``velocity`` and ``dead``, and are 0 by
+    default.
 
     Attributes
     ----------
@@ -44,7 +44,8 @@ class Uncertainty:
         foci.
     along_skin : position of each focus on its body, in each of two directions along the surface
         [m].
-    age : time since the pose was measured [s], during which the hand moves at ``velocity``.
+    age : time between the measurement of the pose and the emission, relative to its expected value
+        [s]. An older pose shifts the hand farther along ``velocity``.
     velocity : (3,) velocity of the hand in the obstacles' frame [m/s].
     temperature : temperature of the air [K].
     humidity : relative humidity of the air, as a fraction.
@@ -105,6 +106,6 @@ class Uncertainty:
     @property
     def shift(self) -> float:
         """Standard deviation of a focus's position along one axis, without rotations [m]."""
-        # This is how far the hand has moved since the pose was measured.
+        # This is how far the hand moves during the deviation of the pose's age.
         late = self.age * np.linalg.norm(self.velocity)
         return float(np.sqrt(self.position**2 + self.own_position**2 + late**2))

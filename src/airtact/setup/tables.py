@@ -641,7 +641,7 @@ class UncertaintyTable(Table, frozen=True):
     own_position : deviation of each body along each axis [m].
     own_rotation : deviation of each body about a random axis [°].
     along_skin : deviation of each focus along the surface [m].
-    age : delay of the pose [s].
+    age : deviation of the pose's age [s].
     velocity : velocity of the hand [m/s].
     temperature : deviation of the temperature of the air [K].
     humidity : deviation of the relative humidity of the air [1].
