@@ -13,7 +13,10 @@ motions of 2 mm and 3 degrees, the error is 0.1 % in front of flat boards and 1 
 
 If bodies move independently, each sample is solved separately, in air of that sample's temperature.
 In front of a rigid plane, one solve covers all hands at the same position relative to the plane:
-those that were shifted along it or turned about its normal.
+those that were shifted along it or turned about its normal. For the other rigid motions, only the
+sound that the plane reflects is solved again, with twice the relative error
+(``BodiesBeforePlane``). For an open hand 30 mm in front of a plane at 3 %, the rows of the matrix
+differ by 2 to 4 % from those of solves of each sample.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
@@ -26,7 +29,10 @@ from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact.acoustics.planes import Plane
 from airtact.acoustics.scene import Scene, check_no_boards
+from airtact.acoustics.solvers.bem.before_plane import BodiesBeforePlane
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.solvers.spherical.multipole_field import (
     MultipoleField,
@@ -44,6 +50,7 @@ from airtact.errors import InvalidInput, check_seed, counted, in_short, of_kind,
 from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
+from airtact.transducers.plates import strength_in
 
 MAX_SAMPLES = 10_000
 """Largest allowed number of samples; a larger number is probably a mistake."""
@@ -418,11 +425,18 @@ class _Sampler:
 
     def _solved(self, samples: Sequence[Draw]) -> Iterator[FociRows | None]:
         """Yield matrices, with a single solve for all hands in the same position in the scene."""
+        rigid = self.together and type(self.solver) is BoundaryElement
         alike: dict[Hashable, list[int]] = {}
         for index, draw in enumerate(samples):
             alike.setdefault(self._view(draw) if self.together else index, []).append(index)
         matrices: list[FociRows | None] = [None] * len(samples)
         for indices in alike.values():
+            # Warmer air would change the matrix of the bodies.
+            nominal_air = samples[indices[0]].slower == 1.0
+            if rigid and nominal_air and len(indices) < 4 and self.field.scene.obstacles:
+                for index in indices:
+                    matrices[index] = _if_possible(self._before_plane, samples[index])
+                continue
             field = _if_possible(self._field_of, samples[indices[0]])
             if field is None:
                 continue
@@ -475,6 +489,55 @@ class _Sampler:
         medium = replace(scene.medium, sound_speed=scene.medium.sound_speed / draw.slower)
         moved, foci = self._moved(draw, replace(scene, medium=medium, planes=planes))
         return self.solver.radiate(moved, Monopoles(foci, self.field.sources.strengths))
+
+    # --- one discretisation for all hands in front of a plane ---
+
+    @cached_property
+    def _open_air(self) -> RadiatedField:
+        assert self.solver is not None
+        scene = replace(self.field.scene, planes=())
+        return multipole_expansion(self.solver.radiate(scene, self.field.sources))
+
+    @cached_property
+    def _bodies(self) -> BodiesBeforePlane:
+        assert isinstance(self.solver, BoundaryElement)
+        return BodiesBeforePlane.of(self.solver, self.field.scene, self.field.sources)
+
+    def _before_plane(self, draw: Draw) -> FociRows:
+        """Return the matrix of a hand that moves rigidly in front of a plane.
+
+        The field without images is evaluated at the elements and at their images. The mean of the
+        part in open air over each face is exact. The rest is the pressure of each part of the
+        bodies at the centre of the face times the directivity toward that part.
+        """
+        (fixed_plane,) = self.field.scene.planes
+        plane = _plane_seen(fixed_plane, draw.hand)
+        scene = replace(self.field.scene, planes=[plane])
+        array = self.array.seen_from(draw.hand)
+        check_placement(scene, array, self.field.sources.positions)
+        monopoles = self._bodies.reflected(scene)
+        parts = np.array_split(np.arange(len(monopoles.positions)), 16)
+        means = np.zeros_like(self.remainder)
+        for image in (False, True):
+            faces = array.face_points
+            centres = array.positions
+            axes = array.normals
+            if image:
+                faces = plane.image(faces.reshape(-1, 3)).reshape(faces.shape)
+                centres = plane.image(centres)
+                axes = axes - 2.0 * (axes @ plane.normal)[:, None] * plane.normal
+            received = self._open_air.at(faces.reshape(-1, 3)).reshape(*faces.shape[:2], -1)
+            means += np.einsum("eqf,q->fe", received, array.element.weights)
+            for part in parts:
+                positions = monopoles.positions[part]
+                away = centres - positions.mean(axis=0)
+                cosines = np.einsum("ed,ed->e", away, axes) / np.linalg.norm(away, axis=1)
+                sines = np.sqrt(np.maximum(1.0 - cosines**2, 0.0))
+                pressure = monopole_pressure(
+                    centres, positions, monopoles.strengths[part], scene.wavenumber, "float32"
+                )
+                means += pressure.T * np.interp(sines, *self.pattern)
+        return strength_in(scene, array) * array.element.sensitivity * means * array.gains
 
     def _at_array(self, field: RadiatedField, draw: Draw) -> FociRows:
         return transfer_matrix(field, self.array.seen_from(draw.hand)).matrix
