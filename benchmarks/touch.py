@@ -10,7 +10,7 @@ contacts that the true hand has when the drive is in the air. Kept is the pressu
 focus, in proportion to its strength, over that of the drive made from the true hand, at equal
 energy; a contact deeper than 2 mm without a focus counts as 0. With ``--emulated`` the clock is
 virtual, and a solution takes 20 ms, so that a busy machine does not matter. ``--find`` prints the
-times to find the contacts of a hand with three objects.
+processor times to find the contacts of a hand with three objects.
 """
 
 import argparse
@@ -499,18 +499,18 @@ def worlds(hand: Hand) -> dict[str, list[at.VirtualObject]]:
 
 
 def finding() -> None:
-    """Print the times to find contacts: medians of 500 frames of a moving skin."""
+    """Print the processor time to find contacts: medians of 500 frames of a moving skin."""
     hand = at.load_hand(at.example("relaxed.json"))
     skin = MovingSkin().at(hand)
     for name, objects in worlds(hand).items():
         state = TouchState(objects)
         times = []
         for frame in range(500):
-            begun = time.perf_counter()
+            begun = time.process_time()
             found = find(skin, objects)
-            between = time.perf_counter()
+            between = time.process_time()
             state.update(skin, frame / RATE)
-            times.append((between - begun, time.perf_counter() - between))
+            times.append((between - begun, time.process_time() - between))
         once, all_of_it = 1e3 * np.median(times, axis=0)
         print(
             f"{len(skin.points):,} points, {name}: {len(found.depths)} contacts; find "

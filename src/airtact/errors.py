@@ -342,8 +342,9 @@ def point_of(vector: Vector, what: str) -> Float64[np.ndarray, "3"]:
 
 def check_finite(array: np.ndarray, what: str) -> None:
     """Raise an error if an array contains NaN or infinity."""
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
+    finite = np.isfinite(array)
+    if not finite.all():
+        bad = np.argwhere(~finite)
         values = counted(len(bad), "value is", "values are")
         raise InvalidInput(
             f"{values} NaN or infinite in {what}, the first at index {bad[0].tolist()}.",

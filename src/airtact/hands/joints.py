@@ -123,16 +123,21 @@ def joints_of(
             f"the {word}s span {span:.4g} m: are they in millimetres? Use metres.",
             code="not_in_metres",
         )
-    # MediaPipe and Leap lack the bases of the metacarpals, which the palm needs.
-    if len(points) == 21:
-        tracked = points
-        points = np.empty((25, 3))
-        points[TRACKED] = tracked
-        for chain in CHAINS[1:]:
-            # The base of a metacarpal lies 41 % of the way from the wrist to the knuckle.
-            points[chain[0]] = (1.0 - 0.41) * points[0] + 0.41 * points[chain[1]]
+    points = completed(points)
     _check_bone_lengths(points, tolerance)
     return fixed(points)
+
+
+def completed(points: Float64[np.ndarray, "joints 3"]) -> Joints:
+    """Return 25 joints, or their velocities, from 25 or 21: MediaPipe and Leap lack some bases."""
+    if len(points) == 25:
+        return points
+    joints = np.empty((25, 3))
+    joints[TRACKED] = points
+    for chain in CHAINS[1:]:
+        # The base of a metacarpal lies 41 % of the way from the wrist to the knuckle.
+        joints[chain[0]] = (1.0 - 0.41) * joints[0] + 0.41 * joints[chain[1]]
+    return joints
 
 
 def _check_bone_lengths(joints: Joints, tolerance: float) -> None:

@@ -6,12 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from airtact.geometry.mesh.arrays import PointLengths
 from airtact.touch.objects import VirtualObject
-from airtact.touch.skin import Look, Points, Skin
+from airtact.touch.skin import Points, Skin
 
 Indices = Int64[np.ndarray, "contacts"]
 
@@ -27,7 +25,7 @@ class ContactArrays(NamedTuple):
     areas : (C,) area of skin inside the object [m²].
     objects : (C,) index of the touched object.
     places : (C,) index of the part of the skin, such as a finger.
-    patches : (C,) index of the connected piece of skin, which may span several
+    patches : (C,) number of the connected piece of skin, which may span several
         parts.
     deepest : (C,) index of the skin point nearest to the deepest point.
     members : for each contact, the indices of its skin points.
@@ -78,100 +76,148 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
     objects : virtual objects, already checked.
     gap : distance outside an object up to which skin still counts as a contact [m].
     """
-    along = np.ascontiguousarray(skin.points.T)  # NumPy is slow at reducing short rows
-    low = along.min(axis=1)
-    high = along.max(axis=1)
-    near = []
-    for index, thing in enumerate(objects):
-        # Skip objects whose bounding ball does not reach the box around the skin.
-        centre, radius = thing.ball
-        if np.linalg.norm(np.clip(centre, low, high) - centre) <= radius + gap:
-            near.append(index)
+    near = _within_reach(skin, objects, gap)
     # One row of depths per object, then one node for each point inside an object.
     depths = np.array([objects[index].depth(skin.points) for index in near])
     depths = depths.reshape(len(near), len(skin.points))
     row, point = np.nonzero(depths > -gap)
     if not len(point):
         return NO_CONTACTS
-    labels = _connected(skin, row, point, len(near))
+    patch = _connected(skin, row, point, len(near))
     # Divide a patch that spans several fingers into one contact per finger.
-    place = skin.place[point]
-    keys, contact = np.unique(labels * len(skin.places) + place, return_inverse=True)
+    key = patch * len(skin.places) + skin.place[point]
     depth = depths[row, point]
-    # Order the nodes by contact, and within each contact from deepest to shallowest.
-    order = np.lexsort((-depth, contact))
-    starts = np.searchsorted(contact[order], np.arange(len(keys)))
-    first = order[starts]
+    # Order the nodes by contact, and within each contact from deepest to shallowest. Depths are
+    # far below 10 m, so one key holds both.
+    order = np.argsort(key - 0.1 * depth)
+    row = row[order]
+    point = point[order]
+    depth = depth[order]
+    key = key[order]
+    first = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
     deepest = point[first]
-    # Interpolate the deepest point between skin points; otherwise a focus would jump between them.
+    of_object = near[row[first]]
+    # Find the deepest point between skin points; otherwise a focus would jump between them.
     ring = skin.neighbours[deepest]
-    points, normals, peak = peaks(
-        skin.points[deepest],
-        skin.normals[deepest],
-        depth[first],
-        skin.points[ring],
-        depths[row[first][:, None], ring],
-    )
-    of_object = np.array(near, dtype=np.int64)[row[first]]
-    if skin.look is not None:
-        points, normals, peak = _on_surface(skin.look, objects, of_object, points)
-    point_in_order = point[order]
-    depth_in_order = depth[order]
-    slices = [slice(*ends) for ends in pairwise([*starts.tolist(), len(order)])]
-    areas = np.bincount(contact, skin.areas[point] * (depth > 0.0), len(keys))
+    if skin.look is None:
+        ring_depths = depths[row[first][:, None], ring]
+        points, normals, peak = peaks(
+            skin.points[deepest],
+            skin.normals[deepest],
+            depth[first],
+            skin.points[ring],
+            ring_depths,
+        )
+    else:
+        points, normals, peak = _on_surface(skin, objects, of_object, deepest, ring)
+    slices = [slice(*ends) for ends in pairwise([*first.tolist(), len(point)])]
     return ContactArrays(
         points=points,
         normals=normals,
         depths=peak,
-        areas=areas,
+        areas=np.add.reduceat(skin.areas[point] * (depth > 0.0), first),
         objects=of_object,
-        places=place[first],
-        patches=np.unique(labels[first], return_inverse=True)[1],
+        places=skin.place[deepest],
+        patches=key[first] // len(skin.places),
         deepest=deepest,
-        members=tuple(point_in_order[part] for part in slices),
-        member_depths=tuple(depth_in_order[part] for part in slices),
+        members=tuple(point[part] for part in slices),
+        member_depths=tuple(depth[part] for part in slices),
     )
 
 
-def _on_surface(
-    look: Look, objects: Sequence[VirtualObject], of_object: Indices, points: Points
-) -> tuple[Points, Points, PointLengths]:
-    """Move points of contacts to the deepest points nearby on the exact surface.
+def approaching(skin: Skin, objects: Sequence[VirtualObject], gap: float) -> Indices:
+    """Return the skin point of each part nearest to each object less than a gap [m] away.
 
-    Returns
-    -------
-    The new points, and the normals and depths there.
+    The points nearest to an object come first.
     """
-    turns = 2.0 * np.pi * np.arange(8) / 8.0
-    circle = 1e-3 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    # Fit as in ``peaks``, to a circle of surface points that is smaller than the triangles.
-    distances, normals = look(points)
-    points = points - distances[:, None] * normals
-    ring = points[:, None] + circle @ _frames(normals)[:, :2]
-    distances, slopes = look(ring.reshape(-1, 3))
-    ring -= (distances[:, None] * slopes).reshape(ring.shape)
-    around = np.concatenate([points[:, None], ring], axis=1)
-    depths = np.zeros(around.shape[:2])
+    points = []
+    depths = []
+    for index in _within_reach(skin, objects, gap):
+        depth = objects[index].depth(skin.points)
+        near = np.flatnonzero(depth > -gap)
+        near = near[np.argsort(-depth[near])]
+        # The first point of each part is its deepest.
+        points.append(near[np.unique(skin.place[near], return_index=True)[1]])
+        depths.append(depth[points[-1]])
+    if not points:
+        return np.zeros(0, dtype=np.int64)
+    return np.concatenate(points)[np.argsort(-np.concatenate(depths))]
+
+
+def _within_reach(
+    skin: Skin, objects: Sequence[VirtualObject], gap: float
+) -> Int64[np.ndarray, "near"]:
+    """Return the indices of objects whose bounding ball reaches the box around the skin."""
+    if not objects:
+        return np.zeros(0, dtype=np.int64)
+    along = np.ascontiguousarray(skin.points.T)  # NumPy is slow at reducing short rows
+    centres = np.array([thing.ball[0] for thing in objects])
+    radii = np.array([thing.ball[1] for thing in objects])
+    nearest = np.minimum(np.maximum(centres, along.min(axis=1)), along.max(axis=1))
+    return np.flatnonzero(np.sum((nearest - centres) ** 2, axis=1) <= (radii + gap) ** 2)
+
+
+def _on_surface(
+    skin: Skin,
+    objects: Sequence[VirtualObject],
+    of_object: Indices,
+    deepest: Indices,
+    ring: Int64[np.ndarray, "contacts most"],
+) -> tuple[Points, Points, PointLengths]:
+    """Return the deepest points near skin points on the exact surface, with normals and depths.
+
+    Parameters
+    ----------
+    skin : skin with an exact surface, on which its points lie.
+    objects, of_object : virtual objects, and the index of that of each contact.
+    deepest, ring : indices of the deepest skin point of each contact and of its neighbours.
+    """
+    assert skin.look is not None
+    points = skin.points[deepest]
+    normals = skin.normals[deepest]
+    edges = skin.points[ring] - points[:, None]
+    # With circles of half an edge, fingertips at a ball get points 0.1 mm from the deepest.
+    reach = 0.5 * np.sqrt(np.einsum("cki,cki->ck", edges, edges).max(axis=1))
+    frames = _frames(normals)
+    # Fit as in ``peaks``, to eight points of the surface. Moved along the normal of its centre, the
+    # circle keeps its tangent coordinates.
+    circle = points[:, None] + (reach[:, None, None] * _CIRCLE) @ frames[:, :2]
+    distances, slopes = skin.look(circle.reshape(-1, 3))
+    upright = np.maximum((slopes.reshape(circle.shape) @ normals[:, :, None])[..., 0], 0.5)
+    heights = -distances.reshape(upright.shape) / upright
+    around = np.empty((len(points), 9, 3))
+    around[:, 0] = points
+    around[:, 1:] = circle + heights[..., None] * normals[:, None]
+    depths = np.empty(around.shape[:2])
     for index in set(of_object.tolist()):
         own = of_object == index
         depths[own] = objects[index].depth(around[own].reshape(-1, 3)).reshape(-1, 9)
-    return peaks(points, normals, depths[:, 0], ring, depths[:, 1:])
+    values = np.empty((len(points), 8, 2))
+    values[..., 0] = depths[:, 1:] - depths[:, :1]
+    values[..., 1] = heights
+    values /= reach[:, None, None]
+    return _summits(points, frames, depths[:, 0], reach, _CIRCLE_FIT @ values)
 
 
 def _connected(
     skin: Skin, row: Int64[np.ndarray, "nodes"], point: Int64[np.ndarray, "nodes"], rows: int
 ) -> Int64[np.ndarray, "nodes"]:
-    """Return for each node the index of the connected piece of skin to which it belongs."""
+    """Return for each node the smallest number of a node in the same connected piece of skin."""
     nodes = np.arange(len(point))
     # Node of each point in each object, or -1. Then the neighbours of each node; itself if none.
     slot = np.full(rows * len(skin.points), -1)
-    slot[row * len(skin.points) + point] = nodes
-    beside = slot[(row * len(skin.points))[:, None] + skin.neighbours[point]]
-    beside = np.where(beside < 0, nodes[:, None], beside)
-    ends = beside.shape[1] * np.arange(len(nodes) + 1)
-    graph = csr_array((np.ones(beside.size), beside.ravel(), ends), shape=(len(nodes),) * 2)
-    # Every edge has a reverse, so strong components equal connected ones, and are found faster.
-    return connected_components(graph, connection="strong")[1].astype(np.int64)
+    begun = row * len(skin.points)
+    slot[begun + point] = nodes
+    beside = slot.take(skin.neighbours.take(point, axis=0).T + begun)
+    beside = np.where(beside < 0, nodes, beside)
+    # Each node takes the lowest label around it, then the label of the node with that number.
+    labels = nodes
+    while True:
+        lowest = np.minimum(labels, labels.take(beside).min(axis=0))  # take is faster than []
+        lowest = lowest[lowest]
+        if (lowest == labels).all():
+            return labels
+        labels = lowest
 
 
 def peaks(
@@ -188,7 +234,7 @@ def peaks(
     """Return the deepest points near the given skin points, with the normals and depths there.
 
     Quadratic functions of the tangent coordinates are fitted to the depth and to the height of
-    the skin in a ring around each point. A point does not move if the depth has no maximum within
+    the skin in a ring around each point. A point does not move if the depth has no maximum near
     the ring.
     """
     frames = _frames(normals)
@@ -203,6 +249,26 @@ def peaks(
     # Normal equations. The small diagonal keeps them solvable for rings of fewer than 5 points.
     transposed = terms.transpose(0, 2, 1)
     fit = np.linalg.solve(transposed @ terms + 1e-9 * np.eye(5), transposed @ values)
+    return _summits(points, frames, depths, reach, fit)
+
+
+def _summits(
+    points: Points,
+    frames: Float64[np.ndarray, "contacts 3 3"],
+    depths: PointLengths,
+    reach: PointLengths,
+    fit: Float64[np.ndarray, "contacts 5 2"],
+) -> tuple[Points, Points, PointLengths]:
+    """Return the points where fitted depths are largest, with the normals and depths there.
+
+    Parameters
+    ----------
+    points : centres of the fits [m].
+    frames : their tangents and normals.
+    depths : depths there [m].
+    reach : unit of the coordinates of each fit [m]; no point moves by more than 1.4 units.
+    fit : coefficients of ``_terms`` in the depth and in the height of the skin.
+    """
     slope_u, slope_v, bend_uu, bend_uv, bend_vv = fit[:, :, 0].T
     determinant = bend_uu * bend_vv - bend_uv * bend_uv
     # At a maximum, the second derivative is negative definite. Reach it with a Newton step.
@@ -211,7 +277,7 @@ def peaks(
     safe = np.where(is_peak, determinant, 1.0)
     step[:, 0] = (bend_uv * slope_v - bend_vv * slope_u) / safe
     step[:, 1] = (bend_uv * slope_u - bend_uu * slope_v) / safe
-    step[~is_peak | (np.einsum("ci,ci->c", step, step) > 1.0)] = 0.0
+    step[~is_peak | (np.einsum("ci,ci->c", step, step) > 2.0)] = 0.0
     u, v = step.T
     rise = (_terms(u, v)[:, None] @ fit)[:, 0]
     moved = np.empty_like(points)
@@ -263,3 +329,9 @@ def _terms(
     terms[..., 3] = u * v
     terms[..., 4] = 0.5 * v * v
     return terms
+
+
+# Eight points of a circle of radius 1 in tangent coordinates, and the matrix that fits the terms to
+# values there by least squares.
+_CIRCLE = np.stack([np.cos(np.pi * np.arange(8) / 4.0), np.sin(np.pi * np.arange(8) / 4.0)], axis=1)
+_CIRCLE_FIT = np.linalg.pinv(_terms(*_CIRCLE.T))

@@ -139,7 +139,11 @@ class VirtualObject:
         return strengths * self.texture.heights(self._local(points))
 
     def _local(self, points: Real[np.ndarray, "points 3"]) -> Real[np.ndarray, "points 3"]:
-        return points if self.pose is None else self.pose.inverse().apply(points)
+        return points if self._inverse is None else self._inverse.apply(points)
+
+    @cached_property
+    def _inverse(self) -> Pose | None:
+        return None if self.pose is None else self.pose.inverse()
 
 
 def objects_of(objects: "VirtualObject | Sequence[VirtualObject]") -> tuple[VirtualObject, ...]:

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float64, Real
 from scipy.spatial import ConvexHull, KDTree
+from scipy.spatial.distance import cdist
 
 from airtact import _kernels
 from airtact.acoustics.planes import Plane, check_before_planes
@@ -192,9 +193,9 @@ def _check_metres(distances: Depths, place: str) -> None:
 
 def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
     """Raise an error if a focus (F, 3) is over 10 m away or behind a directional element."""
-    for index, focus in enumerate(foci):
-        offsets = array.positions - focus
-        _check_metres(np.sqrt(np.einsum("ed,ed->e", offsets, offsets)), f"focus {index}")
+    distances = cdist(foci, array.positions)
+    worst = int(distances.max(axis=1).argmax())
+    _check_metres(distances[worst], f"focus {worst}")
     if array.element.directional:
         behind = -_height(array, foci)
         worst = int(np.argmax(behind.max(axis=1)))

@@ -63,9 +63,10 @@ class Bones:
 
 
 def bones_of(hand: Hand) -> Bones:
-    """Return the bones of a hand; its joints and the directions of its pads define their axes."""
+    """Return the bones of a hand; its joints and the axes of its fingers define their axes."""
     joints = hand.joints
-    palm, normal = hand.position("palm")
+    palm = joints[[5, 6, 10, 11, 15, 16, 20, 21]].mean(axis=0)
+    normal = cross(joints[11] - joints[0], joints[6] - joints[21])
     hinges = np.array([bending_axis(joints, hand.side, finger) for finger in range(5)])
     root, knuckle = joints[list(CHAINS[2][:2])]
     # The phalanges are followed by the thumb's metacarpal, which turns about the thumb's hinge.
@@ -87,7 +88,9 @@ def bones_of(hand: Hand) -> Bones:
 def moved_by_bones(points: Points, weights: Weights, before: Bones, now: Bones) -> Points:
     """Move points (P, 3) with the bones of a hand from one pose to another."""
     turns, shifts = before.motions_to(now)
-    return np.einsum("pj,pjk->pk", points, np.tensordot(weights, turns, 1)) + weights @ shifts
+    # One product for rotations and translations: (P, H) @ (H, 12).
+    motions = weights @ np.concatenate([turns.reshape(-1, 9), shifts], axis=1)
+    return np.einsum("pj,pjk->pk", points, motions[:, :9].reshape(-1, 3, 3)) + motions[:, 9:]
 
 
 @dataclass(frozen=True, eq=False)

@@ -271,6 +271,8 @@ class OpenAir:
     def __init__(self, scene: LiveScene) -> None:
         self._array = scene.with_images.array
         self._faces = self._array.face_points.reshape(-1, 3)
+        # Height of each face along its normal [m].
+        self._fronts = np.sum(self._array.positions * self._array.normals, axis=1)
         self._wavenumber = scene.wavenumber
 
     def rows(self, foci: Foci) -> Rows:
@@ -285,5 +287,5 @@ class OpenAir:
         waves = array.element.weights @ waves.reshape(len(array), -1, len(foci))
         rows = np.ascontiguousarray(waves.T) * (array.element.sensitivity * array.gains)
         if array.element.directional:
-            rows[foci @ array.normals.T < np.sum(array.positions * array.normals, axis=1)] = 0.0
+            rows[foci @ array.normals.T < self._fronts] = 0.0
         return rows

@@ -7,7 +7,7 @@ import numpy as np
 
 import airtact as at
 from airtact.errors import InvalidInput
-from airtact.hands.joints import joints_of
+from airtact.hands.joints import completed, joints_of
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.prediction import AGILITY, Predictor
 from airtact.live.drives.factors import OpenAir
@@ -37,10 +37,7 @@ def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints]
     landmarks = predictor.at(time).landmarks
     if landmarks is None:
         return None
-    joints = joints_of(landmarks)
-    # Compute velocities of the joints from the motion of the landmarks within 20 ms.
-    later = landmarks + 0.02 * predictor.velocities()
-    return joints, (joints_of(later, tolerance=1.0) - joints) / 0.02
+    return joints_of(landmarks), completed(predictor.velocities())
 
 
 class SolvingMaker(DriveMaker):

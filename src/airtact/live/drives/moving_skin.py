@@ -23,22 +23,30 @@ class _Meshed:
 
 
 class MovingSkin:
-    """Skin of one hand, with the same points (about 1,600) in every pose; a pose takes 1 ms."""
+    """Skin of one hand, with the same points (about 1,600) in every pose; a pose takes 1 ms.
+
+    Attributes
+    ----------
+    bones : bones of the hand in its newest pose; None before the first one.
+    """
+
 
     def __init__(self) -> None:
         self._meshed: _Meshed | None = None
+        self.bones: Bones | None = None
 
     def at(self, hand: Hand) -> Skin:
         """Return the skin of the hand in a pose."""
+        self.bones = bones_of(hand)
         length = hand_length(hand.joints)
         meshed = self._meshed
         # If the hand's length has changed by a tenth, it is another person's hand: mesh it again.
         if meshed is None or abs(length / meshed.length - 1.0) > 0.1:
             skin = skin_of(hand, longest_edge=10e-3)
             weights = hull_weights(hand.shape.hulls, skin.points)
-            meshed = _Meshed(skin, weights, bones_of(hand), length)
+            meshed = _Meshed(skin, weights, self.bones, length)
             self._meshed = meshed
-        points = moved_by_bones(meshed.skin.points, meshed.weights, meshed.bones, bones_of(hand))
+        points = moved_by_bones(meshed.skin.points, meshed.weights, meshed.bones, self.bones)
         # Points near creases move up to 0.3 mm off the skin: one step along the gradient of the
         # distance brings them back.
         distances, normals = _look(hand, points)
@@ -49,5 +57,5 @@ class MovingSkin:
 def _look(hand: Hand, points: Points) -> tuple[PerPoint, Points]:
     """Return the distances (P,) of points from the skin [m], and the unit normals (P, 3) there."""
     near = hand.shape.hulls.look(points)
-    slopes = np.linalg.norm(near.gradient, axis=1, keepdims=True)
-    return near.distance, near.gradient / np.maximum(slopes, 1e-9)
+    slopes = np.sqrt(np.einsum("pi,pi->p", near.gradient, near.gradient))
+    return near.distance, near.gradient / np.maximum(slopes, 1e-9)[:, None]

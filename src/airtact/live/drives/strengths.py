@@ -2,9 +2,10 @@
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.spatial.distance import cdist
 
 from airtact.acoustics.target import Target
-from airtact.drives.gerchberg_saxton import phase, weighted_gerchberg_saxton
+from airtact.drives.gerchberg_saxton import best_sources, phase, starting_sources
 from airtact.drives.methods import METHODS
 from airtact.drives.transfer import TransferMatrix
 from airtact.live.scene import Amplitudes, Foci, LiveScene, Rows
@@ -38,19 +39,25 @@ def balanced(
     attainable = np.abs(folded).sum(axis=1)
     # A weaker focus cannot be felt, but would reduce the pressure at the others.
     on = np.flatnonzero(strengths > 0.01)
-    apart = 0.25 * scene.medium.wavelength(scene.frequency)
+    if not len(on):
+        return np.zeros(folded.shape[1], dtype=np.complex128)
+    shadowed = attainable < 0.05 * np.median(attainable[on])
+    close = cdist(foci, foci) < 0.25 * scene.medium.wavelength(scene.frequency)
     chosen: list[int] = []
     for index in on[np.argsort(-strengths[on], kind="stable")].tolist():
-        shadowed = attainable[index] < 0.05 * np.median(attainable[on])
-        near = chosen and np.linalg.norm(foci[chosen] - foci[index], axis=1).min() < apart
-        if not (shadowed or near):
+        if not (shadowed[index] or close[index, chosen].any()):
             chosen.append(index)
     if not chosen or not attainable[chosen].all():
         return np.zeros(folded.shape[1], dtype=np.complex128)
     shares = strengths[chosen]
-    if len(chosen) == 1 and method == "best":
-        return shares.max() * phase(folded[chosen[0]]).conj()  # exact solution for a single focus
-    make = weighted_gerchberg_saxton if method == "best" else METHODS[method]
-    transfer = TransferMatrix(folded[chosen], float("nan"))
-    made = make(transfer, Target(foci[chosen], shares=shares)).amplitudes
+    folded = folded[chosen]
+    if method != "best":
+        transfer = TransferMatrix(folded, float("nan"))
+        made = METHODS[method](transfer, Target(foci[chosen], shares=shares)).amplitudes
+    elif len(chosen) == 1:
+        made = phase(folded[0]).conj()  # exact solution for a single focus
+    else:
+        # ``weighted_gerchberg_saxton`` would repeat the checks above.
+        start = starting_sources(folded, shares)
+        made = phase(folded.conj().T @ best_sources(folded, shares, start, iterations=50))
     return float(shares.max()) * made

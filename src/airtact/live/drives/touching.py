@@ -6,13 +6,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.spatial.distance import cdist
 
 from airtact.errors import InvalidInput
 from airtact.hands.hand import Hand, Side
 from airtact.hands.joints import Point
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.prediction import AGILITY, Predictor
-from airtact.live.drives.bending import Bones, bones_of
+from airtact.live.drives.bending import Bones
 from airtact.live.drives.factors import OpenAir
 from airtact.live.drives.maker import SolvingMaker, predicted_joints
 from airtact.live.drives.moving import aligned, turned_towards
@@ -31,7 +32,7 @@ from airtact.live.moment import (
 from airtact.live.safety import Workspace
 from airtact.live.scene import SIDES, Frames, LiveScene, hand_in
 from airtact.live.world import WantedFocus
-from airtact.touch.finding import find
+from airtact.touch.finding import approaching
 from airtact.touch.objects import VirtualObject
 from airtact.touch.skin import Skin
 from airtact.touch.state import TouchState
@@ -354,11 +355,10 @@ class TouchAware(SolvingMaker):
                 own += [point for point, outline in along if outline.side == side]
             # These points need not be exact. Skin within 15 mm of an object gets a beacon before it
             # touches.
-            found = find(replace(tracked.skin, look=None), self._objects, 15e-3)
-            early = found.points + OFFSET * found.normals
-            # Begin with the skin nearest to an object.
-            for point in early[np.argsort(-found.depths)]:
-                if all(np.linalg.norm(point - other) > 2e-3 for other in own):
+            early = approaching(tracked.skin, self._objects, 15e-3)
+            ahead = tracked.skin.points[early] + OFFSET * tracked.skin.normals[early]
+            for point, away in zip(ahead, cdist(ahead, np.array(own).reshape(-1, 3)), strict=True):
+                if away.min(initial=1.0) > 2e-3:
                     own.append(point)
             own = own[:12]  # at most 12 beacons per hand
             points += own
@@ -414,7 +414,7 @@ class TouchAware(SolvingMaker):
         # A solution older than 0.25 s no longer fits the pose.
         if solution is not None and not controls.ignore_hand and time - solution.time < 0.25:
             bones: dict[Side, Bones] = {
-                side: bones_of(tracked.hand) for side, tracked in seen.items() if tracked.hand
+                side: tracked.moving.bones for side, tracked in seen.items() if tracked.moving.bones
             }
             factors, benefits = solution.at(bones, every)
             rows = rows * factors
