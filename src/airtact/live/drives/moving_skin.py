@@ -30,7 +30,6 @@ class MovingSkin:
     bones : bones of the hand in its newest pose; None before the first one.
     """
 
-
     def __init__(self) -> None:
         self._meshed: _Meshed | None = None
         self.bones: Bones | None = None
