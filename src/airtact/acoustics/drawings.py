@@ -62,7 +62,7 @@ def text(
     for letter in words:
         if not 32 <= ord(letter) < 127:
             raise InvalidInput(
-                f"{letter!r} of {words!r} is not in the font; write it in ASCII.",
+                f"{letter!r} of {words!r} is not in the font; use ASCII characters only.",
                 code="unknown_name",
             )
     font = HersheyFonts()
@@ -120,14 +120,15 @@ def svg_path(
     farthest = np.abs(corners).max(initial=0.0)
     if not farthest <= LARGEST_NUMBER:
         raise InvalidInput(
-            f"{name} has a line at {farthest:.3g}, beyond {LARGEST_NUMBER:g} units; scale it down.",
+            f"{name} has a line at {farthest:.3g}, beyond {LARGEST_NUMBER:g} units; scale the "
+            "drawing down.",
             code="out_of_range",
         )
     extent = np.ptp(corners, axis=0) if len(corners) else np.zeros(2)
     # An upright line has no width.
     size = extent[0] if extent[0] > 0.0 else extent[1]
     if size < SMALLEST_NUMBER:
-        raise InvalidInput(f"{name} has no lines longer than 0.", code="empty")
+        raise InvalidInput(f"all lines in {name} have length 0.", code="empty")
     upright = [stroke * [width / size, -width / size] for stroke in strokes]  # y points down in SVG
     return _laid_out(upright, name, spacing, centre, normal, up)
 

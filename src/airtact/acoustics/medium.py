@@ -100,7 +100,7 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
     """
     frequency = positive(frequency, "frequency", "Hz")
     celsius = between(
-        celsius, -20.0, 50.0, "the air's temperature", "°C", "the formulas hold there only."
+        celsius, -20.0, 50.0, "the air's temperature", "°C", "the formulas hold only in this range."
     )
     slip = "50 per cent is humidity=0.5."
     humidity = between(humidity, 0.0, 1.0, "relative humidity", "", slip)

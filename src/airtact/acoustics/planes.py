@@ -116,8 +116,8 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
         # The sum over the images between parallel planes does not converge, and crossing planes
         # form a corner with additional images.
         raise InvalidInput(
-            f"the scene has {len(planes)} planes, but at most one is supported; remove those far "
-            "from the foci.",
+            f"the scene has {len(planes)} planes, but at most one is supported; keep only the "
+            "plane nearest to the foci.",
             code="too_many",
         )
     for plane in planes:
@@ -172,8 +172,8 @@ def check_before_planes(
             deepest = int(height.argmin())
             raise InvalidInput(
                 f"{len(behind)} of {len(points)} {name} points are behind the plane: {name} "
-                f"{deepest} at {in_mm(points[deepest])} by {-1e3 * height[deepest]:.3g} mm; move "
-                "it to the front, or reverse the normal of the plane.",
+                f"{deepest} at {in_mm(points[deepest])} is {-1e3 * height[deepest]:.3g} mm behind "
+                "it; move it in front of the plane, or reverse the normal of the plane.",
                 points[deepest],
                 code="behind_plane",
             )

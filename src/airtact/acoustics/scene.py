@@ -74,8 +74,8 @@ class Obstacle:
         ) != (self.boundary == "filled"):
             raise InvalidInput(
                 f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium "
-                f"{self.medium}; only an impedance boundary needs a ratio, and only a filled body "
-                "needs a medium.",
+                f"{self.medium}; only an impedance boundary takes a ratio, and only a filled body "
+                "takes a medium.",
                 code="options_clash",
             )
         if self.medium is not None:
@@ -211,8 +211,9 @@ class Scene:
         decay = self.medium.absorption * self.wavelength
         if decay > 1.0:
             raise InvalidInput(
-                f"an absorption of {self.medium.absorption:g} Np/m leaves {np.exp(-decay):.2g} of "
-                "the sound after one wavelength: is it in dB/km? Divide it by 8686.",
+                f"an absorption of {self.medium.absorption:g} Np/m leaves only "
+                f"{np.exp(-decay):.2g} of the sound after one wavelength: is it in dB/km? Divide "
+                "it by 8686.",
                 code="out_of_range",
             )
 
@@ -333,8 +334,8 @@ def check_no_planes(scene: Scene, solver: str) -> None:
     if scene.planes:
         raise InvalidInput(
             f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {solver} does "
-            "not support: remove the planes, or solve with BoundaryElement, or with FreeField "
-            "where there is no body.",
+            "not support: remove the planes, or solve with BoundaryElement (FreeField if there "
+            "are no bodies).",
             code="not_supported",
         )
     check_no_boards(scene, solver)

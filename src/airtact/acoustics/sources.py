@@ -80,7 +80,7 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
         first = int(near[0])
         raise InvalidInput(
             f"point {first} is {1e3 * distance[first]:g} mm from source {int(source[first])}, "
-            "where the pressure is infinite; move it away.",
+            "where the pressure is infinite; move the point away.",
             code="misplaced",
         )
 

@@ -205,7 +205,7 @@ def surface_points(
         centres = centres[cosine >= np.cos(np.radians(within)) - 1e-12]
     if not len(centres):
         raise InvalidInput(
-            f"no part of the surface faces within {within:g} degrees of "
+            f"no part of the surface faces a direction within {within:g} degrees of "
             f"{np.asarray(facing).tolist()}.",
             code="empty",
         )

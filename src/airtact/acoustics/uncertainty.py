@@ -19,10 +19,10 @@ _LIMITS = {
     "own_rotation": (90.0, "degrees", "hands are located more accurately."),
     "along_skin": (0.1, "m", _MILLIMETRES),
     "age": (1.0, "s", "is it in milliseconds? Use seconds."),
-    "temperature": (10.0, "K", "the temperature of a room is known better."),
+    "temperature": (10.0, "K", "the temperature of a room is known more precisely."),
     "humidity": (0.5, "", "5 per cent is humidity=0.05."),
     "gain": (0.5, "", "5 per cent is gain=0.05."),
-    "phase": (90.0, "degrees", "no drive focuses with such phases."),
+    "phase": (90.0, "degrees", "no drive can focus with such phase errors."),
     "dead": (0.9, "", "10 per cent is dead=0.1."),
 }
 

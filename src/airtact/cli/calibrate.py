@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     "elements",
     type=int,
     multiple=True,
-    help="Index (from 0) of the only emitting element; one per scan.",
+    help="Index (from 0) of the only element that emits; one per scan.",
 )
 @click.option(
     "--drive",

@@ -109,11 +109,11 @@ def _table(result: "MethodComparison") -> "Table":
         columns.append("suppression points")
     table = plain_table(*columns)
     # The drives differ in energy, so compare shares of the bound at full scale.
-    table.title = "Pressure at the foci, and share of the upper bound at full scale"
+    table.title = "Pressure at the foci, and fraction of the upper bound reached at full scale"
     equal = len(result.equally_good)
     if equal > 1:
         table.caption = (
-            f"The first {equal} reach the same share of the bound, within {result.tolerance:.1%}."
+            f"The first {equal} reach the same fraction of the bound, to within {result.tolerance:.1%}."
         )
     for contender in result.ranked:
         row = [

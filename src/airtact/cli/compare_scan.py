@@ -50,7 +50,7 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
         setup = at.read_scene(scene)
         writable_folder(folder)
         emitted, stalled = emitted_drive(setup, Clock(report_step))
-        report_step("predicting by a more accurate solve with all transducers as sources")
+        report_step("predicting the field by a more accurate solve with all transducers as sources")
         field = verification_solver(setup).radiate(
             setup.scene, at.evaluation.drive_sources(setup.array, [emitted], setup.scene)
         )
@@ -101,9 +101,12 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
     quantity = "complex pressures" if phased else "magnitudes, because no phase was measured"
     turn = f" at {np.degrees(np.angle(overlay.scale)):.1f}°" if phased else ""
     facts = [
-        ("relative error", f"{overlay.error:.1%} of the {quantity}, after fitting one scale"),
+        (
+            "relative error",
+            f"{overlay.error:.1%} of the {quantity}, after fitting one scale factor",
+        ),
         ("positions", f"{int(overlay.used.sum())} of {len(overlay.used)} compared"),
-        ("scale", f"{abs(overlay.scale):.4g} of the scan's unit per predicted pascal{turn}"),
+        ("scale", f"{abs(overlay.scale):.4g} units of the scan per predicted pascal{turn}"),
         ("predicted by", f"{report.solver}, estimated error {report.estimated_error:.2%}"),
     ]
     show(

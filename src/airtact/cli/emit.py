@@ -31,7 +31,7 @@ from airtact.cli.options import FILE, Names, agreed, board_address, level_of, qu
     "--link",
     required=True,
     type=Names("airtact.emission.links:LINKS", "file"),
-    help="Connection to the boards, or file to write the frames to a file.",
+    help='Link to the boards; "file" writes the frames to a file.',
 )
 @click.option(
     "--seconds", type=float, help="Duration; by default 2, or one period or round for a file."
@@ -100,9 +100,9 @@ def emit(
     with progress() as report_step:
         played = safe_emission.emit(plan, to_boards, seconds, report_step, log)
     if link == "serial" and board == "sonicsurface":
-        end = "sent; the last was silence, unconfirmed: a SonicSurface never answers."
+        end = "sent; the last one was silence, which a SonicSurface cannot confirm."
     else:
-        end = "sent; the last was silence, and confirmed."
+        end = "sent; the last one was silence, which the boards confirmed."
     lines = [f"{counted(to_boards.sent, 'frame was', 'frames were')} {end}"]
     if played is not None:
         kind = "sequence" if plan.modulation is None else "modulated drive"

@@ -67,9 +67,7 @@ from airtact.cli.options import (
     type=Names("airtact.transducers.boards:BOARDS"),
     help="Kind of board; by default, nothing is emitted.",
 )
-@click.option(
-    "--link", type=Names("airtact.emission.links:LINKS"), help="Connection to the boards."
-)
+@click.option("--link", type=Names("airtact.emission.links:LINKS"), help="Link to the boards.")
 @click.option("--yes", is_flag=True, help="Emit without asking for confirmation.")
 @board_address
 @click.option(
@@ -131,7 +129,7 @@ def live(
             report_step(f"reading {session}")
             recorded = at.live.read_session(session)
             verified = at.live.verify_session(recorded, report_step=report_step)
-        table = plain_table("emitted at", "based on", "weakest focus", "share of the best")
+        table = plain_table("emitted at", "based on", "weakest focus", "of the attainable")
         rows = []
         start = recorded.time_in_air[0]
         for index, pressures, kept in zip(

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @click.option(
     "--edge",
     type=float,
-    help="Edge length of the panels in metres; by default that for 1 % accuracy at 40 kHz.",
+    help="Edge length of the panels in metres; by default the length for 1 % accuracy at 40 kHz.",
 )
 @click.option(
     "--out", "file", required=True, type=FILE, help="File to which the panels are written."

@@ -76,7 +76,7 @@ as_json = click.option(
     is_flag=True,
     expose_value=False,
     callback=_keep,
-    help="Print the result as JSON, and everything else on the standard error.",
+    help="Print the result as JSON, and everything else on standard error.",
 )
 
 
@@ -120,7 +120,7 @@ pictures = click.option(
     is_flag=True,
     flag_value=False,
     default=True,
-    help="Write numbers only, without a report and pictures.",
+    help="Write numbers only, without a report or pictures.",
 )
 
 store = click.option("--store", type=FILE, help="Folder for solved fields, which later runs reuse.")

@@ -57,12 +57,12 @@ BOX = (float,) * 6
     "--fixed",
     type=click.IntRange(min=0),
     multiple=True,
-    help="Board of the scene that stays, counted from 0; can be repeated.",
+    help="Index (from 0) of a board of the scene that stays in place; can be repeated.",
 )
 @click.option(
     "--symmetric",
     type=click.Choice(["x", "y", "z"]),
-    help="Axis along which boards are mirrored in pairs.",
+    help="Axis along which boards are placed in mirrored pairs.",
 )
 @click.option(
     "--no-tilt",
@@ -70,13 +70,14 @@ BOX = (float,) * 6
     is_flag=True,
     flag_value=False,
     default=True,
-    help="Boards face the foci.",
+    help="Make every board face the middle of the foci.",
 )
 @click.option(
     "--objective",
     type=click.Choice(["weakest", "lowest_tenth"]),
     default="weakest",
-    help="Weakest focus over all hands, or in nine of ten hands.",
+    help="Maximise the pressure that the weakest focus reaches for all hands (weakest) or for "
+    "nine hands out of ten (lowest_tenth).",
 )
 @click.option("--recording", type=INPUT, help="Recording with poses of the hand in the scene.")
 @click.option(
@@ -188,8 +189,8 @@ def _record(result: "Placement", count: int) -> dict[str, Any]:
 
 
 def _layouts_table(result: "Placement", files: tuple[Path, ...]) -> "Table":
-    table = plain_table("layout", "transducers", "weakest focus", "of the present one")
-    table.title = "Weakest focus at full scale, over all poses of the hand"
+    table = plain_table("layout", "transducers", "weakest focus", "relative to the present array")
+    table.title = "Pressure at the weakest focus at full scale, over all poses of the hand"
     present = len(result.setup.array)
     rows = [
         (file.stem, len(layout.array), layout.weakest)
@@ -207,7 +208,7 @@ def _layouts_table(result: "Placement", files: tuple[Path, ...]) -> "Table":
 
 def _moves_table(result: "Placement") -> "Table":
     table = plain_table("board", "1 cm in x", "y", "z", "5° about x", "y", "z")
-    table.title = "Change of layout 1 if one board is moved along or about its own axes"
+    table.title = "Change in pressure if one board of layout 1 is moved or turned"
     for index, changes in enumerate(result.moves):
         table.add_row(str(index), *(f"{100 * change:+z.1f} %" for change in changes))
     return table

@@ -31,7 +31,7 @@ FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
     "--method",
     type=Names("airtact.drives.methods:METHODS"),
     metavar="NAME",
-    help="Method to use instead of that in the scene; airtact compare lists all methods.",
+    help="Method to use instead of the one in the scene; airtact compare lists all methods.",
 )
 @store
 @pictures

@@ -139,7 +139,7 @@ class DriveFile:
         rate = self.rate if rate is None else rate
         if rate is None and len(self.drives) > 1:
             raise InvalidInput(
-                f"a sequence of {len(self.drives)} frames needs a rate [frames/s].",
+                f"a sequence of {len(self.drives)} frames requires a rate in frames per second.",
                 code="data_missing",
             )
         return rate
@@ -231,7 +231,8 @@ def _write_table(path: Path, contents: DriveFile) -> None:
     levels = contents.levels
     if positions is None or normals is None or levels is None or contents.rate is not None:
         raise InvalidInput(
-            "a .csv file is a table of a drive and its array. Pass the array, or save a .h5 file.",
+            "a .csv file lists a drive together with the positions of its elements. Pass the "
+            "array, or save a .h5 file.",
             code="data_missing",
         )
     (drive,) = contents.drives

@@ -268,7 +268,9 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     missing = 1.0 - lowest * np.abs(sources).sum() / np.abs(sent).sum()
     if missing > 0.03:
         after = counted(iterations, "iteration", "iterations")
-        warn_stalled("max_min", rows, lowest, f"after {after}, {missing:.1%} below its limit")
+        warn_stalled(
+            "max_min", rows, lowest, f"after {after}, {missing:.1%} below the limit for its phases"
+        )
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ (sources / requests)))
 
 
@@ -290,8 +292,8 @@ def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> Non
     reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
     warnings.warn(
         Stalled(
-            f"{method} stalled {where}. At the weakest focus its best drive reaches {reached:.1%} "
-            "of the certified bound. Allow more iterations, or use gradient.",
+            f"{method} stalled {where}. At the weakest focus, its best drive reaches "
+            f"{reached:.1%} of the certified bound. Allow more iterations, or use gradient.",
             reached,
         ),
         stacklevel=3,  # the caller of the method

@@ -154,7 +154,7 @@ METHODS: dict[str, Method] = {
         Method(
             "time_reversal",
             "linear_methods",
-            "the conjugate of the transfer matrix, amplitudes and phases",
+            "the conjugate of the transfer matrix, with its amplitudes and phases",
             heeds_phases=True,
         ),
         Method(

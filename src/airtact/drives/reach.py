@@ -39,8 +39,8 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
         if apart.max() > 1e-6:  # metres
             raise InvalidInput(
                 f"focus {int(apart.argmax())} of the target is {1e3 * apart.max():.3g} mm from "
-                "the one in the transfer matrix. Use the target whose beacons were solved, in the "
-                "obstacles' frame.",
+                "that focus in the transfer matrix. Use the target for which the matrix was "
+                "computed, in the obstacles' frame.",
                 code="sizes_differ",
             )
 
@@ -111,7 +111,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
         point = target.points[asked[worst]]
         rest = np.median(np.delete(attainable, worst))
         raise InvalidInput(
-            f"focus {asked[worst]} at {in_mm(point)} is shadowed: it can get at most "
+            f"focus {asked[worst]} at {in_mm(point)} is shadowed: it can reach at most "
             f"{attainable[worst]:.3g} Pa, while the median of the other foci is {rest:.3g} Pa. "
             "Move it, remove it or request less pressure there.",
             point,

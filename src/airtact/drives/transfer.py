@@ -200,8 +200,8 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
         worst = int(np.argmax(errors))
         warnings.warn(
             f"the estimated error of the transfer matrix is {error:.0%} for the focus at "
-            f"{in_mm(sources.positions[worst])}, which gets little sound from the array. Turn the "
-            "body or the array, or solve with a smaller value of accuracy.",
+            f"{in_mm(sources.positions[worst])}, which receives little sound from the array. Turn "
+            "the body or the array, or solve with a smaller value of accuracy.",
             stacklevel=2,
         )
     return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)

@@ -197,7 +197,8 @@ def ensemble(
     if not matrices:
         raise InvalidInput(
             f"all {samples} samples are impossible: an element is inside a body, or a body or a "
-            "focus is behind a face. Use smaller deviations or move the array away.",
+            "focus is behind the face of an element. Use smaller deviations or move the array "
+            "away.",
             code="empty",
         )
     return TransferEnsemble(

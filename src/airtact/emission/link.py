@@ -308,10 +308,10 @@ class Link(ABC):
         self.check_elements(len(frame))
         if not self.levels.same_as(frame.levels):
             raise InvalidInput(
-                f"a frame with {len(frame.levels.amplitudes)} amplitudes and {frame.levels.phases} "
-                f"phases does not fit {self.codec.board.name}, which has "
-                f"{len(self.levels.amplitudes)} and {self.levels.phases}: quantise the drive with "
-                "link.levels.",
+                f"a frame with {len(frame.levels.amplitudes)} amplitude levels and "
+                f"{frame.levels.phases} phase levels does not fit {self.codec.board.name}, which "
+                f"has {len(self.levels.amplitudes)} and {self.levels.phases}: quantise the drive "
+                "with link.levels.",
                 code="sizes_differ",
             )
 
@@ -426,7 +426,8 @@ def lock_boards(resource: str) -> int | None:
             file = os.open(path, options)  # created by another user
     except OSError as error:
         raise InvalidInput(
-            f"{path}, which locks {resource}, cannot be opened: {error.strerror}. Remove it.",
+            f"{path}, which locks {resource}, cannot be opened: {error.strerror}. Remove this "
+            "file.",
             code="link_in_use",
         ) from None
     # Wait 0.5 s in case a link is just being closed.

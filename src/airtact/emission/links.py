@@ -37,8 +37,9 @@ def link_to(
     """
     if board not in LINKS.get(name, ()):
         raise InvalidInput(
-            f"{board} boards have no {name!r} link; they have {', '.join(links_of(board)[:-1])}, "
-            "and airtact emit --link file writes their frames.",
+            f"{board} boards have no {name!r} link; their links are "
+            f"{', '.join(links_of(board)[:-1])}, and airtact emit --link file writes their frames "
+            "to a file.",
             code="unknown_name",
         )
     key = {"serial": "port", "audit": ""}.get(name, "address")

@@ -173,8 +173,9 @@ def _radians(path: Path, phases: Phases, name: str) -> Phases:
         return phases
     if largest > 360.0 + 1e-3:
         raise InvalidInput(
-            f"phases in {path.name} reach {largest:g}, which is more than a turn in radians and in "
-            "degrees; name the column phase_radians, phase_degrees or phase_level (of 256).",
+            f"phases in {path.name} reach {largest:g}, which is more than a full turn both in "
+            "radians and in degrees; name the column phase_radians, phase_degrees or phase_level "
+            "(of 256).",
             code="out_of_range",
         )
     if largest <= 255.0 and np.array_equal(phases, np.round(phases)) and phases.min() >= 0.0:
@@ -191,8 +192,8 @@ def _checked(
 ) -> Float64[np.ndarray, "frames elements"]:
     if amplitudes.min() < 0.0 or amplitudes.max() > 1.0:
         raise InvalidInput(
-            f"amplitudes in {path.name} run from {amplitudes.min():g} to {amplitudes.max():g}; use "
-            "shares of full scale, from 0 to 1.",
+            f"amplitudes in {path.name} run from {amplitudes.min():g} to {amplitudes.max():g}; "
+            "use fractions of full scale, from 0 to 1.",
             code="out_of_range",
         )
     return amplitudes

@@ -258,7 +258,7 @@ class Player:
     def _step(self, now: float) -> None:
         self._check_suspend()
         if self._emitting and now - self._fed >= self._settings.patience:
-            self._starve(f"no call came for {self._settings.patience:g} s")
+            self._starve(f"no call arrived for {self._settings.patience:g} s")
             return
         if self._trouble is not None:
             return

@@ -21,7 +21,7 @@ from airtact.transducers.layout import PhasedArray
 # The normalisations of a comparison, and what each holds equal
 HELD_EQUAL = {
     "equal peak": "the strongest element of every drive is at full scale",
-    "equal energy": "Σ|d|² is the same for all drives, the largest that all reach at full scale",
+    "equal energy": "Σ|d|² is the largest value that every drive can reach within full scale",
     "phase only": "every drive keeps its phases, and every active element is at full scale",
 }
 
@@ -56,7 +56,7 @@ class Comparison:
             self,
             counted(len(self.names), "drive", "drives"),
             counted(len(self.target.points), "focus", "foci"),
-            f"best weakest focus at equal peak {pressure:.0f} Pa with {name!r}",
+            f"highest pressure at the weakest focus {pressure:.0f} Pa at equal peak, with {name!r}",
         )
 
     def _strongest(self) -> tuple[float, str]:

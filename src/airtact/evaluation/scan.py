@@ -196,8 +196,8 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     used = np.isfinite(predicted)
     if used.sum() < MIN_POSITIONS:
         raise InvalidInput(
-            f"only {int(used.sum())} of {len(used)} positions of the scan can be predicted: "
-            "a body overlaps the microphone at the others. Is the scan in the scene's frame?",
+            f"only {int(used.sum())} of {len(used)} positions of the scan can be predicted: at "
+            "the others, a body overlaps the microphone. Is the scan in the scene's frame?",
             code="signal_unusable",
         )
     model = predicted[used]
@@ -214,8 +214,9 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     # An error of up to 20 % is treated as agreement.
     if mirrored < 0.5 * error and error > 0.2:
         raise InvalidInput(
-            f"the scan deviates from the prediction by {error:.1%}, and by {mirrored:.1%} with "
-            "negated phases. The phases seem to be those of e^(+iωt). Negate the column phase.",
+            f"the scan deviates from the prediction by {error:.1%}, but only by {mirrored:.1%} "
+            "with negated phases. The phases seem to be those of e^(+iωt). Negate the column "
+            "phase.",
             code="does_not_match",
         )
     return Overlay(scan, predicted, used, scale, error)

@@ -118,8 +118,8 @@ class Verification:
         amplitudes = len(self.levels.amplitudes)
         lines = [
             str(self.evaluation),
-            f"{span(100 * self.attained, '%', '.0f')} of the pressure that each focus alone could "
-            "reach",
+            f"{span(100 * self.attained, '%', '.0f')} of the pressure that the array could "
+            "produce at each focus alone",
             f"rounding to {amplitudes} amplitude levels and {phases} phase levels changes the "
             f"pressure at a focus by at most {self.quantisation_loss:.2%}",
             f"strongest side lobe {self.side_lobe.pressure:.1f} Pa at "

@@ -60,7 +60,7 @@ def check_not_crossed(surface: Surface) -> None:
     if len(pairs):
         first, second = pairs[0]
         where = surface.corners[pairs[0]].mean(axis=(0, 1))
-        meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
+        meet = counted(len(pairs), "pair of triangles intersects", "pairs of triangles intersect")
         raise InvalidInput(
             f"the surface crosses itself: {meet}, such as {first} and {second} near "
             f"{in_mm(where)}; repair it, or load it with union=True.",

@@ -274,7 +274,7 @@ class World:
 
     def _check_known(self, name: str, things: dict[str, VirtualObject]) -> None:
         if name not in things:
-            choice = nearest(name, things) if things else "there are no objects: add it."
+            choice = nearest(name, things) if things else "there are no objects: add one first."
             raise InvalidInput(f"there is no object {name!r}; {choice}", code="unknown_name")
 
     def _change_foci(self, message: FociMessage, source: str, keep: bool) -> None:

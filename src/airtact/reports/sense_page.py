@@ -73,7 +73,7 @@ def _facts(sensed: Sensed) -> list[tuple[str, str]]:
         ),
         (
             f"{sensed.after.min() / sensed.before.min():.2f} times",
-            "the pressure at the weakest focus as a result of the correction",
+            "the uncorrected pressure at the weakest focus, after the correction",
         ),
         (
             f"{sensed.located.misfit:.1%}".replace("%", " %"),

@@ -431,7 +431,8 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
     if rms == 0.0 or (echoes.noise is not None and rms < 1.05 * echoes.noise):
         raise InvalidInput(
             f"the echoes have an rms of {rms:.3g} Pa, hardly more than the noise of "
-            f"{echoes.noise or 0.0:.3g} Pa; transmit more, or closer to the bodies.",
+            f"{echoes.noise or 0.0:.3g} Pa; use more transmissions, or move the array closer to "
+            "the bodies.",
             code="signal_unusable",
         )
     # Clipping shows in the magnitudes or, with two converters, in the quadratures.

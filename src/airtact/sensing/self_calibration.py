@@ -514,7 +514,8 @@ def _check_linked(
     if rms == 0.0 or rms < 1.05 * noise:
         raise InvalidInput(
             f"the direct sound of one element has an rms of {rms:.3g} Pa, hardly more than the "
-            f"noise of {noise:.3g} Pa. Do not subtract anything, and transmit more or longer.",
+            f"noise of {noise:.3g} Pa. Do not subtract the direct sound, and use more or longer "
+            "transmissions.",
             code="signal_unusable",
         )
 

@@ -165,7 +165,9 @@ def noisy(
     pressures: Num[np.ndarray, "receivers transmissions"], decibels: float, seed: int
 ) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float]:
     """Add complex normal noise ``decibels`` below the pressures; also return its rms [Pa]."""
-    decibels = between(decibels, -300.0, 300.0, "the noise", "dB", "it is echoes over noise.")
+    decibels = between(
+        decibels, -300.0, 300.0, "the noise", "dB", "it is the ratio of the echoes to the noise."
+    )
     deviation = 10.0 ** (-decibels / 20.0) * float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
     random = np.random.default_rng(seed)
     parts = random.normal(size=(2, *pressures.shape)) / np.sqrt(2.0)

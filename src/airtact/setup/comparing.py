@@ -329,7 +329,7 @@ def _compare_methods(
     emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
     with clock.step(
         "verify",
-        f"verifying {len(drives)} drives in a more accurate solve with all transducers as sources",
+        f"verifying {len(drives)} drives by a more accurate solve with all transducers as sources",
     ):
         field = radiate_drives(
             setup.scene,
@@ -347,7 +347,7 @@ def _compare_methods(
     kept: dict[str, float] = {}
     if setup.uncertainty is not None:
         requested = np.flatnonzero(setup.target.weights > 0.0)
-        with clock.step("doubt", "evaluating them on other samples of the uncertainty"):
+        with clock.step("doubt", "evaluating the drives on other samples of the uncertainty"):
             samples = other_samples(setup, beacons)
             for name, drive in emitted.items():
                 weakest = np.abs(samples.pressures(drive)[:, requested]).min(axis=1)

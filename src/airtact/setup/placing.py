@@ -380,7 +380,8 @@ def _hand_poses(
         if isinstance(hand, Pose):
             if not all(plane.kept_by(hand) for plane in scene.planes):
                 raise InvalidInput(
-                    "a motion of the hand moves the plane of the scene: only use motions along it.",
+                    "a motion of the hand moves the plane of the scene: use only motions along "
+                    "the plane.",
                     code="not_supported",
                 )
             yield scene, setup.target, hand

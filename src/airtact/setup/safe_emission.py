@@ -130,7 +130,7 @@ class Plan:
         if self.limited:
             notes.append(
                 f"The cap of {self.cap:g} limits the level at a head to {MAX_HEAD_LEVEL:g} dB. "
-                f"--full-scale emits up to {self.head.full:.0f} dB; --cap sets another share."
+                f"--full-scale emits up to {self.head.full:.0f} dB; --cap sets another limit."
             )
         if self.constant:
             fastest = codec_of(self.board).fastest_frames(len(self.poses)) / 2.0

@@ -311,7 +311,8 @@ def calibrate_array(
             f"no positions of the boards near those of the scene {setup.title} explain the "
             f"transmissions: the best ones leave {calibrated.misfit:.2g} of them unexplained, "
             "beyond noise. Likely causes: an object between the boards, direct sound that was "
-            "subtracted, other codes or another order of the elements, or boards over 2 mm off.",
+            "subtracted, other codes or another order of the elements, or boards displaced by "
+            "more than 2 mm.",
             code="pose_not_found",
         )
     if true is None:

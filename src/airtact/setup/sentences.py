@@ -55,7 +55,7 @@ def touches(setup: Setup) -> tuple[str, ...]:
         if strongest < 0.995:
             sentences.append(
                 f"At this depth, the strongest touch has {strongest:.0%} of full strength: scale "
-                "the drive by that share."
+                "the drive by this factor."
             )
     return tuple(sentences)
 
@@ -217,13 +217,13 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
     rounded = bound.reached(transfer, setup.target, frame.drive())
     if not drive.is_full_scale:
         words = (
-            f"At full scale, no drive exceeds {1.0 / exact:.1f} times that. Rounding to {levels} "
-            f"keeps {rounded / exact:.1%} of it."
+            f"No drive exceeds {1.0 / exact:.1f} times this pressure at full scale. Rounding to "
+            f"{levels} keeps {rounded / exact:.1%} of the pressure."
         )
     else:
         words = (
-            f"That is {exact:.0%} of the upper bound for any drive, or {rounded:.0%} when rounded "
-            f"to {levels}."
+            f"This pressure is {exact:.0%} of the upper bound for any drive, or {rounded:.0%} "
+            f"when rounded to {levels}."
         )
     return words.replace("%", " %")
 
@@ -255,7 +255,7 @@ def disagreement(
     worst = int(np.argmax(apart))
     if apart[worst] > 1.5 * setup.accuracy:
         yield (
-            "the solution for the drive and the one that verifies it differ by "
+            "the pressures from the solution for the drive and from its verification differ by "
             f"{apart[worst]:.1%} at {setup.foci[worst]}, more than the accuracy of "
             f"{setup.accuracy:.1%}: set a smaller accuracy under [solver]."
         )

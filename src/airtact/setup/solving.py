@@ -82,7 +82,7 @@ def transfer_to_array(
         )
     if setup.uncertainty is not None:
         with clock.step(
-            "samples", f"evaluating them at {setup.samples} samples of the uncertainty"
+            "samples", f"evaluating the beacons at {setup.samples} samples of the uncertainty"
         ):
             transfer = at.ensemble(
                 beacons,

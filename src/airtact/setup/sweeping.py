@@ -325,7 +325,7 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
         if "<" in core:
             raise InvalidInput(
                 f"the name {core} does not identify a function: define it in a module, and pass "
-                "further data by functools.partial.",
+                "further data with functools.partial.",
                 code="does_not_match",
             )
     # The hash of the function includes airtact's version and code; see ``store``.

@@ -53,7 +53,8 @@ class TouchFoci:
             return ""
         return (
             f"there are more contacts than the {counted(len(self.points), 'focus', 'foci')} "
-            f"allowed: {self.merged} of the weakest merged with a neighbour, {self.dropped} dropped"
+            f"allowed: {self.merged} of the weakest were merged with a neighbour, and "
+            f"{self.dropped} dropped"
         )
 
     def target(self) -> Target:

@@ -173,10 +173,9 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
     if inside:
         deepest = int(depth.argmax())
         raise InvalidInput(
-            f"the faces of {inside} of {len(array)} elements reach into a body, that of element "
-            f"{deepest} at {in_mm(array.positions[deepest])} by {depth[deepest] * 1e3:.3g} mm; "
-            "move the "
-            "array or the body away.",
+            f"the faces of {inside} of {len(array)} elements reach into a body. The face of "
+            f"element {deepest} at {in_mm(array.positions[deepest])} is "
+            f"{depth[deepest] * 1e3:.3g} mm inside; move the array or the body away.",
             code="bodies_overlap",
         )
 

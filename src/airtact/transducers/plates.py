@@ -120,9 +120,10 @@ def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elemen
     if wrong:
         worst = int(off.argmax())
         raise InvalidInput(
-            f"{wrong} of {len(array)} elements are not in the scene's reflecting boards: element "
-            f"{worst} at {in_mm(array.positions[worst])} is {1e3 * off[worst]:.3g} mm away. Build "
-            "the boards from this array by reflecting_boards(array), and solve again.",
+            f"{wrong} of {len(array)} elements do not lie on the scene's reflecting boards: "
+            f"element {worst} at {in_mm(array.positions[worst])} is {1e3 * off[worst]:.3g} mm "
+            "away. Build the boards with reflecting_boards(array) from this array, and solve "
+            "again.",
             array.positions[worst],
             code="not_supported",
         )

@@ -189,7 +189,7 @@ def bead_of(scene: Scene, radius: float, density: float, sound_speed: float) -> 
     # At this limit, the force is already overestimated by 40 %.
     slip = (
         "Gor'kov's potential only applies to beads up to a quarter of a wavelength across. For "
-        "larger ones use at.traps.body_force."
+        "larger beads, use at.traps.body_force."
     )
     radius = within(radius, 0.0, scene.wavelength / 8.0, "the radius of a bead", "m", slip)
     return Bead(radius, Medium(sound_speed, density))

@@ -59,8 +59,8 @@ def gmres(
     finite = np.isfinite(right_sides)
     if not finite.all():
         raise NotConverged(
-            f"{np.count_nonzero(~finite)} of {finite.size} numbers of the right-hand sides are "
-            "NaN or infinite; are the sources' strengths beyond the range of float32?",
+            f"{np.count_nonzero(~finite)} of {finite.size} values of the right-hand sides are NaN "
+            "or infinite; are the sources' strengths beyond the range of float32?",
             code="not_finite",
         )
     sides, unknowns = right_sides.shape

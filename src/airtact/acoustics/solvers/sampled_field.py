@@ -80,8 +80,8 @@ class SampledField(RadiatedField):
         if len(pairs):
             first, second = pairs[0]
             raise InvalidInput(
-                f"{len(pairs)} pairs of nodes have the same position, nodes {first} and {second} "
-                f"at {in_mm(nodes[first])}; keep one of each, or check the scale.",
+                f"{len(pairs)} pairs of nodes have the same position, such as nodes {first} and "
+                f"{second} at {in_mm(nodes[first])}; keep one of each, or check the scale.",
                 nodes[first],
                 code="given_twice",
             )
@@ -101,7 +101,8 @@ class SampledField(RadiatedField):
         nodes = self.nodes
         if len(nodes) < 4:
             raise InvalidInput(
-                f"there are {len(nodes)} nodes, but a tetrahedron has 4; use more nodes.",
+                f"there are {len(nodes)} nodes, but interpolation in tetrahedra requires at least "
+                "4; use more nodes.",
                 code="too_few",
             )
         try:
@@ -215,7 +216,8 @@ def load_samples(
             raise InvalidInput(
                 f"it has {counted(pressures.shape[1], 'pressure', 'pressures')} per row "
                 f"({'; '.join(names)}), and the sources have "
-                f"{counted(excitations, 'excitation', 'excitations')}; keep one for each.",
+                f"{counted(excitations, 'excitation', 'excitations')}; keep one pressure for each "
+                "excitation.",
                 code="sizes_differ",
             )
         if time_sign == "e^{+jωt}":
@@ -224,8 +226,8 @@ def load_samples(
         warnings = _check_sign(sampled, time_sign)
         if left_out:
             warnings += (
-                f"{left_out} of {rows} rows of {path.name} have no number (NaN), as inside solids, "
-                "and are left out.",
+                f"{left_out} of {rows} rows of {path.name} contain NaN, as exported inside "
+                "solids, and are left out.",
             )
         object.__setattr__(sampled, "report", replace(sampled.report, warnings=warnings))
     return sampled
@@ -311,9 +313,9 @@ def _check_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
     if stated > 0.4:
         return ()
     return (
-        f"around the sources the pressures fit neither time sign ({stated:.2g} and "
-        f"{opposite:.2g} of 1): check the scale, the frequency, the medium and the positions of "
-        "the sources.",
+        f"around the sources the pressures fit neither time sign (agreement {stated:.2g} and "
+        f"{opposite:.2g}; 1 is perfect): check the scale, the frequency, the medium and the "
+        "positions of the sources.",
     )
 
 

@@ -197,8 +197,8 @@ def _without_collapsed(vertices: Vertices, triangles: Triangles, notes: list[str
     _note(
         notes,
         collapsed.sum(),
-        "triangle with two corners in one vertex was removed",
-        "triangles with two corners in one vertex were removed",
+        "triangle with two corners at one vertex was removed",
+        "triangles with two corners at one vertex were removed",
         vertices[triangles[collapsed.argmax()]],
     )
     if collapsed.all():

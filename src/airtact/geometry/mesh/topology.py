@@ -154,8 +154,8 @@ def check_closed(vertices: AnyVertices, triangles: AnyTriangles) -> Twins:
             -2,
             "edge is",
             "edges are",
-            "run in one direction by more than one triangle (neighbours turned opposite ways, a "
-            "fin, or parts that share an edge, which union=True joins)",
+            "traversed in the same direction by more than one triangle (neighbours with opposite "
+            "orientations, a fin, or parts that share an edge, which union=True joins)",
             "mesh_not_oriented",
         ),
         (

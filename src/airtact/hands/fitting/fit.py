@@ -260,8 +260,8 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
     if explained < 0.8:
         raise InvalidInput(
             f"only {100 * explained:.0f} % of the {len(cloud)} points within "
-            f"{1e3 * HAND_RADIUS:g} mm of the landmarks are within 6 mm of the hand: is there a "
-            f"second hand or another body, or are the landmarks from another time{hint}?",
+            f"{1e3 * HAND_RADIUS:g} mm of the landmarks are within 6 mm of the fitted hand: is "
+            f"there a second hand or another body, or are the landmarks from another time{hint}?",
             code="pose_not_found",
         )
     off = np.linalg.norm(fitted.hand.joints - seen.landmarks, axis=1)

@@ -67,7 +67,7 @@ class FrameClock:
             return None
         (taken, arrived), (last_taken, last_arrived) = self._recent[0], self._recent[-1]
         if last_arrived - arrived < 0.2:
-            return "measuring the pace of the tracker's clock"
+            return "measuring the rate of the tracker's clock"
         pace = (last_taken - taken) / (last_arrived - arrived)
         # A pause of 0.2 s in the network changes the pace of a second by 0.2.
         if 0.75 < pace < 1.33:

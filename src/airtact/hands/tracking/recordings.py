@@ -68,8 +68,8 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
     path = Path(path)
     if path.suffix not in (ENDING, *OTHER_ENDINGS):
         raise InvalidInput(
-            f"{path.name}: the name of a recording must end in {ENDING}, or in .json or .txt for "
-            f"those of other programs, not in {path.suffix!r}.",
+            f"{path.name}: the name of a recording must end in {ENDING} (or in .json or .txt if "
+            f"another program wrote it), not in {path.suffix!r}.",
             code="unknown_format",
         )
     check_file(path)
@@ -118,7 +118,7 @@ def _of_other_program(path: Path) -> tuple[list[Item], str]:
             return list(frames_of_streamer(text.splitlines())), note
         values = json_of(text)
         if "frames" in values:
-            return list(frames_of_actions(values)), "rounded to 1 mm, which costs pressure"
+            return list(frames_of_actions(values)), "rounded to 1 mm, which reduces the pressure"
         items = list(frames_of_matrices(values if isinstance(values, list) else [values]))
         if items:
             return items, ""

@@ -187,7 +187,7 @@ def _fitted(
         raise InvalidInput(
             "the touched faces have nearly the same direction, so the offset of the fingertip "
             "cannot be distinguished from the distance of the tracker; set the offset, or touch "
-            "faces of other directions.",
+            "faces that point in other directions.",
             code="data_missing",
         )
     freedom = 3 * int(used.sum()) - count

@@ -199,7 +199,7 @@ class HandStream:
         with self._changed:
             hands = [hand for hand in self._hands.values() if not hand.silent]
         if any(hand.at_origin for hand in hands):
-            return "the wrist stands still at the tracker's origin: are joints relative to it?"
+            return "the wrist stays at the tracker's origin: are the joints relative to the wrist?"
         if any(sum(hand.together) > 8 for hand in hands):
             return "frames come in bursts: does the network save power?"
         return ""

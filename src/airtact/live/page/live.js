@@ -241,7 +241,7 @@ class Panel {
     panel.room = room;
     new Headset(room, panel);
   } catch (fault) {
-    const words = `The scene in 3-D cannot be shown here (${fault.message}); controls and numbers work.`;
+    const words = `The scene in 3-D cannot be shown here (${fault.message}); the controls and numbers still work.`;
     Object.assign(element("viewer-fault"), { hidden: false, textContent: words });
   }
 })();

@@ -19,7 +19,8 @@ from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, Surfac
 from airtact.acoustics.sources import Monopoles
 
 NOT_ESTIMATED = (
-    "the estimated error is that around the bodies, without the errors of the boards' reflections"
+    "the estimated error applies around the bodies and excludes the errors of the boards' "
+    "reflections"
 )
 
 

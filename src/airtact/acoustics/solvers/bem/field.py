@@ -115,8 +115,8 @@ class BoundaryField(RadiatedField):
         """The direct solution; raise ``InvalidInput`` if it was not computed."""
         if self.pressure is None:
             raise InvalidInput(
-                "this solution has no pressure on and near the surface, because estimate is False; "
-                "solve with estimate = True.",
+                "this solution does not provide the pressure on or near the surface, because "
+                "estimate is False; solve with estimate = True.",
                 code="not_supported",
             )
         pressure = values_with_images(self.pressure, self.scene.planes)
@@ -344,8 +344,8 @@ class BoundaryField(RadiatedField):
             warnings = (
                 *warnings,
                 f"near {in_mm(points[errors.argmax()])} the pressure has an estimated error of "
-                f"{100 * error:.1f} %, more than {100 * self.max_error:.1f} %: points in a shadow, "
-                "a narrow gap or a cavity need a smaller accuracy, such as "
+                f"{100 * error:.1f} %, more than {100 * self.max_error:.1f} %: points in a "
+                "shadow, a narrow gap or a cavity need a smaller value of accuracy, such as "
                 f"{self.max_error / 3:.2g}.",
             )
         return replace(

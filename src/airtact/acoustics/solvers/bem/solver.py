@@ -316,8 +316,8 @@ class BoundaryElement(Solver):
         if estimate > 1.5 * self.max_error:
             warning = (
                 f"{OF_THE_DIRECT} has an estimated error of {100 * estimate:.1f} %, more than "
-                f"{100 * self.max_error:.1f} %. Causes are uneven triangles, a narrow gap, or a "
-                "source on the surface. A transfer matrix is more accurate."
+                f"{100 * self.max_error:.1f} %. Possible causes are uneven triangles, a narrow "
+                "gap, or a source on the surface. A transfer matrix is more accurate."
             )
             report = replace(report, warnings=(warning, *report.warnings))
         return replace(solved_field, report=report)
@@ -382,9 +382,9 @@ class BoundaryElement(Solver):
             scene, panels, [body.surface.nodes for body in bodies], tolerance, clock
         )
         inaccurate = [
-            f"the skeletons of body {index} have an error of {100 * body.error:.1f} %, more than "
-            f"{100 * goal:.1f} %: the body has a narrow cavity, or precision 'float32' is not "
-            "enough for the accuracy"
+            f"the reduced model of body {index} has an error of {100 * body.error:.1f} %, more "
+            f"than {100 * goal:.1f} %: the body has a narrow cavity, or precision 'float32' is "
+            "not enough for the accuracy"
             for index, body in enumerate(bodies)
             if body.error > 1.5 * goal
         ]

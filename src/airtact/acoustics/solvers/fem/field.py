@@ -273,8 +273,8 @@ def touching_warnings(scene: Scene, sources: Monopoles) -> tuple[str, ...]:
     return (
         f"{touching.sum()} of {len(sources.positions)} sources touch impedance or filled bodies, "
         f"the first at {in_mm(first)}: within {1e3 * 0.5 * scene.wavelength:.3g} mm of such a "
-        "source the pressure near the bodies has an error of 4 to 50 %. To evaluate it there, move "
-        f"sources {1e3 * gap:.2g} mm away from the body.",
+        "source the pressure near the bodies has an error of 4 to 50 %. To evaluate the pressure "
+        f"there, move the sources at least {1e3 * gap:.2g} mm away from the body.",
     )
 
 

@@ -23,7 +23,7 @@ Expression = Any  # symbolic expressions and integrals
 
 def ngsolve_library() -> ModuleType:
     """Import NGSolve, which takes a second."""
-    with extra("fem", "finite elements need NGSolve"):
+    with extra("fem", "finite elements require NGSolve"):
         import ngsolve
 
     ngsolve.ngsglobals.msg_level = 0
@@ -32,7 +32,7 @@ def ngsolve_library() -> ModuleType:
 
 def netgen_libraries() -> tuple[ModuleType, ModuleType]:
     """Import Netgen's modules ``meshing`` and ``occ``."""
-    with extra("fem", "finite elements need Netgen"):
+    with extra("fem", "finite elements require Netgen"):
         from netgen import meshing, occ
 
     return meshing, occ

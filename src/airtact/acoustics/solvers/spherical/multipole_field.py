@@ -224,7 +224,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
         shapes = outgoing_shapes(arguments, smallest * scene.wavenumber)
         radial = np.stack([next(shapes) for _ in range(order + 1)])
         spheres = InterpolationSpheres(centre, smallest, order, _table(strengths, radial))
-    with clock.step("expansion", "comparing it with the field"):
+    with clock.step("expansion", "comparing the expansion with the field"):
         # Random points do not coincide with the grid of the table. They lie between the smallest
         # sphere and twenty times its radius.
         random = np.random.default_rng(0)
@@ -323,7 +323,7 @@ def _table(
     free = available_memory()
     if size > 0.5 * free:
         raise InvalidInput(
-            f"an expansion of {orders} orders needs {size / 2**30:.2g} GiB for its spheres, but "
+            f"an expansion of {orders} orders needs {size / 2**30:.2g} GiB, but "
             f"{free / 2**30:.2g} GiB of memory are free; evaluate the field itself, or solve for "
             "fewer sources.",
             code="too_little_memory",

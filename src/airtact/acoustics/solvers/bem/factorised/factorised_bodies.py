@@ -191,8 +191,8 @@ class FactorisedField(RadiatedField):
     def on_surface(self) -> SurfaceField:
         """Raise ``InvalidInput``, because reduced bodies have no pressure on their surfaces."""
         raise InvalidInput(
-            "factorised bodies have no pressure on their surfaces; solve the scene with "
-            "BoundaryElement.",
+            "the pressure on the surfaces of factorised bodies is not available; solve the scene "
+            "with BoundaryElement.",
             code="not_supported",
         )
 
@@ -342,8 +342,9 @@ class FactorisedBodies(Solver):
             for source in np.flatnonzero(edges > 1.001 * allowed):
                 yield (
                     f"source {source} is {1e3 * distance[source]:.2g} mm from a node of body "
-                    f"{index}, where panels are {1e3 * edges[source]:.2g} mm long: its error may "
-                    "exceed the accuracy. Factorise the bodies with that point in refined."
+                    f"{index}, where panels are {1e3 * edges[source]:.2g} mm long, so the error "
+                    "of its field may exceed the accuracy. Include this point in refined when you "
+                    "factorise the bodies."
                 )
 
     @cached_property
