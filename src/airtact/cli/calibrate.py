@@ -83,7 +83,7 @@ def calibrate(
 ) -> None:
     """Estimate the poses of a scene's boards, the gains of the elements and the sound speed.
 
-    ECHOES is an .h5 file of the pressures that the elements of the empty array receive from each
+    ECHOES is an .h5 file with the pressures that the elements of the empty array receive from each
     other, including the direct sound. The boards must face each other, and the codes must
     distinguish the elements. The command writes a table. To use this table in a scene, set
     calibration = "calibration.csv" in [array].

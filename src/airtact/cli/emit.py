@@ -60,7 +60,7 @@ def emit(
 
     Without --cap and --full-scale, the level half a metre from the array is limited to
     110 dB. The amplitude ramps up over 0.2 s. A separate process sends a frame of zeros
-    at the end, after an error, and if this process is killed. Boards confirm this frame
+    at the end, after an error, and if the command is killed. Boards confirm this frame
     if they can.
 
     --link file writes the frames to the file --out, at full scale and without confirmation. It

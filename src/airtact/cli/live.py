@@ -120,8 +120,8 @@ def live(
     boards.
 
     --record writes the frames of trackers to a recording and does not read SCENE.
-    --verify solves for the hand of a session at the times of its drives, and compares
-    them with the best drives.
+    --verify solves for the hand of a session at the times of some of its drives, and
+    compares these drives with the best ones.
     """
     share = level_of(cap, full_scale)
     if session is not None:

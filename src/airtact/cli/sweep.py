@@ -54,7 +54,7 @@ def sweep(
     pictures: bool,
     opened: bool,
 ) -> None:
-    """Compute the drive of SCENE at every point and write sweep.csv and sweep.html.
+    """Compute the drive of SCENE for many values of its keys; write sweep.csv and sweep.html.
 
     PATH is a key of the scene file, such as foci[0].offset, medium.celsius or
     obstacles[0].pose.translation[2]. If there is only one body of a kind, hand.gap,

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def why(
     scene: Path, session: Path | None, file: Path | None, page: Path | None, store: Path | None
 ) -> None:
-    """Show the pressure at each focus of SCENE, from open air to the emitted drive.
+    """Show how the pressure at each focus of SCENE changes from open air to the emitted drive.
 
     Each row adds one cause, such as the shadow of the hand or the other foci. The last line names
     the change that would increase the pressure most.

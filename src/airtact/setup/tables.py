@@ -123,8 +123,8 @@ class ArrayTable(Table, frozen=True):
         "autd3".
     rows, columns : number of flat boards along y and along x; by default 2.
     poses : poses of the boards.
-    calibration : .csv file in the folder of the scene with the gain of each
-        element.
+    calibration : .csv file with the gain of each element, in the folder of the
+        scene.
     source : "piston" radiates only forward, "monopole" in all directions.
     piston_radius : radius of a transducer [m]; by default that of the board, or 4.5 mm
         for .csv.
@@ -201,7 +201,7 @@ class ObstacleTable(Table, frozen=True):
     ----------
     pinch, capsule, sphere : body defined by a formula.
     surface : mesh file in the folder of the scene.
-    joints : pose file of a scanned hand in the frame of the mesh; it defines the named
+    joints : pose file of a scanned hand, in the frame of the mesh; it defines the named
         places.
     scale : length of one unit of the mesh file [m]; by default 1.
     largest_hole : widest hole that is filled [m]; by default 0.002.
@@ -543,7 +543,7 @@ class TrapTable(Table, frozen=True):
     ----------
     point : centre of the bead [m].
     kind : "twin" has two lobes of opposite phase along ``axis``; "vortex" has a ring
-        around it.
+        around this axis.
     axis : axis of the trap, of any length.
     radius : radius of the bead [m].
     density : density of the bead [kg/m³].
