@@ -26,8 +26,8 @@ def radiation_pressure(
 
     Parameters
     ----------
-    pressure : (P,) total complex pressure on the surface, peak [Pa].
-    velocity : (P, 3) total complex particle velocity along the surface, peak [m/s].
+    pressure : (P,) complex peak value of the total pressure on the surface [Pa].
+    velocity : (P, 3) complex peak value of the particle velocity along the surface [m/s].
     medium : the air.
 
     Returns

@@ -145,7 +145,7 @@ class ArticulatedHand:
         self.covariance[np.ix_(free, free)] = inverse @ inverse.T
 
     def joints_at(self, time: float) -> Joints:
-        """Return the joints extrapolated within the limits of the bends [m]."""
+        """Return the joints extrapolated to a time, within the limits of the bends [m]."""
         step = time - self.time
         change = np.zeros(COUNT)
         change[MOVING] = step * self.rates + _shares(step)[0] * self.accelerations

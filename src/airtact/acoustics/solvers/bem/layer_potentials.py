@@ -57,7 +57,7 @@ class NearRule:
 
 
 class NearRows(_kernels.NearRows):
-    """Corrections that near panels add to the plain sum over all nodes, for each of some points.
+    """Corrections that near panels add to the plain sum over all nodes, for a set of points.
 
     Pair i is a point and a near panel; point j has the pairs ``first[j]`` to ``first[j + 1] - 1``,
     as in ``near_lists``. ``excess`` (pairs, 6) is the near integral for each of the panel's six

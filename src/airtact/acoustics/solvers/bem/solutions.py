@@ -57,7 +57,8 @@ class DirectSolution:
 
         Parameters
         ----------
-        points : positions [m]. The caller has projected points in contact with the surface onto it.
+        points : positions [m]. Points in contact with the surface must already be projected
+            onto it.
         contact : mask of the points on the surface. There the total pressure is twice the sum of
             incident pressure and double layer.
         on_surface : nodes and pressure on the surface; by default those of the solution.

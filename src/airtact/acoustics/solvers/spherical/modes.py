@@ -199,8 +199,8 @@ class _Tail:
 
         Multiplying a Legendre series of terms d_n by q = 1 - 2x cos γ + x² results in the series of
         (1 + x²) d_n - 2x [α_(n-1) d_(n-1) + β_(n+1) d_(n+1)] with α_n = (n+1)/(2n+1) and β_n =
-        n/(2n+1). Its terms are smaller by 1/n² for smooth d_n/x^n. What the cut at ``order`` leaves
-        out of this series is known exactly.
+        n/(2n+1). Its terms are smaller by 1/n² for smooth d_n/x^n. The part of this series that the
+        cut at ``order`` omits is known exactly.
         """
         (before, _), (here, legendre), (after, legendre_after), (last, legendre_last) = recent
         partial = partial - after * legendre_after - last * legendre_last

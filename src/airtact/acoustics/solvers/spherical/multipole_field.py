@@ -308,7 +308,7 @@ def _table(
     strengths: Complex128[np.ndarray, "orders degrees excitations"],
     radial: Complex128[np.ndarray, "orders radii"],
 ) -> Complex64[np.ndarray, "polar azimuths radii excitations"]:
-    """Sum the waves on the spheres at twice as many angles as needed, prepared for the kernel."""
+    """Sum the waves on the spheres at twice as many angles as needed, as the kernel requires."""
     orders, degrees = strengths.shape[:2]
     around = degrees + 1  # polar angles of a full turn over both poles
     polar = 2 * np.pi * np.arange(orders + 1) / around
