@@ -2,6 +2,7 @@
 
 import io
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from PIL import Image
 
 import airtact
+from airtact.live.page.touches import TouchPage
 from airtact.live.world import World
 from live.live_scenes import Loop
 from references.motions import pinch_pose
@@ -18,7 +20,7 @@ PATIENCE = 120.0
 """The pictures are drawn by the processor, which others may be using [s]."""
 
 
-def opened_page(browser, address, file=None, script=None):
+def opened_page(browser, address, file=None, script=None, wait="#numbers tr"):
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     page.set_default_timeout(1e3 * PATIENCE)
     page.asked, page.faults = [], []
@@ -33,7 +35,7 @@ def opened_page(browser, address, file=None, script=None):
     if script is not None:
         page.add_init_script(script)
     page.goto(address)
-    page.locator("#numbers tr").first.wait_for()
+    page.locator(wait).first.wait_for()
     page.locator("canvas[data-frames]").wait_for()
     return page
 
@@ -198,3 +200,25 @@ def test_a_headset_gives_its_hands_in_the_coordinates_of_the_scene_and_escape_st
         until(loop.pressed.is_set, "the emergency stop")
         assert page.faults == []
         page.close()
+
+
+def test_the_page_of_a_registration_shows_what_to_touch_and_what_to_repeat(browser, example_setup):
+    elements = airtact.live.elements_to_touch(example_setup.array)
+    point = example_setup.array.positions[elements[1]]
+    step = airtact.live.TouchStep(2, 6, elements[1], point, "transducer 17", 0.4)
+    with TouchPage(example_setup, elements, 0, "127.0.0.1") as served:
+        served.show(step)
+        page = opened_page(browser, served.address, wait="#rows tr")
+        heading, words = page.locator("h1"), page.locator("#words")
+        rows = page.locator("#rows tr")
+        assert heading.text_content() == "Touch 2 of 6"
+        assert words.text_content() == "transducer 17: hold for 0.6 s"
+        assert rows.all_text_contents() == ["1recorded", "2touch now", "3", "4", "5", "6"]
+        assert "touch 2" in page.locator("svg text").all_text_contents()
+        # The touch that contradicts the others is the one to repeat.
+        served.show(replace(step, share=0.0, residuals=(1e-3, 2e-2, 0.0, 0.0, 0.0, 1e-3)))
+        page.locator("tr.wrong").wait_for()
+        assert page.locator("tr.wrong").text_content() == "2repeat now20.0 mm"
+    until(lambda: heading.text_content() == "The registration has ended", "the end")
+    assert not page.faults
+    page.close()

@@ -101,7 +101,9 @@ def test_the_command_writes_a_copy_and_never_an_example(example_setup, tmp_path,
     copy = tmp_path / "scene.toml"
     assert main(["register", str(scene), "--from", path, "--write"]) == 2
     assert "[not_writable]" in capsys.readouterr().err
-    assert main(["register", str(scene), "--from", path, "--out", str(copy), "--quiet"]) == 0
+    command = ["register", str(scene), "--from", path, "--out", str(copy), "--quiet"]
+    assert main([*command, "--page", "--page-port", "0"]) == 0
+    assert "Page: http://127.0.0.1:" in capsys.readouterr().err
     written = copy.read_text()
     assert written.startswith(scene.read_text().rstrip())
     tracker = tomllib.loads(written)["tracker"]

@@ -15,6 +15,7 @@ from airtact.cli.options import (
     as_json,
     board_address,
     level_of,
+    page_address,
     quiet,
     results,
 )
@@ -73,16 +74,7 @@ from airtact.cli.options import (
 @click.option(
     "--no-page", "page", is_flag=True, flag_value=False, default=True, help="Do not serve the page."
 )
-@click.option(
-    "--page-port",
-    type=int,
-    default=8940,
-    show_default=True,
-    help="Port of the page; 0 chooses a free one.",
-)
-@click.option(
-    "--host", default="127.0.0.1", show_default=True, help="Address at which the page is served."
-)
+@page_address
 @click.option(
     "--certificate",
     type=INPUT,

@@ -180,6 +180,24 @@ def board_address(command: Command) -> Command:
     )(command)
 
 
+def page_address(command: Command) -> Command:
+    """Add the options for the port and address of a page."""
+    port = click.option(
+        "--page-port",
+        type=int,
+        default=8940,
+        show_default=True,
+        help="Port of the page; 0 chooses a free one.",
+    )
+    host = click.option(
+        "--host",
+        default="127.0.0.1",
+        show_default=True,
+        help="Address at which the page is served.",
+    )
+    return port(host(command))
+
+
 def level_of(cap: float | None, full_scale: bool) -> float | None:
     """Return the cap set by ``--cap`` or ``--full-scale``; None for the default."""
     if full_scale and cap is not None:

@@ -1,12 +1,13 @@
 """``airtact register``: determine the pose of the tracker from touched transducers."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
 
 import airtact as at
-from airtact.cli.console import plain_table, progress, show, status_line
-from airtact.cli.options import FILE, INPUT, as_json, quiet, scene_here
+from airtact.cli.console import plain_table, progress, say, show, status_line
+from airtact.cli.options import FILE, INPUT, as_json, page_address, quiet, scene_here
 
 
 @click.command(
@@ -48,6 +49,8 @@ from airtact.cli.options import FILE, INPUT, as_json, quiet, scene_here
 )
 @click.option("--write", is_flag=True, help="Write [tracker] to SCENE and keep its comments.")
 @click.option("--out", "file", type=FILE, help="Write a copy of SCENE with [tracker].")
+@click.option("--page", is_flag=True, help="Also show the touches on a page.")
+@page_address
 @as_json
 @quiet
 def register(
@@ -60,6 +63,9 @@ def register(
     fit_scale: bool,
     write: bool,
     file: Path | None,
+    page: bool,
+    page_port: int,
+    host: str,
 ) -> None:
     """Print the [tracker] of SCENE: the pose of the tracker relative to the boards.
 
@@ -80,7 +86,23 @@ def register(
         # Find out now whether the file can be changed, before the user touches anything.
         with_tracker(setup.text, setup.tracker)
         chosen = elements or elements_to_touch(setup.array, touches)
-    with status_line() as report:
+    with ExitStack() as closing:
+        shown = None
+        if page:
+            from airtact.errors import extra
+
+            with extra("live", "to serve the page, airtact needs websockets"):
+                from airtact.live.page.touches import TouchPage
+
+            shown = closing.enter_context(TouchPage(setup, chosen, page_port, host))
+            say(f"Page: {shown.address}")
+        report = closing.enter_context(status_line())
+
+        def report_touch(step: at.live.TouchStep) -> None:
+            report(step)
+            if shown is not None:
+                shown.show(step)
+
         found = register_tracker(
             setup,
             source,
@@ -88,8 +110,10 @@ def register(
             offset=offset,
             fit_offset=fit_offset,
             fit_scale=fit_scale,
-            report=report,
+            report=report_touch,
         )
+        if shown is not None:
+            shown.finish(found)
     fit = found.fit
     table = plain_table("touch", "transducer", "residual")
     for number, words in enumerate(found.words):

@@ -5,7 +5,7 @@ import re
 import time
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +44,7 @@ class TouchStep:
     share : fraction of the required second for which the fingertip has rested; 1 once the touch
         is recorded.
     trouble : reason why no fingertip is seen; "" if one is seen.
+    residuals : (count,) residual of each touch [m]; empty before all have been recorded.
     """
 
     number: int
@@ -53,6 +54,7 @@ class TouchStep:
     words: str
     share: float
     trouble: str = ""
+    residuals: tuple[float, ...] = ()
 
     def __str__(self) -> str:
         """One line of text."""
@@ -167,9 +169,12 @@ def register_tracker(
         name = words[number]
         if fit is not None:
             name += f" again, which was off by {1e3 * fit.residuals[number]:.0f} mm"
-        step = (number + 1, len(chosen), chosen[number], points[number], name)
+        residuals = () if fit is None else tuple(fit.residuals.tolist())
+        step = TouchStep(
+            number + 1, len(chosen), chosen[number], points[number], name, 0.0, residuals=residuals
+        )
         if isinstance(frame, str):
-            report(TouchStep(*step, share=0.0, trouble=frame))
+            report(replace(step, trouble=frame))
             continue
         side = side or frame.side
         if frame.side != side:
@@ -179,10 +184,10 @@ def register_tracker(
             if abs(frame.time - reported) >= 0.1:
                 reported = frame.time
                 trouble = "the hand is lost" if frame.landmarks is None else ""
-                report(TouchStep(*step, share=min(finger.share, 0.99), trouble=trouble))
+                report(replace(step, share=min(finger.share, 0.99), trouble=trouble))
             continue
         touched[number] = place
-        report(TouchStep(*step, share=1.0))
+        report(replace(step, share=1.0))
         pending.pop(0)
         if pending:
             continue

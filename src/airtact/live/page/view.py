@@ -1,6 +1,7 @@
 """The content of the page for a moment: numbers, text and arrays that its scripts draw."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
+from airtact.acoustics.planes import Plane
 from airtact.drives.methods import FOR_SAMPLES, METHODS
 from airtact.geometry.mesh.arrays import FlatMesh
 from airtact.geometry.pose import Pose
@@ -30,6 +32,7 @@ from airtact.live.scene import Joints, LiveScene
 from airtact.reports.array_figures import spacing, view_of
 from airtact.reports.solids import sheet_of, towards_viewer
 from airtact.reports.viewer import colour_scales, framed, joined, pressure_bytes
+from airtact.transducers.layout import PhasedArray
 
 Vertices = Float64[np.ndarray, "vertices 3"]
 
@@ -67,7 +70,7 @@ class View:
         self._scene = scene
         self._skins = {"hand": MovingSkin(scene.radii), "other": MovingSkin(scene.radii)}
         self._solving = SoundProcess(scene)
-        self._middle = expected_middle(scene)
+        self._middle = expected_middle(scene.array)
         self._peak = 0.0  # running mean of the largest pressure, for the colours [Pa]
         self._sound: Sound | None = None  # the newest result
         self._sounds = 0
@@ -230,11 +233,31 @@ def packed(facts: dict[str, Any], arrays: dict[str, np.ndarray]) -> bytes:
 
 def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
     """Return the facts and numbers that never change, for the template of the page."""
-    array = scene.array
-    middle = expected_middle(scene)
+    moving = scene.moving
+    if moving is not None:
+        modulation = moving.words
+    elif scene.modulation is not None:
+        modulation = f"the amplitude varies at {scene.modulation.frequency:g} Hz"
+    else:
+        modulation = ""
+    facts, numbers = array_facts(scene.array, scene.planes)
+    facts |= {
+        "slice": SLICE_SIZE,
+        "modulation": modulation,
+        "method": scene.method,
+        "offset": float(scene.offsets.mean()) if len(scene.offsets) else 0.0,
+        # Robust methods require samples of an uncertain scene.
+        "methods": [name for name in METHODS if name not in FOR_SAMPLES],
+    }
+    return facts, numbers
+
+
+def array_facts(array: PhasedArray, planes: Sequence[Plane]) -> tuple[dict[str, Any], bytes]:
+    """Return the facts and numbers of an array and rigid planes, for a 3-D scene of a page."""
+    middle = expected_middle(array)
     # A hand extends about 0.15 m from its foci.
     hand = middle + 0.15 * np.concatenate([np.eye(3), -np.eye(3)])
-    sheets = [sheet_of(plane, np.vstack([array.positions, middle])) for plane in scene.planes]
+    sheets = [sheet_of(plane, np.vstack([array.positions, middle])) for plane in planes]
     azimuth, elevation = view_of(array.normals)
     everything = np.concatenate([array.positions, hand, *sheets])
     centre, reach, _ = framed(everything, towards_viewer(azimuth, elevation))
@@ -244,13 +267,6 @@ def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
             "normals": np.asarray(array.normals, dtype=np.float32),
         }
     )
-    moving = scene.moving
-    if moving is not None:
-        modulation = moving.words
-    elif scene.modulation is not None:
-        modulation = f"the amplitude varies at {scene.modulation.frequency:g} Hz"
-    else:
-        modulation = ""
     facts = {
         "arrays": places,
         "colours": colour_scales(),
@@ -269,12 +285,6 @@ def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
             },
             "foci": {"middle": middle.tolist()},
         },
-        "slice": SLICE_SIZE,
-        "modulation": modulation,
-        "method": scene.method,
-        "offset": float(scene.offsets.mean()) if len(scene.offsets) else 0.0,
-        # Robust methods require samples of an uncertain scene.
-        "methods": [name for name in METHODS if name not in FOR_SAMPLES],
     }
     return facts, numbers
 
@@ -318,14 +328,14 @@ class MovingSkin:
         return now.project(moved_with_hulls(before, now, mesh.vertices, weights))
 
 
-def expected_middle(scene: LiveScene) -> Float64[np.ndarray, "3"]:
+def expected_middle(array: PhasedArray) -> Float64[np.ndarray, "3"]:
     """Return the expected position of a hand (3,) [m].
 
     The position is 0.2 m in front of a flat array, or the middle of an array that surrounds the
     hand.
     """
-    positions = scene.array.positions
-    front = scene.array.normals.mean(axis=0)
+    positions = array.positions
+    front = array.normals.mean(axis=0)
     middle = 0.5 * (positions.min(axis=0) + positions.max(axis=0))
     length = np.linalg.norm(front)
     return middle + 0.2 * front / length if length > 0.3 else middle
