@@ -89,6 +89,47 @@ def test_sound_follows_a_hand_and_the_session_holds_what_was_done(example_scene,
     assert session.scene.medium == scene.medium
 
 
+@pytest.mark.parametrize("begun", [0.98, 7.0], ids=["this clock", "other clock"])
+@pytest.mark.parametrize(("pace", "ahead"), [(0.9, 0.0), (1.0, 0.1)], ids=["slow", "ahead once"])
+def test_on_a_busy_computer_no_sound_is_where_the_hand_was_not(
+    example_scene, clock, begun, pace, ahead
+):
+    """Frames wait while the computer pauses, and so does a drive that is being computed."""
+    frames = reaching_recording()[:80]
+    taken = np.arange(80) / 60
+    tips = np.array([frame.landmarks[[4, 9]].mean(axis=0) for frame in frames])
+    foci = []
+    distances_to_hand = []
+
+    def resumed(now: float) -> float:
+        return next((end for start, end in [(0.5, 0.6), (0.8, 1.1)] if start <= now < end), now)
+
+    class Pausing(at.live.HandAware):
+        def make(self, time, controls):
+            moment = super().make(time, controls)
+            if moment.foci is not None:
+                foci[:] = moment.foci.mean(axis=0)
+            clock.now = 1.0 + resumed(clock.now - 0.998)
+            return moment
+
+    class Compared(Kept):
+        def send(self, amplitudes, at=None) -> None:
+            recent = tips[(taken > clock.now - 1.3) & (taken <= clock.now - 1.0)]
+            if amplitudes.any() and clock.now < 1.0 + taken[-1]:
+                distance = np.linalg.norm(recent - foci, axis=1).min(initial=np.inf)
+                distances_to_hand.append(distance)
+            super().send(amplitudes, at)
+
+    times = begun + pace * taken
+    times[40] += ahead
+    sent = [replace(frame, time=time) for frame, time in zip(frames, times.tolist(), strict=True)]
+    due = [resumed(time) for time in taken.tolist()]
+    maker = lambda scene: Pausing(scene, solvers=[])  # noqa: E731
+    followed(example_scene, clock, sent, Compared(clock), maker, due)
+    assert len(distances_to_hand) > 20
+    assert max(distances_to_hand) < 0.02
+
+
 def test_a_hand_that_is_not_seen_fades_in_time_and_rises_again(example_scene, clock):
     frames = [frame for frame in reaching_recording()[:80] if not 25 <= frame.sequence < 55]
     begun = clock.now

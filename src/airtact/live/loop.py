@@ -413,6 +413,11 @@ class _Loop:
         if on:
             moment = self._made(now)
             fault = self.clock.fault or self._fault_of(moment)
+            ready = time.monotonic()
+            if fault is None and ready > self.acts + 0.05:
+                # The computer paused, and the hand has left the place since.
+                fault = f"late: the drive took {1e3 * (ready - now):.0f} ms"
+                now = ready
             if fault is None:
                 self.moment = moment
             else:

@@ -76,14 +76,48 @@ def test_frames_whose_times_go_back_again_and_again_are_rejected(jitter, most):
     assert jitter > 0.01 or stream.health.used == 60
 
 
-@pytest.mark.parametrize(("pace", "usable"), [(1.0, True), (1.1, True), (0.5, False), (2.0, False)])
-def test_the_pace_of_a_trackers_clock_is_checked(pace, usable):
+@pytest.mark.parametrize("begun", [999.98, 7.0])  # by this computer's clock and by another
+@pytest.mark.parametrize("pace", [0.5, 0.9, 0.95, 0.999, 1.001, 1.1, 2.0])
+def test_a_clock_is_used_while_it_tells_how_old_frames_are(begun, pace):
+    """One frame in three is late, and the network pauses for 0.2 s."""
     clock = FrameClock()
-    clock.saw(0.0, 1000.0)
-    assert clock.fault is not None  # nothing is known yet
-    for index in range(1, 60):
-        clock.saw(pace * index / 60, 1000.0 + index / 60)
-    assert (clock.fault is None) == usable
+    usable = 0
+    for index in range(300):
+        taken = index / 60
+        arrived = 1000.0 + taken + 0.02 * (index % 3)
+        if 2.5 <= taken <= 2.7:
+            arrived = 1002.7
+        clock.saw(begun + pace * taken, arrived)
+        if clock.fault is None:
+            usable += 1
+            age = clock.time(arrived) - begun - pace * taken
+            assert abs(age - (arrived - 1000.0 - taken)) < 0.09
+    assert (usable > 285) == (abs(pace - 1.0) < 0.01)
+
+
+@pytest.mark.parametrize("begun", [1000.0, 7.0])
+@pytest.mark.parametrize("ahead", [0.1, 0.4, 1.0, 3600.0])
+def test_frames_of_the_future_are_left_out(clock, begun, ahead):
+    stream = HandStream(clock=clock)
+    for index in range(120):
+        clock.now = 1000.0 + index / 60
+        stream.feed(still(index, begun + index / 60 + ahead * (index in (50, 70, 71))))
+    assert counted(stream) == {"time_leap": 3, "skipped": 3}
+    assert stream.clock("left").time(clock.now) == pytest.approx(stream.latest("left").time)
+    assert stream.clock("left").fault is None
+
+
+@pytest.mark.parametrize("begun", [1000.0, 7.0])
+def test_frames_that_waited_in_a_network_are_old(clock, begun):
+    stream = HandStream(clock=clock)
+    for index in range(108):
+        # None for 0.8 s, then all together.
+        clock.now = 1000.0 + (index / 60 if index < 60 else 1.8 + 1e-4 * index)
+        stream.feed(still(index, begun + index / 60))
+        if index in (61, 80):
+            age = stream.clock("left").time(clock.now) - stream.latest("left").time
+            assert age == pytest.approx(1.8 - index / 60, abs=0.02)
+    assert "restarted" not in counted(stream)
 
 
 def test_invalid_frames_are_counted_by_kind():

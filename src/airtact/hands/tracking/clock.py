@@ -33,46 +33,65 @@ class FrameClock:
         self.latency = latency
         # Smallest difference between arrival and time of a frame, and when it was found.
         self._offset: tuple[float, float] | None = None
+        # Whether enough frames arrived to trust the offset.
+        self._settled = False
         # Offset to ``time.monotonic`` of the clock of this computer that the tracker uses.
         self._shared: float | None = None
-        # Times and arrivals of the frames of the last second, from which the pace follows.
-        self._recent: deque[tuple[float, float]] = deque()
+        # The last 2 s in parts of 0.1 s: beginning, smallest offset, and arrival of its frame.
+        self._recent: deque[tuple[float, float, float]] = deque()
 
     def saw(self, taken: float, arrived: float) -> None:
         """Update the estimate with a frame's time and its arrival on ``time.monotonic`` [s]."""
         offset = arrived - taken
-        self._recent.append((taken, arrived))
-        while arrived - self._recent[0][1] > 1.0:
-            self._recent.popleft()
         if self._offset is None:
             for ahead in (0.0, time.time() - time.monotonic()):
                 if self._shared is None and 0.0 <= offset + ahead <= MAX_LATENCY:
                     self._shared = ahead
-        else:
-            smallest, then = self._offset
-            offset = min(offset, smallest + 1e-3 * (arrived - then))
         # A frame that arrives before its own time shows that the match was a coincidence.
         if self._shared is not None and arrived + self._shared < taken - 1e-3:
             self._shared = None
-        self._offset = (offset, arrived)
+        if not self._recent or arrived - self._recent[-1][0] >= 0.1:
+            self._recent.append((arrived, offset, arrived))
+        elif offset < self._recent[-1][1]:
+            self._recent[-1] = (self._recent[-1][0], offset, arrived)
+        while arrived - self._recent[0][0] > 2.0:
+            self._recent.popleft()
+        # The third smallest, so that a single frame whose time is ahead does not count.
+        smallest = sorted(offset for _, offset, _ in self._recent)[:3][-1]
+        if self._settled and self._offset is not None:
+            before, then = self._offset
+            smallest = min(smallest, before + 1e-3 * (arrived - then))
+        self._settled = self._settled or len(self._recent) >= 3
+        self._offset = (smallest, arrived)
 
     @property
     def fault(self) -> str | None:
         """Reason why the times of frames cannot be used yet, or None.
 
-        If the tracker's clock ran at half the pace, a hand would seem to move twice as fast, and
-        its prediction would be wrong.
+        If the clock ran slower, the delay of its frames would seem to grow, and their hand would be
+        predicted too far ahead.
         """
-        if self._shared is not None or not self._recent:
+        if not self._recent:
             return None
-        (taken, arrived), (last_taken, last_arrived) = self._recent[0], self._recent[-1]
-        if last_arrived - arrived < 0.2:
+        if self._shared is None and self._recent[-1][0] - self._recent[0][0] < 0.2:
             return "measuring the rate of the tracker's clock"
-        pace = (last_taken - taken) / (last_arrived - arrived)
-        # A pause of 0.2 s in the network changes the pace of a second by 0.2.
-        if 0.75 < pace < 1.33:
+        # The earliest frames in both thirds are unaffected by a pause of the network.
+        third = max(len(self._recent) // 3, 1)
+        parts = list(self._recent)
+        _, first, begun = min(parts[:third], key=lambda part: part[1])
+        _, last, ended = min(parts[-third:], key=lambda part: part[1])
+        # At 0.5 m/s, a hand moves by 25 mm in this time.
+        if ended == begun or abs(last - first) < 0.05:
             return None
+        pace = 1.0 - (last - first) / (ended - begun)
         return f"the tracker's clock runs {pace:.2g} times as fast as the computer's"
+
+    @property
+    def margin(self) -> float:
+        """Longest time by which a frame may be ahead of ``time`` [s]."""
+        if self._shared is not None:
+            return 0.01  # this computer may adjust its clocks
+        return 0.08 if self._settled else MAX_LATENCY
 
     def time(self, now: float) -> float:
         """Convert a time of ``time.monotonic`` to a time on the clock of the frames [s]."""

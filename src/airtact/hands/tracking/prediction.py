@@ -164,7 +164,7 @@ class Predictor:
 
         Parameters
         ----------
-        time : time of the tracker's clock [s], not before the latest frame.
+        time : time of the tracker's clock [s]; a time before the latest frame counts as its time.
 
         Returns
         -------
@@ -177,7 +177,7 @@ class Predictor:
             If no frame with landmarks was processed yet, or the estimated bones are impossible.
         """
         frame, newest, hand = self._state()
-        then = number(time, "time", "s") + self.latency
+        then = max(number(time, "time", "s"), hand.time) + self.latency
         if time - hand.time > self._patience:
             return HandFrame(then, frame.side, frame.sequence)
         joints = hand.joints_at(then)

@@ -56,7 +56,7 @@ class StreamHealth:
     repeated : duplicate frames.
     out_of_order : frames with a lower number than an earlier frame.
     backwards : frames with a higher number but not a later time.
-    time_leap : frames whose time is over 0.5 s ahead of the computer's clock.
+    time_leap : frames whose time is ahead of the tracker's clock.
     too_fast : frames in which the hand moved faster than 3 m/s.
     second_tracker : frames of a hand that another connection already sends.
     skipped : missing frames, counted by their numbers.
@@ -326,9 +326,15 @@ class HandStream:
         later = time > newest.time
         step = frame.sequence - newest.sequence
         # Difference from the expected time. Late frames are in order, unless the clock stopped
-        # while no frames came.
+        # while no frames came. Frames that waited in a network arrive faster than they were taken.
         ahead = time - hand.clock.time(now)
-        plausible = later and ahead <= MAX_LATENCY and (not gone or ahead >= -MAX_LATENCY)
+        waited = bool(hand.stale) and now - hand.stale[-1][2] < 0.5 * (
+            frame.time - hand.stale[-1][1]
+        )
+        stopped = gone and ahead < -MAX_LATENCY and not waited
+        # A fast clock is ahead as well, but it does not leap.
+        leap = min(ahead, time - newest.time - (now - hand.arrived))
+        plausible = later and leap <= hand.clock.margin and not stopped
         if step > 0 and plausible:
             if step > MAX_JUMP:
                 self._counts["restarted"] += 1
