@@ -13,10 +13,10 @@ motions of 2 mm and 3 degrees, the error is 0.1 % in front of flat boards and 1 
 
 If bodies move independently, each sample is solved separately, in air of that sample's temperature.
 In front of a rigid plane, one solve covers all hands at the same position relative to the plane:
-those that were shifted along it or turned about its normal. For the other rigid motions, only the
-sound that the plane reflects is solved again, with twice the relative error
-(``BodiesBeforePlane``). For an open hand 30 mm in front of a plane at 3 %, the rows of the matrix
-differ by 2 to 4 % from those of solves of each sample.
+those that were shifted along it or turned about its normal. For other rigid motions, only the sound
+that the plane reflects is solved again, with twice the relative error (``BodiesBeforePlane``). For
+an open hand 30 mm in front of a plane, solved with an accuracy of 3 %, the rows of the matrix
+differ by 2 to 4 % from those obtained by solving each sample separately.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
@@ -507,9 +507,10 @@ class _Sampler:
     def _before_plane(self, draw: Draw) -> FociRows:
         """Return the matrix of a hand that moves rigidly in front of a plane.
 
-        The field without images is evaluated at the elements and at their images. The mean of the
-        part in open air over each face is exact. The rest is the pressure of each part of the
-        bodies at the centre of the face times the directivity toward that part.
+        The field without images is evaluated at the elements and at their images. The part in
+        open air is averaged exactly over each face. For the rest, the bodies are divided into
+        parts: the pressure of each part at the centre of the face is multiplied by the
+        directivity towards that part.
         """
         (fixed_plane,) = self.field.scene.planes
         plane = _plane_seen(fixed_plane, draw.hand)

@@ -1,10 +1,11 @@
 """Fields of bodies that move in front of a rigid plane, from one discretisation of the bodies.
 
-Let v be the field of the sources and bodies without their images in the plane. The pressure at x is
-v(x) + v(x*), where x* is the image of x. The field in open air is the largest part of v and does
-not depend on the plane. Only the rest, which is scattered from the images of the sources and the
-bodies, is solved for each position of the plane. With the transposed matrix A of the bodies and B
-of their images, its density of monopoles w satisfies
+Let v be the field radiated by the sources and bodies themselves, without that of their images in
+the plane. The pressure at x is v(x) + v(x*), where x* is the image of x. The largest part of v
+is the field in open air (without the plane), which does not depend on the plane. Only the rest,
+which is scattered from the images of the sources and the bodies, is solved for each position of
+the plane. With the transposed matrix A of the bodies and B of their images, its density of
+monopoles w satisfies
 
     (A + B) w = b − B s,
 
@@ -36,15 +37,15 @@ from airtact.errors import in_short
 class BodiesBeforePlane:
     """Bodies and sources that do not move relative to each other, in front of a moving plane.
 
-    The sound that the plane reflects onto the bodies is weaker than that of the sources, so it is
-    solved with twice the relative error.
+    The sound that the plane reflects onto the bodies is weaker than the sound of the sources,
+    so twice the relative error is allowed in its solve.
 
     Attributes
     ----------
     solver : solver of the reflected sound.
     sources : the sources.
     surface, matrix, density : panels of the bodies, their matrix, and the solution in open air.
-    factors : factor of each source's strength: 2 on a body and 1 elsewhere.
+    factors : factor by which each source's strength is multiplied: 2 on a body and 1 elsewhere.
     """
 
     solver: BoundaryElement
@@ -71,7 +72,7 @@ class BodiesBeforePlane:
     def reflected(self, scene: Scene) -> Monopoles:
         """Return monopoles that radiate the part of v due to the plane of a scene.
 
-        Neighbours in the list are close together.
+        Monopoles with neighbouring indices are close together.
 
         Raises
         ------

@@ -200,7 +200,7 @@ def transposed_right_side(
     strengths: Complex128[np.ndarray, "sources excitations"],
     planes: Sequence[Plane] = (),
 ) -> tuple[NodeValues, Float64[np.ndarray, "sources"]]:
-    """Return the right-hand side of the transposed equation, and a factor for each source.
+    """Return the right-hand side of the transposed equation, and a factor for each strength.
 
     The right-hand side is the transposed double layer of the monopoles, including their images in
     ``planes``. The strength of a source is multiplied by 1 off the surface and by 2 on it: on the
