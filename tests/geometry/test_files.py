@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 import airtact as at
+from airtact.geometry.checks import check_surface
 from airtact.geometry.mesh.topology import cone_volumes
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh, torus_mesh
@@ -141,3 +142,29 @@ def test_overlapping_parts_are_united_on_request(tmp_path):
     path = written(tmp_path / "stacked.stl", stacked)
     united = at.load_surface(path, scale=1e-3, union=True)
     assert united.volume == pytest.approx((729 + 27) * 1e-9, rel=3e-3)
+
+
+def test_bores_are_filled_and_fins_removed_on_request(tmp_path):
+    # A block with a bore of 1 mm and a fin of 0.4 mm, which alone would be rejected as too thin.
+    block = box((0, 0, 0), (10, 8, 6))
+    bore = trimesh.creation.cylinder(0.5, segment=[[3, 4, -1], [3, 4, 7]])
+    fin = box((6, 0, 5), (6.4, 8, 9))
+    path = written(tmp_path / "block.stl", trimesh.util.concatenate([block.difference(bore), fin]))
+    surface = at.load_surface(path, scale=1e-3, smallest=1.5e-3)
+    mesh = trimesh.Trimesh(surface.vertices, surface.triangles)
+    assert mesh.is_watertight
+    assert mesh.euler_number == 2
+    # The true body is the block without bore and fin. Its edges are rounded.
+    assert surface.volume == pytest.approx(480e-9, rel=0.05)
+    true_body = at.Surface(1e-3 * block.vertices, np.array(block.faces))
+    assert np.abs(true_body.depth(surface.vertices)).max() < 0.4e-3
+    check_surface(surface)
+    assert "cm³ became 0.4" in surface.repairs[0]
+
+
+def test_details_that_are_too_large_or_too_small_for_the_body_are_rejected(tmp_path):
+    path = written(tmp_path / "box.stl", box((0, 0, 0), (10, 8, 2)))
+    with raises_code("out_of_range"):
+        at.load_surface(path, scale=1e-3, smallest=3e-3)
+    with raises_code("out_of_range"):
+        at.load_surface(path, scale=1e-3, smallest=0.1e-3)

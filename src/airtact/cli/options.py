@@ -140,6 +140,11 @@ def surface_settings(command: Command) -> Command:
             "largest_hole",
             "Widest hole that is filled, in metres; 2e-3 by default.",
         ),
+        (
+            "--smallest",
+            "smallest",
+            "Width below which bores are filled and walls are removed, in metres.",
+        ),
         ("--scale", "scale", "Metres per unit of the surface file: 1e-3 for millimetres."),
     ):
         command = click.option(name, keyword, type=float, help=words)(command)

@@ -47,7 +47,8 @@ def check_surface(surface: Surface) -> None:
             thickness, where = part
             raise InvalidInput(
                 f"the body is {thickness * 1e3:.3g} mm thick near {in_mm(where)}, less than "
-                f"{THINNEST * 1e3:g} mm; make it thicker there, or cut that part off.",
+                f"{THINNEST * 1e3:g} mm; make it thicker there, or load it with smallest=2e-3, "
+                "which removes parts thinner than that.",
                 where,
                 code="out_of_range",
             )

@@ -7,6 +7,7 @@ import numpy as np
 from airtact.errors import InvalidInput, about, counted, fixed, of_kind, positive
 from airtact.files.meshes import read_mesh
 from airtact.geometry.checks import check_not_crossed
+from airtact.geometry.mesh.details import without_details
 from airtact.geometry.mesh.repair import repaired
 from airtact.geometry.mesh.topology import SHARP_DEGREES
 from airtact.geometry.mesh.union import united_parts
@@ -24,6 +25,7 @@ def load_surface(
     sharp_degrees: float = SHARP_DEGREES,
     *,
     union: bool = False,
+    smallest: float | None = None,
     progress: Progress | None = None,
 ) -> Surface:
     """Read a closed surface from a file, and repair it if it is damaged.
@@ -46,6 +48,10 @@ def load_surface(
         by one surface around all of them. It is computed on a grid with a
         spacing of 1/256 of the body's length. Edges are rounded on the scale of
         the grid, and edges that turn by more than 30 degrees stay sharp.
+    smallest : width below which bores and gaps are filled, and walls and ribs are removed [m]; at
+        least 1/64 of the body's length. The new surface lies within about half of it and has as few
+        triangles as possible. Edges that turn by more than 25 degrees stay sharp. ``repairs``
+        states the deviation and the volume. It includes ``union``.
     progress : function that is called with a description of each step when the step begins.
 
     Returns
@@ -71,7 +77,14 @@ def load_surface(
         with np.errstate(over="ignore"):  # infinite vertices are rejected by the repair
             scaled = vertices * unit
         united = ()
-        if union:
+        if smallest is not None:
+            smallest = positive(smallest, "smallest", "m")
+            report_step("removing details")
+            (scaled, triangles), note = without_details(scaled, triangles, smallest)
+            united = (note,)
+            # Its large triangles meet at larger angles on round parts than on true edges.
+            sharp_degrees = min(sharp_degrees, 25.0)
+        elif union:
             scaled, triangles, note = united_parts(scaled, triangles)
             united = (note,)
             # The grid cuts an edge off by chamfers of about 45°, which must not be curved.

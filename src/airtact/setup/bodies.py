@@ -142,7 +142,7 @@ def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
     assert table.surface is not None
     settings = {
         key: getattr(table, key)
-        for key in ("scale", "largest_hole", "sharp_degrees", "union")
+        for key in ("scale", "largest_hole", "sharp_degrees", "union", "smallest")
         if getattr(table, key) is not None
     }
     surface = at.load_surface(folder / table.surface, **settings)

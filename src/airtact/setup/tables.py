@@ -207,6 +207,7 @@ class ObstacleTable(Table, frozen=True):
     largest_hole : widest hole that is filled [m]; by default 0.002.
     sharp_degrees : angle above which edges stay sharp [°]; by default 75.
     union : whether overlapping parts are replaced by their common outer surface.
+    smallest : width below which bores are filled and walls are removed [m].
     hand : pose file of a hand.
     gap : distance to which thumb and index finger are opened [m].
     boundary : "sound_hard" reflects fully, "impedance" absorbs sound, "filled" is
@@ -226,6 +227,7 @@ class ObstacleTable(Table, frozen=True):
     largest_hole: Annotated[NotNegative | None, Rule("only with", "surface")] = None
     sharp_degrees: Annotated[NotNegative | None, Rule("only with", "surface")] = None
     union: Annotated[bool | None, Rule("only with", "surface")] = None
+    smallest: Annotated[Positive | None, Rule("only with", "surface")] = None
     hand: str | None = None
     gap: Annotated[Positive | None, Rule("only with", "hand")] = None
     boundary: Literal["sound_hard", "impedance", "filled"] = "sound_hard"

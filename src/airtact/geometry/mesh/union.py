@@ -29,13 +29,35 @@ def united_parts(
     """
     # Imported here because few files need the union.
     from manifold3d import Manifold, Mesh
-    from scipy.ndimage import binary_opening
     from skimage.measure import marching_cubes
+
+    # A cap of 110 mm is divided into cells of 0.43 mm, 1/20 of the wavelength at 40 kHz.
+    cell = float(np.ptp(vertices, axis=0).max()) / 256
+    distance, origin = distance_grid(vertices, triangles, cell)
+    nodes, faces, _, _ = marching_cubes(distance, 0.0)
+    # A tolerance of 3 % of a cell joins the coplanar triangles of flat faces.
+    solid = Manifold(Mesh(nodes.astype(np.float32), faces.astype(np.uint32)))
+    solid = solid.simplify(0.03).to_mesh()
+    note = (
+        f"The parts were united on a grid of {1e3 * cell:.2g} mm: "
+        f"{counted(len(triangles), 'triangle', 'triangles')} became {len(solid.tri_verts)}, and "
+        "edges are rounded on the scale of the grid."
+    )
+    joined = solid.vert_properties.astype(float) * cell + origin
+    return joined, solid.tri_verts.astype(np.int64), note
+
+
+def distance_grid(
+    vertices: Vertices, triangles: Triangles, cell: float
+) -> tuple[Float[np.ndarray, "x y z"], Float64[np.ndarray, "3"]]:
+    """Return signed distances [cells] on a grid around all parts, and its first node (3,) [m].
+
+    Distances are negative inside, exact next to flat faces, and -1 or 1 farther away.
+    """
+    from scipy.ndimage import binary_opening
 
     low = vertices.min(axis=0)
     extent = vertices.max(axis=0) - low
-    # A cap of 110 mm is divided into cells of 0.43 mm, 1/20 of the wavelength at 40 kHz.
-    cell = float(extent.max()) / 256
     # A margin of two cells closes the surface; the odd fraction keeps nodes off faces and edges.
     origin = low - 2.3819 * cell
     shape = tuple(np.ceil(extent / cell).astype(int) + 6)
@@ -68,17 +90,7 @@ def united_parts(
         bounding.append(points[bounds])
         owners.append(owner[bounds])
     distance = _distances(inside, np.concatenate(bounding), corners[np.concatenate(owners)])
-    nodes, faces, _, _ = marching_cubes(distance, 0.0)
-    # A tolerance of 3 % of a cell joins the coplanar triangles of flat faces.
-    solid = Manifold(Mesh(nodes.astype(np.float32), faces.astype(np.uint32)))
-    solid = solid.simplify(0.03).to_mesh()
-    note = (
-        f"The parts were united on a grid of {1e3 * cell:.2g} mm: "
-        f"{counted(len(triangles), 'triangle', 'triangles')} became {len(solid.tri_verts)}, and "
-        "edges are rounded on the scale of the grid."
-    )
-    joined = solid.vert_properties.astype(float) * cell + origin
-    return joined, solid.tri_verts.astype(np.int64), note
+    return distance, origin
 
 
 def _crossings(
