@@ -306,8 +306,8 @@ def check_not_inside(
         deepest = int(depth.argmax())
         count_note = f", the deepest of {count}" if count > 1 else ""
         raise InvalidInput(
-            f"{name} {deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm inside "
-            f"a body{count_note}; move it out, or move the body away.",
+            f"{name} {deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm "
+            f"inside a body{count_note}; move this point out of the body, or move the body away.",
             points[deepest],
             code="inside_body",
         )
@@ -345,7 +345,9 @@ def check_no_boards(scene: Scene, solver: str) -> None:
     """Raise an error if ``solver`` does not support the reflecting boards of the scene."""
     if scene.boards:
         raise InvalidInput(
-            f"the scene has {counted(len(scene.boards), 'body', 'bodies')} of reflecting boards, "
-            f"which {solver} does not support: remove them, or solve with BoundaryElement.",
+            "the scene has "
+            f"{counted(len(scene.boards), 'reflecting board', 'reflecting boards')}, which "
+            f"{solver} does not support: remove the boards from the obstacles, or solve with "
+            "BoundaryElement.",
             code="not_supported",
         )

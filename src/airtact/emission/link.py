@@ -343,7 +343,8 @@ class Link(ABC):
     def emission_over(self, why: str) -> LinkFailed:
         """Return the error for a call after the end of an emission."""
         return LinkFailed(
-            f"nothing was sent, because the emission is over: {why} ({self.sent} frames sent).",
+            f"nothing was sent, because the emission is not running: {why} ({self.sent} frames "
+            "sent).",
             code="emission_over",
         )
 

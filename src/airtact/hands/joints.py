@@ -163,7 +163,7 @@ def _check_bone_lengths(joints: Joints, tolerance: float) -> None:
         fault = f"{together + 1} joints are at the same position"
         advice = ": were matrices read by rows instead of columns?"
     elif ((shifted >= low[:-1] - tolerance) & (shifted <= high[:-1] + tolerance)).all():
-        advice = ": are these the first 25 of OpenXR's 26 joints? Omit the palm, the first of them."
+        advice = ": are these the first 25 of OpenXR's 26 joints? Omit the first joint, the palm."
     elif size > 1.8 or size < 0.5:
         fault = f"the bones are {size:.2g} times as long as those of a hand"
         advice = ": are these coordinates in a picture, or in another unit? Use metres."

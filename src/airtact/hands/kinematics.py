@@ -113,8 +113,9 @@ def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: 
                 return both_turned(float(cast("float", root)))
         excesses += values
     raise InvalidInput(
-        f"the {FINGERS[pair[0]]} and the {FINGERS[pair[1]]} cannot be brought {1e3 * gap:g} mm "
-        f"apart: turning their roots leaves them {1e3 * (min(excesses) + gap):.3g} to "
-        f"{1e3 * (max(excesses) + gap):.3g} mm apart; use a gap in this range, or another pose.",
+        f"the {FINGERS[pair[0]]} and the {FINGERS[pair[1]]} cannot be opened to a gap of "
+        f"{1e3 * gap:g} mm: turning both at their roots gives gaps from "
+        f"{1e3 * (min(excesses) + gap):.3g} to {1e3 * (max(excesses) + gap):.3g} mm; use a gap in "
+        "this range, or another pose.",
         code="misplaced",
     )

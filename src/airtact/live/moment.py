@@ -130,7 +130,7 @@ class Controls:
         if self.offset is not None:
             between(self.offset, 0.0, 0.1, "the offset", "m", "is it in millimetres?")
         for name, level in self.levels.items():
-            between(level, 0.0, 1.0, f"the level of {name}", "", "it is a share of 1.")
+            between(level, 0.0, 1.0, f"the level of {name}", "", "use 1 for the full level.")
         # Robust methods require samples of an uncertain scene.
         if self.method is not None:
             methods = [name for name in METHODS if name not in FOR_SAMPLES]

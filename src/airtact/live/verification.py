@@ -67,7 +67,8 @@ def verify_session(
     playing = np.flatnonzero(session.playing)
     if not len(playing):
         raise InvalidInput(
-            "the session contains no drive with sound: record one with a hand before the array.",
+            "the session contains no drive with sound: record one with a hand in front of the "
+            "array.",
             code="empty",
         )
     chosen = np.unique(playing[np.linspace(0, len(playing) - 1, drives).astype(int)])

@@ -216,7 +216,7 @@ def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
     if len(echoes.codes) != len(array):
         raise InvalidInput(
             f"the {name} are of an array of {len(echoes.codes)} elements, but this array has "
-            f"{len(array)}. Pass the array that measured them.",
+            f"{len(array)}. Pass the array with which they were measured.",
             code="sizes_differ",
         )
 

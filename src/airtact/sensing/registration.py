@@ -166,8 +166,8 @@ def locate(
     if isinstance(scene, ScatteringFamily):
         if scattering is not None or solver is not None:
             raise InvalidInput(
-                f"a family has its own {len(scene.matrices)} scattering matrices; omit scattering "
-                "and solver.",
+                f"a family already contains {len(scene.matrices)} scattering matrices; omit "
+                "scattering and solver.",
                 code="given_twice",
             )
         family = scene

@@ -122,7 +122,7 @@ def scattering_matrix(
     """
     of_kind(solver, Solver, "the solver", "one such as BoundaryElement()")
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
-    accuracy = within(accuracy, 1e-4, 0.1, "accuracy", "parts of 1", "1 per cent is 0.01.")
+    accuracy = within(accuracy, 1e-4, 0.1, "accuracy", "", "1 per cent is 0.01.")
     if not scene.obstacles:
         raise InvalidInput(
             "the scene has no obstacles and scatters nothing; add bodies.", code="empty"
@@ -152,7 +152,7 @@ def scattering_matrix(
         if not np.isfinite(pressures).all():
             raise InvalidInput(
                 f"the solver has no field {1e3 * outer:.3g} mm from the centre of the bodies; use "
-                "a solver that computes the field all around them.",
+                "a solver that computes the field all around the bodies.",
                 code="data_missing",
             )
         scattered = (weights * waves) @ pressures / radial
@@ -420,7 +420,7 @@ def scattering_family(
     shift = 0.5 * (high - low) * family.effect
     if shift < 1e-7:
         raise InvalidInput(
-            f"from {low:g} to {high:g} the bodies change no more than in a translation by "
+            f"from {low:g} to {high:g} the bodies hardly change, as little as in a translation by "
             f"{1e3 * shift:.1g} mm; scene_of must use its argument.",
             code="all_zero",
         )

@@ -200,9 +200,9 @@ def sense(
                 f", or its gap is not between {1e3 * model.low:.3g} and {1e3 * model.high:.3g} mm"
             )
         raise NotConverged(
-            f"no pose near that of the scene {setup.title} explains the echoes: the best one "
-            f"leaves {located.misfit:.2g} of them unexplained, beyond noise. The hand differs from "
-            f"that of the scene, or is more than 5 mm away{reach}.",
+            f"no pose near that of the scene {setup.title} explains the echoes: the best pose "
+            f"leaves {located.misfit:.2g} of the echoes unexplained beyond the noise. The hand "
+            f"differs from the hand in the scene, or is more than 5 mm away{reach}.",
             code="pose_not_found",
         )
     fitted = setup if located.opening is None else _with_gap(setup, located.opening)
@@ -309,10 +309,10 @@ def calibrate_array(
     if not calibrated.converged:
         raise NotConverged(
             f"no positions of the boards near those of the scene {setup.title} explain the "
-            f"transmissions: the best ones leave {calibrated.misfit:.2g} of them unexplained, "
-            "beyond noise. Likely causes: an object between the boards, direct sound that was "
-            "subtracted, other codes or another order of the elements, or boards displaced by "
-            "more than 2 mm.",
+            f"transmissions: the best positions leave {calibrated.misfit:.2g} of the "
+            "transmissions unexplained beyond the noise. Likely causes: an object between the "
+            "boards, direct sound that was subtracted, other codes or another order of the "
+            "elements, or boards displaced by more than 2 mm.",
             code="pose_not_found",
         )
     if true is None:

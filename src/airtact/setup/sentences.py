@@ -118,8 +118,8 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         if apart < MIN_FOCUS_DISTANCE * scene.wavelength:
             cautions.append(
                 f"{setup.foci[first]} and {setup.foci[second]} are {1e3 * apart:.2g} mm apart, "
-                "less than a tenth of the wavelength. Most methods cannot separate them and return "
-                "no drive: remove one of them."
+                "less than a tenth of the wavelength. Most methods cannot separate such foci and "
+                "return no drive: remove one focus."
             )
     bounds = open_air_bound(setup.array, points, scene.wavenumber.real)
     strongest = strongest_open_air(setup.array, scene.wavenumber.real)

@@ -106,7 +106,7 @@ class Contacts:
         InvalidInput
             If ``most`` is not between 1 and 64, or the wavelength not between 0.3 mm and 0.35 m.
         """
-        between(most, 1, 64, "the largest number of foci", "", "each takes time.")
+        between(most, 1, 64, "the largest number of foci", "", "each focus takes time to compute.")
         between(wavelength, 3e-4, 0.35, "wavelength", "m", "is it in millimetres?")
         objects = self.virtual_objects
         return chosen_foci(self.skin, objects, self.found, self.offset, most, wavelength)

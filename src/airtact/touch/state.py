@@ -79,7 +79,11 @@ class TouchState:
         self.offset = between(offset, 0.0, 0.1, "the offset of a focus", "m", slip)
         self.release = between(release, 0.0, 0.02, "the distance of release", "m", slip)
         self.ramp = between(ramp, 1e-3, 1.0, "the ramp of a focus", "s", "is it in ms?")
-        self.most = int(between(most, 1, 64, "the largest number of foci", "", "each takes time."))
+        self.most = int(
+            between(
+                most, 1, 64, "the largest number of foci", "", "each focus takes time to compute."
+            )
+        )
         self.wavelength = between(wavelength, 3e-4, 0.35, "wavelength", "m", slip)
         self.objects = objects
         self.found: ContactArrays = NO_CONTACTS

@@ -67,7 +67,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
                 )
             if not 0.0 <= gain <= 10.0:  # a larger gain is probably in per cent
                 raise InvalidInput(
-                    f"the gain of element {element} is {gain:g}, but it must be 0 to 10.",
+                    f"the gain of element {element} is {gain:g}, but it must lie between 0 and 10.",
                     code="out_of_range",
                 )
             lines[element] = line

@@ -113,7 +113,8 @@ def _check_count(levels: int, name: str) -> int:
     integer = isinstance(levels, int | np.integer) and not isinstance(levels, bool)
     if not integer or not 2 <= levels <= 256:
         raise InvalidInput(
-            f"the number of {name} levels must be 2 to 256, not {levels}.", code="out_of_range"
+            f"the number of {name} levels must be between 2 and 256, not {levels}.",
+            code="out_of_range",
         )
     return int(levels)
 

@@ -99,8 +99,8 @@ def gmres(
             return GmresResult(solution * scale, residuals, step)
     raise NotConverged(
         f"GMRES reached a relative residual of {np.max(residuals):.1e} in {most_iterations} "
-        f"iterations, not {tolerance:.0e}: a gap or a body is probably much thinner than a panel. "
-        "Use a smaller value of accuracy, or move the bodies apart.",
+        f"iterations instead of {tolerance:.0e}: a gap or a body is probably much thinner than a "
+        "panel. Use a smaller value of accuracy, or move the bodies apart.",
         code="not_converged",
     )
 

@@ -295,7 +295,8 @@ def _coefficients(
     if unknown:
         raise InvalidInput(
             f"the field is not known at {unknown} of {len(points)} points {1e3 * radius:.3g} mm "
-            "from the middle of the bodies; use a field that is known everywhere around them.",
+            "from the middle of the bodies; use a field that is known everywhere around the "
+            "bodies.",
             code="data_missing",
         )
     scattered = scattered.reshape(order + 1, 2 * order + 1, -1)
