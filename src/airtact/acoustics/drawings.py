@@ -203,7 +203,8 @@ def _check_curves(numbers: int, name: str) -> None:
     """Raise an error for too many curves; six numbers or one element count as one curve."""
     if numbers // 6 > MAX_CURVES:
         raise InvalidInput(
-            f"{name} has about {numbers // 6:,} curves, more than {MAX_CURVES:,}; simplify it.",
+            f"{name} has about {numbers // 6:,} curves, more than {MAX_CURVES:,}; simplify the "
+            "drawing.",
             code="too_many",
         )
 

@@ -73,9 +73,9 @@ class Obstacle:
             self.medium is not None
         ) != (self.boundary == "filled"):
             raise InvalidInput(
-                f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium "
-                f"{self.medium}; only an impedance boundary takes a ratio, and only a filled body "
-                "takes a medium.",
+                f"an obstacle with the boundary {self.boundary} has ratio {self.ratio} and medium "
+                f"{self.medium}; set ratio only for impedance boundaries, and medium only for "
+                "filled bodies.",
                 code="options_clash",
             )
         if self.medium is not None:

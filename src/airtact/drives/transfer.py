@@ -166,8 +166,8 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     sources = beacons.sources
     if not np.array_equal(sources.strengths, np.eye(len(sources.positions))):
         raise InvalidInput(
-            "the field must be that of unit beacons, one excitation of 1 Pa·m per point, not "
-            f"strengths of shape {sources.strengths.shape} with the largest "
+            "the field must be that of unit beacons (one excitation of 1 Pa·m per point), but its "
+            f"strengths have shape {sources.strengths.shape} and a largest magnitude of "
             f"{np.abs(sources.strengths).max():g} Pa·m: solve for target.beacons().",
             code="wrong_kind",
         )

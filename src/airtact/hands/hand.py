@@ -355,8 +355,8 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
         else:
             continue
         raise InvalidInput(
-            f"{name} of the joints is {fault}: do the joints and the mesh belong to the same hand, "
-            "in the same pose and frame, in metres?",
+            f"{name}, as computed from the joints, is {fault}: do the joints and the mesh belong "
+            "to the same hand, in the same pose and frame, in metres?",
             points[index],
             code="misplaced",
         )

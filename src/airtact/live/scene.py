@@ -284,8 +284,8 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
     rounds = motion.turns(paths)
     if rounds * len(places) > setup.frequency:
         raise InvalidInput(
-            f"{_file_name(setup)}: {rounds:g} rounds of {len(places)} frames per second exceed the "
-            f"{setup.frequency:g} periods of the sound per second: use "
+            f"{_file_name(setup)}: {rounds:g} rounds per second with {len(places)} frames each "
+            f"exceed the {setup.frequency:g} sound periods per second: use "
             f"{setup.frequency / len(places):.4g} Hz or less.",
             code="out_of_range",
         )

@@ -367,8 +367,8 @@ def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "fo
         missing = of_tables.count(None)
         if 0 < missing < len(of_tables):
             raise InvalidInput(
-                f"only {len(of_tables) - missing} of {len(of_tables)} tables set a {key}: set it "
-                "in all or none.",
+                f"only {len(of_tables) - missing} of {len(of_tables)} tables set a {key}: set "
+                "this key in all tables or in none.",
                 code="key_missing",
             )
         if not missing:

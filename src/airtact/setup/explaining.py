@@ -26,7 +26,7 @@ from airtact.transducers.placement import strongest_open_air
 Pressures = Float64[np.ndarray, "foci"]
 
 MODULATED = "modulation, root mean square over time"
-"""Name of the cause from which on pressures are not peak values."""
+"""Name of the first cause after which pressures are not peak values."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -141,7 +141,7 @@ class Placement:
         if self.setup.path is None:
             raise InvalidInput(
                 "the setup was not read from a scene file, so no scene file can be written: use "
-                "the array of a layout.",
+                "layouts[0].array instead.",
                 code="data_missing",
             )
         source = self.setup.path.resolve().parent
@@ -389,8 +389,8 @@ def _hand_poses(
         of_kind(hand, at.Hand, "a hand", "hand_from_joints(joints) or a Pose")
         if len(scene.obstacles) != 1 or None in setup.riding:
             raise InvalidInput(
-                "a hand can only replace the single body of a scene whose foci are at named "
-                'points: set at = "thumb.pad" in [[foci]].',
+                "hands require a scene with a single body and with foci at named points: "
+                'set at = "thumb.pad" in [[foci]].',
                 code="not_supported",
             )
         points = np.stack([hand.focus(*ride) for ride in setup.riding if ride is not None])

@@ -238,9 +238,9 @@ def shadows(setup: Setup, transfer: TransferMatrix) -> Iterator[str]:
     for name, pressure, bound in zip(setup.foci, attainable, open_air, strict=True):
         if pressure < 0.2 * bound:
             yield (
-                f"{name} is in the shadow of {' and '.join(setup.bodies)}: it can reach at most "
-                f"{pascals(pressure)}, {pressure / bound:.0%} of the pressure in open air. Turn "
-                "the body, or move the array to the other side."
+                f"{name} is in the shadow of {' and '.join(setup.bodies)}: the pressure there can "
+                f"reach at most {pascals(pressure)}, {pressure / bound:.0%} of the pressure in "
+                "open air. Turn the body, or move the array to the other side."
             )
 
 

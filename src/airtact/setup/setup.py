@@ -160,7 +160,7 @@ class Setup:
         if self.traps and (self.uncertainty is not None or self.modulation is not None):
             raise InvalidInput(
                 "a scene with traps cannot contain [uncertainty] or [drive.modulation], because "
-                "the bead would drop. Remove them.",
+                "the bead would drop. Remove these tables.",
                 code="options_clash",
             )
         if self.uncertainty is not None:

@@ -249,7 +249,7 @@ def check_pattern(element: Element, wavenumber: complex | float) -> None:
         finer = ", piston(radius, points=19)" if size <= MAX_PISTON_SIZE[19] else ""
         raise InvalidInput(
             f"a face with a radius of {element.radius * 1e3:.3g} mm has ka = {size:.2f}, but its "
-            f"{count} points are only accurate up to {largest}: use a radius of at most "
+            f"{count} points are accurate only up to ka = {largest}: use a radius of at most "
             f"{largest / wavenumber.real * 1e3:.3g} mm{finer} or a lower frequency.",
             code="out_of_range",
         )

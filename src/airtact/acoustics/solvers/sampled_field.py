@@ -291,7 +291,7 @@ def _excitations(
         excitations.append(values)
     if not excitations:
         raise InvalidInput(
-            "the table has no columns of pressure; name them pressure, or pressure_real and "
+            "the table has no column with pressures; name one pressure, or two pressure_real and "
             "pressure_imag.",
             code="data_missing",
         )

@@ -43,7 +43,7 @@ def without_details(
     extent = float(np.ptp(vertices, axis=0).max())
     if smallest < extent / 64:
         raise InvalidInput(
-            f"smallest is {1e3 * smallest:.3g} mm, too little for a body of {1e3 * extent:.3g} mm: "
+            f"smallest is {1e3 * smallest:.3g} mm, too small for a body of {1e3 * extent:.3g} mm: "
             f"set smallest to {np.ceil(1e4 * extent / 64) / 1e4:g} m or more.",
             code="out_of_range",
         )

@@ -373,8 +373,8 @@ class HandStream:
         if later:
             raise FaultyFrame(
                 "time_leap",
-                f"the time of {name} is {ahead:.3g} s ahead of the clock; use the seconds of one "
-                "steady clock.",
+                f"the time of {name} is {ahead:.3g} s ahead of this computer's clock; send the "
+                "seconds of one steady clock.",
             )
         raise FaultyFrame(
             "backwards",
