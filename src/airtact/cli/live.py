@@ -32,7 +32,7 @@ from airtact.cli.options import (
     "source",
     metavar="FILE.jsonl|SESSION.h5|websocket|osc|page",
     help="Source of the hand: a recording, the session of an earlier run, trackers and "
-    "applications (websocket:PORT or osc:PORT, by default ports 8765 and 9000), or page; by "
+    "applications (websocket:PORT or osc:PORT, by default ports 8765 and 8766), or page; by "
     "default an example motion.",
 )
 @click.option(

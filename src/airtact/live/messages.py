@@ -19,22 +19,9 @@ from airtact.errors import InvalidInput, about
 from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import Capsule, capsule, sphere
 from airtact.geometry.surface import Surface
-from airtact.setup.bodies import built
-from airtact.setup.tables import (
-    BoxTable,
-    ButtonTable,
-    CapsuleTable,
-    CylinderTable,
-    GratingTable,
-    HalfSpaceTable,
-    Positive,
-    Rule,
-    SphereTable,
-    Table,
-    Triple,
-)
+from airtact.setup.tables import ObjectKeys, Triple
+from airtact.setup.touching import SOLIDS, object_of
 from airtact.touch.objects import MAX_OBJECTS, VirtualObject
-from airtact.touch.solids import Box, Button, Cylinder, HalfSpace
 from airtact.touch.textures import Grating
 
 VERSION = 1
@@ -45,9 +32,6 @@ MAX_FOCI = 16
 
 Name = Annotated[str, Meta(min_length=1, max_length=64)]
 Version = Annotated[int, Meta(ge=VERSION, le=VERSION)]
-
-# Solids with an analytic distance, by key
-SOLIDS = {"box": Box, "cylinder": Cylinder, "half_space": HalfSpace, "button": Button}
 
 
 class PoseMessage(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -95,31 +79,22 @@ class MeshMessage(msgspec.Struct, frozen=True):
     triangles: Annotated[list[tuple[int, int, int]], Meta(min_length=4, max_length=20_000)]
 
 
-class ObjectMessage(Table, frozen=True, forbid_unknown_fields=False, omit_defaults=True):
+class ObjectMessage(
+    ObjectKeys, frozen=True, kw_only=True, forbid_unknown_fields=False, omit_defaults=True
+):
     """A virtual object, with the keys of ``[[objects]]`` in scene files.
 
     Attributes
     ----------
     name : name of the object, unique among all objects.
-    sphere, capsule, box, cylinder, half_space, button, mesh : shape of the object;
-        exactly one.
+    mesh : shape of the object, instead of one of the shapes above.
     pose : pose of the shape in the scene.
-    style, grating, stiffness : as in scene files.
     """
 
     one_of: ClassVar = ("sphere", "capsule", "box", "cylinder", "half_space", "button", "mesh")
     name: Name
-    sphere: SphereTable | None = None
-    capsule: CapsuleTable | None = None
-    box: BoxTable | None = None
-    cylinder: CylinderTable | None = None
-    half_space: HalfSpaceTable | None = None
-    button: ButtonTable | None = None
     mesh: MeshMessage | None = None
     pose: PoseMessage = PoseMessage()
-    style: Literal["points", "outline", "texture"] = "points"
-    grating: Annotated[GratingTable | None, Rule("needed by", 'style = "texture"')] = None
-    stiffness: Positive | None = None
 
     @classmethod
     def of(cls, thing: VirtualObject) -> "ObjectMessage":
@@ -138,7 +113,7 @@ class ObjectMessage(Table, frozen=True, forbid_unknown_fields=False, omit_defaul
             mesh = {"vertices": thing.shape.vertices, "triangles": thing.shape.triangles}
             message["mesh"] = mesh
         else:
-            key = next(key for key, kind in SOLIDS.items() if isinstance(shape, kind))
+            key = next(key for key, kind in SOLIDS.items() if kind == type(shape).__name__)
             message[key] = _fields_of(shape)
         if isinstance(thing.texture, Grating):
             message["grating"] = _fields_of(thing.texture)
@@ -152,6 +127,7 @@ class ObjectMessage(Table, frozen=True, forbid_unknown_fields=False, omit_defaul
     def made(self) -> VirtualObject:
         """Build the object, without the distance grid of a mesh, which would take about 1 s."""
         with about(f"object {self.name}"):
+            shape = None
             if self.mesh is not None:
                 shape = Surface(np.array(self.mesh.vertices), np.array(self.mesh.triangles))
             elif self.sphere is not None:
@@ -162,17 +138,7 @@ class ObjectMessage(Table, frozen=True, forbid_unknown_fields=False, omit_defaul
                 start, end, radius = self.capsule.start, self.capsule.end, self.capsule.radius
                 length = float(np.linalg.norm(np.subtract(end, start)))
                 shape = capsule(start, end, radius, max(radius / 3.0, length / 50.0))
-            else:
-                key = next(key for key in SOLIDS if getattr(self, key) is not None)
-                shape = built(SOLIDS[key], getattr(self, key))
-            return VirtualObject(
-                shape,
-                self.pose.made(),
-                self.name,
-                style=self.style,
-                stiffness=self.stiffness,
-                texture=None if self.grating is None else built(Grating, self.grating),
-            )
+            return object_of(self, self.name, self.pose.made(), shape)
 
 
 class MoveMessage(msgspec.Struct, frozen=True):

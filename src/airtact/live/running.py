@@ -37,7 +37,7 @@ from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
 
 # Default ports to which trackers and applications send.
-PORTS = {"websocket": 8765, "osc": 9000}
+PORTS = {"websocket": 8765, "osc": 8766}
 
 
 def run(

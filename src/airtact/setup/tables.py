@@ -308,38 +308,47 @@ class GratingTable(Table, frozen=True):
     direction: Triple = (1.0, 0.0, 0.0)
 
 
-class ObjectTable(Table, frozen=True):
-    """A virtual object, which can be felt but does not affect the sound.
+class ObjectKeys(Table, frozen=True):
+    """The keys that virtual objects have both in scene files and in messages of applications.
 
     Attributes
     ----------
     sphere, capsule, box, cylinder, half_space, button : object defined by a
         formula.
-    surface : closed mesh file in the folder of the scene.
-    scale : length of one unit of the mesh file [m]; by default 1.
-    name : name of the object in results.
     style : "points" puts a focus where each pad is deepest; "outline" moves a focus
         along the edge of the contact; "texture" is like "points", but stronger on the
         ridges of ``grating``.
     grating : ridges fixed to the object.
     stiffness : increase of the strength, from 0.2 to 1, per depth [1/m]; by default 400, or 0.8
         / ``travel`` for a button.
-    pose : pose of the object.
     """
 
-    one_of: ClassVar = ("sphere", "capsule", "box", "cylinder", "half_space", "button", "surface")
     sphere: SphereTable | None = None
     capsule: CapsuleTable | None = None
     box: BoxTable | None = None
     cylinder: CylinderTable | None = None
     half_space: HalfSpaceTable | None = None
     button: ButtonTable | None = None
-    surface: str | None = None
-    scale: Annotated[Positive | None, Rule("only with", "surface")] = None
-    name: str = ""
     style: Literal["points", "outline", "texture"] = "points"
     grating: Annotated[GratingTable | None, Rule("needed by", 'style = "texture"')] = None
     stiffness: Positive | None = None
+
+
+class ObjectTable(ObjectKeys, frozen=True):
+    """A virtual object, which can be felt but does not affect the sound.
+
+    Attributes
+    ----------
+    surface : closed mesh file in the folder of the scene.
+    scale : length of one unit of the mesh file [m]; by default 1.
+    name : name of the object in results.
+    pose : pose of the object.
+    """
+
+    one_of: ClassVar = ("sphere", "capsule", "box", "cylinder", "half_space", "button", "surface")
+    surface: str | None = None
+    scale: Annotated[Positive | None, Rule("only with", "surface")] = None
+    name: str = ""
     pose: PoseTable | None = None
 
 

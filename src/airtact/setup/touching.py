@@ -11,7 +11,10 @@ from airtact.acoustics.scene import Obstacle
 from airtact.errors import InvalidInput, about
 from airtact.geometry.surface import Surface
 from airtact.setup.bodies import built, pose_of
-from airtact.setup.tables import ObjectTable, SceneFile
+from airtact.setup.tables import ObjectKeys, ObjectTable, SceneFile
+
+# Classes of solids with an analytic distance, by key
+SOLIDS = {"box": "Box", "cylinder": "Cylinder", "half_space": "HalfSpace", "button": "Button"}
 
 
 def touched(
@@ -81,26 +84,26 @@ def nearest_skin(contacts: "at.touch.Contacts") -> Float64[np.ndarray, "1 3"]:
 
 
 def _object(table: ObjectTable, folder: Path) -> "at.VirtualObject":
+    shape = None
     if table.sphere is not None:
         shape = built(at.sphere, table.sphere)
     elif table.capsule is not None:
         shape = built(at.capsule, table.capsule)
-    elif table.box is not None:
-        shape = built(at.touch.Box, table.box)
-    elif table.cylinder is not None:
-        shape = built(at.touch.Cylinder, table.cylinder)
-    elif table.half_space is not None:
-        shape = built(at.touch.HalfSpace, table.half_space)
-    elif table.button is not None:
-        shape = built(at.touch.Button, table.button)
-    else:
-        assert table.surface is not None
+    elif table.surface is not None:
         shape = at.load_surface(folder / table.surface, table.scale)
+    pose = None if table.pose is None else pose_of(table.pose)
+    return object_of(table, table.name, pose, shape)
+
+
+def object_of(
+    keys: ObjectKeys, name: str, pose: "at.Pose | None", shape: Surface | None
+) -> "at.VirtualObject":
+    """Build a virtual object from its keys; ``shape`` is None for one of ``SOLIDS``."""
+    solid = shape
+    if solid is None:
+        key = next(key for key in SOLIDS if getattr(keys, key) is not None)
+        solid = built(getattr(at.touch, SOLIDS[key]), getattr(keys, key))
+    texture = None if keys.grating is None else built(at.touch.Grating, keys.grating)
     return at.VirtualObject(
-        shape,
-        None if table.pose is None else pose_of(table.pose),
-        table.name,
-        style=table.style,
-        stiffness=table.stiffness,
-        texture=None if table.grating is None else built(at.touch.Grating, table.grating),
+        solid, pose, name, style=keys.style, stiffness=keys.stiffness, texture=texture
     )
