@@ -191,7 +191,7 @@ def test_hands_objects_and_foci_come_by_osc(osc, board):
     [
         ("fokus", (), "unknown_name"),
         ("focus", ("a", 0.0), "sizes_differ"),
-        ("focus", ("a", 0.0, 0.0, 200.0), "out_of_range"),
+        ("focus", ("a", 0.0, 0.0, 200.0), "not_in_metres"),
         ("focus", ("a", 0.0, float("nan"), 0.2), "not_finite"),
         ("focus", (3, 0.0, 0.0, 0.2), "out_of_range"),
         ("object/move", ("bal", 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0), "unknown_name"),

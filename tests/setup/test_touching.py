@@ -123,7 +123,7 @@ def test_given_foci_are_kept_and_the_objects_only_drawn(read) -> None:
         ("too_many", [FINGER, BALL * 65], "65 64"),
         ("given_twice", [FINGER, (BALL + 'name = "b"\n') * 2], "'b'"),
         ("not_finite", [FINGER, BALL.replace("-0.008", "nan")], "objects[0].sphere.centre"),
-        ("out_of_range", [FINGER, BALL.replace("-0.008", "-80.0")], "objects[0]"),
+        ("not_in_metres", [FINGER, BALL.replace("-0.008", "-80.0")], "objects[0]"),
         ("out_of_range", [FINGER, BALL.replace("0.01,", "-0.01,")], "objects[0].sphere.radius"),
         ("options_clash", [FINGER, BALL, 'surface = "block.stl"\n'], "objects[0]"),
         ("key_missing", [FINGER, BALL, 'style = "texture"\n'], "objects[0]"),
