@@ -15,6 +15,8 @@ from worlds import directions, far_points, hard, one_each, sphere_rule
 
 WATER = at.Medium(1481.0, 999.7)
 
+pytestmark = pytest.mark.slow
+
 
 def finger(*names: str) -> at.Surface:
     """Skin of some phalanges of the pinching hand, with their middle at the origin."""
@@ -59,11 +61,7 @@ class Case:
 
 @pytest.fixture(
     scope="module",
-    params=[
-        fingertip,
-        pytest.param(capsule, marks=pytest.mark.slow),
-        pytest.param(index_finger, marks=pytest.mark.slow),
-    ],
+    params=[fingertip, capsule, index_finger],
     ids=["fingertip", "capsule", "index finger"],
 )
 def case(request) -> Case:
@@ -78,7 +76,6 @@ def test_far_away_boundary_elements_find_the_same(case):
     assert relative(found, other).max() < 0.01
 
 
-@pytest.mark.slow
 def test_contact_where_panels_stand_off_each_other_agrees_with_finite_elements():
     """Two vertices beside panels that lie 1 and 11 micrometres off the one that is touched."""
     tip = fingertip()
@@ -99,7 +96,7 @@ def power_through(field: at.acoustics.RadiatedField, radius: float) -> tuple[flo
     return float(area @ crossing), float(area @ np.abs(crossing))
 
 
-@pytest.mark.parametrize("kind", [pytest.param("water", marks=pytest.mark.slow), "impedance"])
+@pytest.mark.parametrize("kind", ["water", "impedance"])
 def test_water_keeps_power_and_an_impedance_absorbs_it(kind):
     obstacle = (
         at.filled(capsule(), WATER) if kind == "water" else at.impedance(capsule(), 1.5 + 0.5j)

@@ -31,7 +31,14 @@ BALL = at.sphere(0.007, 0.004)
 SCENE = hard(BALL)
 
 
-@pytest.fixture(scope="module", params=["series", "boundary element", "finite element"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        "series",
+        "boundary element",
+        pytest.param("finite element", marks=pytest.mark.slow),
+    ],
+)
 def solver(request) -> at.acoustics.Solver:
     if request.param == "finite element":
         return at.FiniteElement(order=4).factorised(SCENE)

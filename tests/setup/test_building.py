@@ -410,15 +410,16 @@ def test_an_unknown_point_of_a_body_names_the_nearest(read):
     pinch = "[[obstacles]]\npinch = {}\n"
     sentence = 'foci[0]: at = "thumb.pat" is not a named point of a body; did you mean thumb.pad?'
     fails(read, "unknown_name", sentence, MEDIUM, ARRAY, pinch, '[[foci]]\nat = "thumb.pat"\n')
-    for offset, sentence in (
-        (-1e-3, "foci[0].offset is -0.001"),
+    for offset, code, sentence in (
+        (-1e-3, "out_of_range", "foci[0].offset is -0.001"),
         (
             0.5,
+            "not_in_metres",
             "foci[0]: offset = 0.5 m exceeds the gap of 12 mm in front of thumb.pad: is it in mill",
         ),
     ):
         focus = f'[[foci]]\nat = "thumb.pad"\noffset = {offset}\n'
-        fails(read, "out_of_range", sentence, MEDIUM, ARRAY, pinch, focus)
+        fails(read, code, sentence, MEDIUM, ARRAY, pinch, focus)
 
 
 def test_a_file_that_cannot_be_read_is_rejected(tmp_path):

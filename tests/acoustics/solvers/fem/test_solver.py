@@ -46,7 +46,15 @@ def factorised(name: str) -> solver.FactorisedScene:
     return at.FiniteElement().factorised(ball_scene(BODIES[name]))
 
 
-@pytest.mark.parametrize("name", list(BODIES))
+@pytest.mark.parametrize(
+    "name",
+    [
+        "hard",
+        "water",
+        pytest.param("impedance", marks=pytest.mark.slow),
+        pytest.param("light gas", marks=pytest.mark.slow),
+    ],
+)
 def test_spheres_at_default_settings(name):
     ready = factorised(name)
     scene = ready.scene
@@ -89,7 +97,10 @@ def test_next_sources_reuse_the_factorisation():
 
 @pytest.mark.parametrize(
     ("settings", "coarse", "limit"),
-    [({"order": 3}, 0, 1e-6), ({}, factorisation.COARSE_ORDER, 1e-3)],
+    [
+        pytest.param({"order": 3}, 0, 1e-6, marks=pytest.mark.slow),
+        ({}, factorisation.COARSE_ORDER, 1e-3),
+    ],
     ids=["fine", "default"],
 )
 def test_pardiso_solves_what_ngsolves_own_factorisation_does(settings, coarse, limit, monkeypatch):
