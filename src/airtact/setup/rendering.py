@@ -62,7 +62,8 @@ class Rendering:
     ----------
     setup : scene, array, target and settings.
     transfer : transfer matrix from which the drive was computed.
-    beacons : report of the solve for the transfer matrix.
+    beacons : report of the solve for the transfer matrix. If its solver did not estimate the error,
+        this is the largest relative difference from the verification at a focus.
     drive : amplitude and phase of each transducer.
     pressures : (F,) verified peak pressure at each focus [Pa]. If one focus runs through the
         points in turn, they are those of the sequence while it is there, from the same matrix.
@@ -289,7 +290,7 @@ def render(
 
 def compute(setup: Setup, clock: Clock, store: Path | None = None) -> ComputedDrive:
     """Compute the drive of a setup; the first half of ``render``."""
-    field = solve_beacons(setup, clock, store)
+    field = solve_beacons(setup, clock, store, estimate=False)
     transfer, beacons = transfer_to_array(setup, field, clock)
     with clock.step("drive", f"computing the drive by {method_words(setup)}"):
         drive, notes = synthesise(setup.synthesise, transfer, setup.target)
@@ -380,10 +381,16 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
             robustness = held_out(other_samples(setup, computed.field), setup.target, compared)
         words = "All foci at once: " if setup.in_turn else ""
         remarks = (*remarks, words + robustness.sentence())
+    beacons = computed.beacons
+    if not np.isfinite(beacons.estimated_error):
+        verified = comparison.at_foci[:, 0]
+        difference = transfer.pressure(computed.drive.at_full_scale())[: len(verified)] - verified
+        apart = float(np.max(np.abs(difference / verified)))
+        beacons = replace(beacons, estimated_error=apart)
     return Rendering(
         setup=setup,
         transfer=transfer,
-        beacons=computed.beacons,
+        beacons=beacons,
         drive=drive,
         pressures=pressures,
         steepening=steepening,

@@ -39,16 +39,25 @@ def stored(solver: Solver, store: Path | None) -> Solver:
     return solver if store is None else at.Stored(solver, store)
 
 
-def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> RadiatedField:
-    """Solve for a beacon at each focus and suppression point; use multipoles for samples."""
+def solve_beacons(
+    setup: Setup, clock: Clock, store: Path | None = None, estimate: bool = True
+) -> RadiatedField:
+    """Solve for a beacon at each focus and suppression point; use multipoles for samples.
+
+    With ``estimate=False`` boundary elements solve the transposed equation only, which is enough if
+    a verification follows.
+    """
     target = setup.target
+    solver = setup.solver
+    if isinstance(solver, BoundaryElement) and not estimate:
+        solver = replace(solver, estimate=False)
     foci = f"focus ({len(target.points)})"
     if len(target.suppression_points):
         count = len(target.suppression_points)
         foci += f" and {counted(count, 'suppression point', 'suppression points')}"
     where = f"around {', '.join(setup.bodies)}" if setup.bodies else "in open air"
     with clock.step("beacons", f"solving for a beacon in each {foci} {where}"):
-        beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
+        beacons = stored(solver, store).radiate(setup.scene, target.beacons(suppression=True))
         # Each sample evaluates the field at a displaced array, which multipoles do far faster. In
         # front of a plane each sample has another field.
         if setup.uncertainty is None or not setup.scene.obstacles or setup.scene.planes:
