@@ -5,18 +5,21 @@ Run ``python -m benchmarks.touch [--setting ball] [--seconds 10] [--emulated]``,
 ``--judge FOLDER``. Two fingers grasp and release a ball of 30 mm at 0.5 Hz; an index finger presses
 a button at 1 Hz in the paper's box; a flat hand strokes a textured plane. Frames of the known
 motion, 60 per second, with 0 or 1 mm of noise and 15 ms of latency, go by a web socket through the
-real loop. Every 20th drive is tried on the true hand by a solution of the whole hand at 2 %, at the
-contacts that the true hand has when the drive is in the air. Kept is the pressure at the weakest
+real loop. Every 20th drive, or with ``--instants 20`` the drive in the air at 20 instants that all
+runs share, is tried on the true hand by a solution of the whole hand at 2 %, at the contacts that
+the true hand then has. Kept is the pressure at the weakest
 focus, in proportion to its strength, over that of the drive made from the true hand, at equal
 energy; a contact deeper than 2 mm without a focus counts as 0. With ``--emulated`` the clock is
 virtual, and a solution takes 20 ms, so that a busy machine does not matter. ``--find`` prints the
-processor times to find the contacts of a hand with three objects.
+processor times to find the contacts of a hand with three objects. The medians of three runs, as a
+table, in 12 minutes: ``--runs 3 --seconds 6 --instants 20 --table FILE``.
 """
 
 import argparse
 import tempfile
 import threading
 import time
+from bisect import bisect
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -61,6 +64,9 @@ SOLVING, MAKING, OFTEN = 0.02, 0.006, 1.0 / 66.0
 
 WARMING = 1.0
 """Time before the first drive that is judged [s]."""
+
+GOLDEN = 0.618034
+"""Fractional part of the golden ratio."""
 
 RUN = ", run "
 """What stands before the number of a run in the name of its session."""
@@ -385,11 +391,11 @@ class Judge:
         field = solver.radiate(air, at.Target(foci.points).beacons())
         return at.transfer_matrix(field, scene.array).matrix, foci
 
-    def kept(self, one: Played) -> float:
-        """Share of the attainable pressure at the weakest true contact with a focus."""
-        if not len(self.true_foci(one.time).points):
+    def kept(self, one: Played, then: float) -> float:
+        """Share of the attainable pressure at the weakest true contact with a focus at a time [s]."""
+        if not len(self.true_foci(then).points):
             return float("nan")  # foci fade after the contact
-        matrix, foci = self._matrix(one.time)
+        matrix, foci = self._matrix(then)
         # Each true focus is compared with the nearest played one on the same part of the hand.
         chosen = []
         strengths = []
@@ -419,11 +425,20 @@ def weakest(matrix: np.ndarray, amplitudes: np.ndarray, shares: np.ndarray) -> f
     return float(received.min() / max(np.linalg.norm(amplitudes), 1e-12))
 
 
-def judge(played: Sequence[Played], title: str, tried: Judge, every: int) -> dict[str, float]:
-    """Print what drives bring to the true hand, missed and false contacts, and delays."""
+def judge(
+    played: Sequence[Played], title: str, tried: Judge, every: int, instants: Sequence[float]
+) -> dict[str, float]:
+    """Print what drives bring to the true hand, missed and false contacts, and delays.
+
+    Judge every so many drives when they reach the air, or those in the air at some instants [s].
+    """
     later = [one for one in played if one.time > WARMING]
-    sounding = [one for one in later if len(one.strengths) and one.strengths.max() > 0.05]
-    kept = np.array([tried.kept(one) for one in sounding[::every]])
+    chosen = [(one, one.time) for one in later if sounds(one)][::every]
+    if len(instants):
+        times = [one.time for one in later]
+        newest = [later[max(bisect(times, then) - 1, 0)] for then in instants]
+        chosen = [(one, then) for one, then in zip(newest, instants, strict=True) if sounds(one)]
+    kept = np.array([tried.kept(one, then) for one, then in chosen])
     kept = kept[np.isfinite(kept)]
     missed = 0
     false = 0
@@ -452,6 +467,11 @@ def judge(played: Sequence[Played], title: str, tried: Judge, every: int) -> dic
         figures[f"{text}, 95 of 100"] = np.quantile(waited, 0.95)
     tell(title, figures)
     return figures
+
+
+def sounds(one: Played) -> bool:
+    """Whether a drive has a focus that can be felt."""
+    return len(one.strengths) > 0 and one.strengths.max() > 0.05
 
 
 def find_parts(tried: Judge, then: float) -> set[str]:
@@ -526,6 +546,8 @@ def main() -> None:
     parser.add_argument("--noises", type=float, nargs="+", default=[0.0, 1e-3], help="[m]")
     parser.add_argument("--every", type=int, default=JUDGED, help="so many drives, one is judged")
     parser.add_argument("--runs", type=int, default=1)
+    parser.add_argument("--instants", type=int, default=0, help="so many instants are judged")
+    parser.add_argument("--table", type=Path, help="file for the medians of all runs, in Markdown")
     parser.add_argument("--emulated", action="store_true", help="use a virtual clock")
     parser.add_argument("--find", action="store_true", help="only time the search for contacts")
     parser.add_argument("--record", type=Path, help="folder for runs that are not judged yet")
@@ -534,6 +556,9 @@ def main() -> None:
     if given.find:
         finding()
         return
+    # Instants that no period of a motion divides.
+    instants = WARMING + (given.seconds - WARMING) * (np.arange(given.instants) * GOLDEN % 1.0)
+    medians: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as temporary:
         folder = given.judge or given.record or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
@@ -558,16 +583,28 @@ def main() -> None:
                             done[-1] |= real(setting, Noting(setting.scene, solvers), frames, path)
                     if given.record is None and path.exists():
                         played = list(np.load(path, allow_pickle=True))
-                        done[-1] |= judge(played, title, tried, given.every)
+                        done[-1] |= judge(played, title, tried, given.every, np.sort(instants))
+                names = dict.fromkeys(figure for figures in done for figure in figures)
+                medians[what] = {
+                    figure: float(np.median([one[figure] for one in done if figure in one]))
+                    for figure in names
+                }
                 if given.runs > 1:
-                    names = dict.fromkeys(figure for figures in done for figure in figures)
-                    tell(
-                        f"{what}, median of {given.runs} runs",
-                        {
-                            figure: float(np.median([one[figure] for one in done if figure in one]))
-                            for figure in names
-                        },
-                    )
+                    tell(f"{what}, median of {given.runs} runs", medians[what])
+    if given.table is not None:
+        text = table_of(medians)
+        given.table.write_text(text, encoding="utf-8")
+        print(text)
+
+
+def table_of(medians: dict[str, dict[str, float]]) -> str:
+    """Write figures as a table in Markdown, with one row for each setting."""
+    figures = list(dict.fromkeys(figure for row in medians.values() for figure in row))
+    lines = [f"| setting | {' | '.join(figures)} |", "|---" * (len(figures) + 1) + "|"]
+    for what, row in medians.items():
+        cells = [f"{row[figure]:.4g}" if figure in row else "-" for figure in figures]
+        lines.append(f"| {what} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":

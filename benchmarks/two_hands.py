@@ -4,13 +4,20 @@ A relaxed left hand and its mirror image, 2 x 2 flat boards 200 mm away, foci 1 
 pads of thumb and index finger of each. Palms face each other, with the boards at their side, or lie side
 by side over the boards. The matrix of both hands solved together is compared with that of each hand
 solved alone. Printed are the errors of its rows, amplitudes and phases, medians over the foci and largest,
-and the pressure at the weakest focus that the drive from hands solved alone keeps, at equal energy.
+and the pressure at the weakest focus that the drive from hands solved alone keeps, at equal energy;
+after it, what drives of the live loop during touch keep, from distances and from the 250 panels of
+both hands nearest to the foci, and the processor time of that solution.
 """
+
+import time
 
 import numpy as np
 
 import airtact as at
 from airtact.drives.gerchberg_saxton import weighted_gerchberg_saxton
+from airtact.live.drives.factors import OpenAir
+from airtact.live.drives.skin_solver import SkinRequest, SkinSolver
+from airtact.live.scene import SIDES, LiveScene
 
 PLACES = ("palm", "thumb.pad", "index.pad")
 
@@ -19,7 +26,7 @@ DISTANCES = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2)
 
 
 def compared(facing: bool, distance: float) -> tuple[float, ...]:
-    """Return median and largest error of rows, the root mean square phase error [rad], the kept share."""
+    """Return errors of rows, the root mean square phase error [rad], kept shares, and a time [ms]."""
     left = at.load_hand(at.example("relaxed.json"))
     _, palm = left.places["palm"]
     fingers = left.joints[9] - left.joints[0]
@@ -59,17 +66,39 @@ def compared(facing: bool, distance: float) -> tuple[float, ...]:
         drive = weighted_gerchberg_saxton(at.TransferMatrix(matrix, np.nan), at.Target(every))
         return float(np.abs(both @ drive.amplitudes).min() / np.linalg.norm(drive.amplitudes))
 
-    return float(np.median(errors)), errors.max(), float(phases), weakest(alone) / weakest(both)
+    nothing = np.zeros(0)
+    live = LiveScene(air, 40e3, array, left.side, left.radii, (), nothing, both=True)
+    joints_of = {hand.side: hand.joints for hand in hands}
+    still = {side: np.zeros((25, 3)) for side in joints_of}
+    owners = np.repeat([SIDES.index(hand.side) for hand in hands], len(PLACES))
+    asked = SkinRequest(0.0, 0.0, joints_of, still, every, owners)
+    skin = SkinSolver(live)
+    skin.solved((asked, joints_of), 0.0)  # meshes the hands
+    begun = time.process_time()
+    factors = skin.solved((asked, joints_of), 0.0)
+    seconds = time.process_time() - begun
+    assert factors is not None
+    rows = OpenAir(live).rows(every)
+    return (
+        float(np.median(errors)),
+        errors.max(),
+        float(phases),
+        weakest(alone) / weakest(both),
+        weakest(rows) / weakest(both),
+        weakest(rows * factors.factors) / weakest(both),
+        1e3 * seconds,
+    )
 
 
 def main() -> None:
     """Print one line for each arrangement and distance."""
     for facing in (True, False):
         for distance in DISTANCES:
-            median, most, phase, kept = compared(facing, distance)
+            median, most, phase, kept, straight, live, spent = compared(facing, distance)
             print(
                 f"{'palms facing' if facing else 'side by side'}, {1e3 * distance:.0f} mm apart: error "
-                f"median {median:.2f}, largest {most:.2f}, phase {phase:.2f} rad; kept {kept:.3f}",
+                f"median {median:.2f}, largest {most:.2f}, phase {phase:.2f} rad; kept {kept:.3f}; "
+                f"live: distances {straight:.3f}, nearest panels {live:.3f} in {spent:.0f} ms",
                 flush=True,
             )
 
