@@ -107,7 +107,7 @@ def emit(
     if played is not None:
         kind = "sequence" if plan.modulation is None else "modulated drive"
         lines.append(
-            f"The {kind} was played at {played.rate:.4g} frames/s, {played.frames} frames, "
+            f"The {kind} was played at {played.rate:.4g} frames/s: {played.frames} frames, "
             f"{played.dropped} dropped."
         )
     show(lines=lines)

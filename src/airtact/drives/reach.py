@@ -111,9 +111,9 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
         point = target.points[asked[worst]]
         rest = np.median(np.delete(attainable, worst))
         raise InvalidInput(
-            f"focus {asked[worst]} at {in_mm(point)} is shadowed: it can reach at most "
-            f"{attainable[worst]:.3g} Pa, while the median of the other foci is {rest:.3g} Pa. "
-            "Move it, remove it or request less pressure there.",
+            f"focus {asked[worst]} at {in_mm(point)} is shadowed: the pressure there can reach at "
+            f"most {attainable[worst]:.3g} Pa, while the median of the other foci is {rest:.3g} "
+            "Pa. Move it, remove it or request less pressure there.",
             point,
             code="foci_unreachable",
         )

@@ -48,7 +48,7 @@ def check_surface(surface: Surface) -> None:
             raise InvalidInput(
                 f"the body is {thickness * 1e3:.3g} mm thick near {in_mm(where)}, less than "
                 f"{THINNEST * 1e3:g} mm; make it thicker there, or load it with smallest=2e-3, "
-                "which removes parts thinner than that.",
+                "which removes thinner parts.",
                 where,
                 code="out_of_range",
             )

@@ -297,7 +297,8 @@ def with_tracker(text: str, pose: Pose) -> str:
         same = False
     if not same:
         raise InvalidInput(
-            "the tracker is not written as a table [tracker]: enter the values there yourself.",
+            "the scene file does not contain the tracker as a table [tracker]: enter the values "
+            "yourself.",
             code="not_writable",
         )
     return changed

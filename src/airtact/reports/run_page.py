@@ -269,8 +269,9 @@ def _emitted(run: Rendering) -> str:
         return f"this drive. The largest amplitude is {run.drive.peak:.2f} of full scale"
     peak = float(np.abs(run.sequence.drives).max())
     return (
-        "the sequence while the moving focus is there, from the matrix that the verification of "
-        f"all foci at once confirms. The largest amplitude is {peak:.2f} of full scale"
+        "the sequence while the moving focus is at this point. The values come from the transfer "
+        "matrix, which the verification of all foci at once confirms. The largest amplitude is "
+        f"{peak:.2f} of full scale"
     )
 
 

@@ -204,7 +204,9 @@ def _caption(view: SceneView) -> str:
     if len(view.drives) > 1:
         sentences.append(f"Drives are shown at {view.held_equal}.")
     if view.setup.scene.planes:
-        sentences.append("The rigid plane is drawn as a sheet, or as an edge from behind.")
+        sentences.append(
+            "The rigid plane is drawn as a translucent sheet; from behind, only its outline is drawn."
+        )
     if view.setup.objects:
         names = ", ".join(thing.name for thing in view.setup.objects)
         sentences.append(f"Virtual objects ({names}) are transparent: sound passes through them.")

@@ -28,7 +28,8 @@ def write_why_page(path: Path, explained: Explanation, title: str, text: str) ->
         charts=[_waterfall(explained, focus) for focus in range(len(explained.foci))],
         headline=f"{last[weakest]:,.0f} Pa of {explained.causes[0].pressures[weakest]:,.0f} Pa "
         f"remain at the weakest focus, {explained.foci[weakest]}.",
-        rms=f"; from “{MODULATED}” on, they are the root mean square of the peak pressure over time"
+        rms=f"; from “{MODULATED}” onward, they are the root mean square of the peak pressure "
+        "over time"
         if MODULATED in (cause.name for cause in explained.causes)
         else "",
         header=["focus", *(f"{cause.name} [Pa]" for cause in explained.causes)],

@@ -200,8 +200,8 @@ def _order(reach: float, accuracy: float) -> int:
     order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
     if order > 80:  # 6,561 waves need 0.7 GB
         raise InvalidInput(
-            f"the bodies need waves up to order {order}, more than 80; use smaller bodies, such "
-            "as the fingers without the hand, or a lower accuracy.",
+            f"the bodies require waves up to order {order}, more than 80; use smaller bodies, "
+            "such as the fingers without the hand, or a lower accuracy.",
             code="too_many",
         )
     return order

@@ -111,8 +111,8 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
         )
     if len(array) % count:
         raise InvalidInput(
-            f"{len(array)} elements do not divide into {count} equal boards; pass the number of "
-            "boards.",
+            f"{len(array)} elements cannot be divided into {count} equal boards; pass the number "
+            "of boards.",
             code="unknown_name",
         )
     return [elements_of(array, rows) for rows in np.split(np.arange(len(array)), count)]

@@ -114,7 +114,8 @@ def _set_up(path: Path, text: str, file: SceneFile, moving: bool) -> Setup:
     objects, contacts = touched(file, path.parent, bodies, obstacles, hands, moving)
     if file.traps and contacts is not None:
         raise InvalidInput(
-            "traps cannot be combined with contacts with objects: add [[foci]] to define the foci.",
+            "traps cannot be combined with foci at contacts with objects: add [[foci]] to define "
+            "the foci.",
             code="options_clash",
         )
     traps = tuple(built(at.traps.Trap, table) for table in file.traps)
@@ -207,7 +208,7 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     if (name == "free_field") == bool(scene.obstacles):
         state = "obstacles" if scene.obstacles else "no obstacles"
         raise InvalidInput(
-            f"{name} cannot solve a scene with {state}: remove the name.",
+            f"{name} cannot solve a scene with {state}: remove name from [solver].",
             code="not_supported",
         )
     if name == "finite_element":

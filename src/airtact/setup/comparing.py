@@ -399,6 +399,6 @@ def _conjugated(name: str, drive: Drive, transfer: TransferMatrix, target: Targe
         return []
     return [
         f"with the opposite sign of all phases, {name} would produce {pressures[1]:,.0f} Pa at "
-        f"its weakest focus instead of {pressures[0]:,.0f} Pa. Its program may use e^(+jωt): "
-        "conjugate its amplitudes."
+        f"its weakest focus instead of {pressures[0]:,.0f} Pa. The program that wrote it may use "
+        "e^(+jωt): conjugate the amplitudes."
     ]

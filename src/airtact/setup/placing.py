@@ -417,10 +417,11 @@ def _fixed(setup: Setup, board: str, indices: Sequence[int]) -> list[Pose]:
     poses = kind[1] if kind is not None and kind[0].name == board else []
     if not set(indices) <= set(range(len(poses))) or len(set(indices)) < len(indices):
         words = "fixed board" if len(indices) == 1 else "fixed boards"
-        fault = f"it has {counted(len(poses), 'board', 'boards')}. Name each once, counting from 0."
+        count = counted(len(poses), "board", "boards")
+        fault = f"it has {count}. Name each board once, counting from 0."
         if kind is None or kind[0].name != board:
             made = "not of one kind" if kind is None else kind[0].name
-            fault = f"its boards are {made}, not {board}. Place boards of the kind in the scene."
+            fault = f"its boards are {made}, not {board}. Place boards of the scene's kind."
         raise InvalidInput(
             f"the scene has no {words} {', '.join(map(str, indices))}: {fault}",
             code="unknown_name",

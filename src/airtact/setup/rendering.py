@@ -320,7 +320,7 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     if control is not None:
         drives[names[1]] = control
     with clock.step(
-        "verify", "verifying it with a more accurate solve with all transducers as sources"
+        "verify", "verifying the drive by a more accurate solve with all transducers as sources"
     ):
         comparison = compare_drives(
             setup.scene,
@@ -360,7 +360,7 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     if setup.in_turn:
         assert computed.sequence is not None
         at_once = pascals(pressures.min())
-        standing = f"All foci at once (drive.h5) would have {at_once} at the weakest focus."
+        standing = f"All foci at once (drive.h5): {at_once} at the weakest focus."
         pressures = computed.sequence.pressures
         steepening = computed.sequence.steepening
         felt = _felt_in_turn(setup, transfer, computed.sequence.drives, comparison)

@@ -132,9 +132,9 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     for name, bound, pressure in zip(setup.foci, bounds, requested, strict=True):
         if bound < 0.1 * strongest:  # a tenth of the pressure is a hundredth of the force
             cautions.append(
-                f"{name} is out of the array's reach: all elements together produce "
-                f"{bound / strongest:.1%} of the {strongest:,.0f} Pa that they reach at their "
-                "strongest point in open air, under 10%. Move the focus or the array."
+                f"{name} is out of the array's reach: in open air, all elements together produce "
+                f"only {bound / strongest:.1%} (less than 10%) of the {strongest:,.0f} Pa that "
+                "they produce at their strongest point. Move the focus or the array."
             )
         if 0.0 < pressure < 50.0:
             cautions.append(

@@ -60,7 +60,8 @@ def without_details(
     closed[filled & (closed >= 0.0)] = -radius
     if (closed >= -radius).all():
         raise InvalidInput(
-            f"the whole body is thinner than {1e3 * smallest:.3g} mm: set a smaller smallest.",
+            f"the whole body is thinner than {1e3 * smallest:.3g} mm: set smallest to a smaller "
+            "value.",
             code="out_of_range",
         )
     # What is deeper than the radius grows again. It grows by 1.5 radii within the closed body,

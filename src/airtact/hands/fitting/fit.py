@@ -331,7 +331,8 @@ def _checked_cloud(
             )
         raise InvalidInput(
             f"only {near.sum()} of {len(cloud)} points are within {1e3 * HAND_RADIUS:g} mm of the "
-            f"landmarks (median distance {1e3 * usual:.4g} mm); use the same frame for both.",
+            f"landmarks (median distance {1e3 * usual:.4g} mm); use the same frame for points and "
+            "landmarks.",
             code="misplaced",
         )
     elsewhere = ~near & ~forearm

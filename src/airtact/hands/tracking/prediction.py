@@ -125,7 +125,7 @@ class Predictor:
             if frame.time <= newest.time:
                 raise InvalidInput(
                     f"frame {frame.sequence} at {frame.time:g} s is not later than the last one "
-                    f"at {newest.time:g} s; omit it.",
+                    f"at {newest.time:g} s; omit this frame.",
                     code="out_of_range",
                 )
         if frame.landmarks is None:

@@ -319,7 +319,7 @@ class HandStream:
         if hand.disorder > 0.4:
             raise FaultyFrame(
                 "backwards",
-                f"the times of the {frame.side} hand's frames go back again and again; use the "
+                f"the times of the {frame.side} hand's frames repeatedly go back; send the "
                 "seconds of one steady clock.",
             )
         time = hand.unit * frame.time + hand.shift

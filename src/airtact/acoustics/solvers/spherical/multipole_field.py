@@ -205,8 +205,8 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     alone = field.without_images
     if alone is None:
         raise InvalidInput(
-            f"a field from {field.report.solver} in front of a plane is not known without the "
-            "images of its bodies; solve with BoundaryElement.",
+            f"{field.report.solver} cannot separate the field of the bodies from that of their "
+            "images in a plane; solve with BoundaryElement.",
             code="not_supported",
         )
     clock = Clock(progress)
