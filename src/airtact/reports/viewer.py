@@ -205,7 +205,7 @@ def _caption(view: SceneView) -> str:
         sentences.append(f"Drives are shown at {view.held_equal}.")
     if view.setup.scene.planes:
         sentences.append(
-            "The rigid plane is drawn as a translucent sheet; from behind, only its outline is drawn."
+            "The rigid plane is drawn as a translucent sheet, or as an outline from behind."
         )
     if view.setup.objects:
         names = ", ".join(thing.name for thing in view.setup.objects)
