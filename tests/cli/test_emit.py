@@ -94,14 +94,14 @@ def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
     assert "skin hardly feels a constant force" in printed
     assert "--modulate am:200" in printed
     assert "This is not a safety assessment" in printed
-    assert "9 frames were sent; the last was silence, and confirmed." in printed
+    assert "9 frames were sent; the last one was silence, which the boards confirmed." in printed
 
 
 def test_a_drive_goes_by_udp(capsys, drive) -> None:
     emulated = ("--board", "autd3", "--link", "udp", "--address", "emulator")
     printed, _ = done(capsys, "emit", drive, *emulated, *BRIEFLY, "--yes", "--modulate", "am:200")
     assert "4 AUTD3, 996 transducers, through udp" in printed
-    assert "the last was silence, and confirmed." in printed
+    assert "the last one was silence, which the boards confirmed." in printed
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_a_sequence_tells_its_rate_and_what_was_dropped(capsys, tmp_path) -> Non
         capsys, "emit", path, "--board", "autd3", "--link", "audit", "--yes", "--seconds", "0.2"
     )
     assert "8 frames at 400 frames/s" in printed
-    assert "The sequence was played at 400 frames/s, 80 frames, 0 dropped." in printed
+    assert "The sequence was played at 400 frames/s: 80 frames, 0 dropped." in printed
 
 
 def test_boards_are_listed_with_their_links(capsys) -> None:
