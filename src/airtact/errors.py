@@ -166,6 +166,17 @@ def in_mm(point: Real[np.ndarray, "3"]) -> str:
     return f"({x:z.2f}, {y:z.2f}, {z:z.2f}) mm"
 
 
+def millimetres(length: float, digits: int = 2) -> str:
+    """Write a length [m] in millimetres, without an exponent.
+
+    Examples
+    --------
+    >>> millimetres(0.000123), millimetres(0.1832)
+    ('0.12 mm', '180 mm')
+    """
+    return f"{float(f'{1e3 * length:.{digits}g}'):z.12g} mm"
+
+
 def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Value:
     """Check that an object has the right type, and return it; ``instead`` says what to pass."""
     if not isinstance(value, kind):

@@ -224,6 +224,9 @@ BAD = {
     "no version": ('{"type": "foci"}', "key_missing", "version"),
     "type": ('{"type": "focus", "version": 1}', "unknown_name", "focus"),
     "not JSON": ('{"type": "foci", ', "unknown_format", "JSON"),
+    "misspelt type": ('{"type": "objets", "version": 1}', "unknown_name", "objects?"),
+    "misspelt type without version": ('{"type": "objets"}', "key_missing", "version"),
+    "nothing": ("{}", "unreadable", "the keys type and version"),
     "text": ("rubbish", "unreadable", "JSON"),
     "bytes": (b"\xff\x00\x81", "unreadable", "JSON"),
     "nested": ('{"type": "foci", "version": 1, "x": ' + "[" * 50_000, "unknown_format", "nested"),
@@ -273,6 +276,13 @@ def test_a_message_that_is_too_long_closes_its_connection_and_says_why(server):
             application.recv(timeout=PATIENCE)
     assert "4194304 bytes" in closed.value.rcvd.reason
     until(lambda: "longer" in server.world.rejection)
+
+
+def test_foci_without_a_tracked_hand_get_a_reason(world):
+    world.take(foci_of(place="palm"), "one")
+    world.show(None, "waiting for a hand")
+    (focus,) = world.state.foci
+    assert (focus.id, focus.strength, focus.reason) == ("a", 0.0, "waiting for a hand")
 
 
 def test_unknown_keys_are_ignored_and_unknown_values_are_not():

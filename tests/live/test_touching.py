@@ -181,6 +181,16 @@ def test_foci_that_cannot_be_are_rejected_with_a_reason_and_the_others_play(scen
     assert words in moment.rejected[wanted.name]
 
 
+def test_a_focus_at_the_place_of_another_is_rejected(scene):
+    maker = TouchAware(scene, solvers=[])
+    point = hand(30).focus("palm", 30e-3)
+    beside = point + [0.1e-3, 0.0, 0.0]
+    maker.feel((), (WantedFocus("one", point=point), WantedFocus("two", point=beside)))
+    moment = held(maker)
+    assert moment.names == ("one",)
+    assert "from one" in moment.rejected["two"]
+
+
 def test_an_object_that_moves_away_is_released_and_strengths_scale_the_pressure(scene):
     maker = TouchAware(scene, solvers=[])
     moment = held(maker)

@@ -51,6 +51,16 @@ def test_the_faces_of_the_box_follow_one_another_to_the_right():
         assert np.ptp(face.seen[:, 1]) > np.ptp(face.seen[:, 0])
 
 
+def test_two_bowls_are_two_faces():
+    array = at.transducers.known_array("tinylev")
+    faces = unfold(array.positions, array.normals)
+    assert [len(face.elements) for face in faces] == [36, 36]
+    np.testing.assert_allclose(faces[0].normal, -faces[1].normal, atol=1e-3)
+    # Neighbours in a bowl are apart in the picture.
+    for face in faces:
+        assert distances(face.seen)[~np.eye(36, dtype=bool)].min() > 8e-3
+
+
 @pytest.mark.parametrize("name", ARRAYS)
 def test_no_title_is_cut_off(name):
     array = ARRAYS[name]

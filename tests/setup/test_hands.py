@@ -91,5 +91,10 @@ def test_places_of_two_hands_are_named_by_side(tmp_path):
     expected = [hand.focus("palm") for hand in setup.hands]
     np.testing.assert_allclose(setup.target.points, expected, atol=1e-9)
     assert setup.foci == ("left.palm", "right.palm")
-    with raises_code("given_twice"):
+    with raises_code("given_twice", 'at = "right.palm"'):
         at.read_scene(two_hands(tmp_path, '[[foci]]\nat = "palm"\n'))
+    # Two hands of one side have no name that tells them apart.
+    path = two_hands(tmp_path, '[[foci]]\nat = "left.palm"\n')
+    path.write_text(path.read_text().replace("right.json", str(EXAMPLES / "hands/relaxed.json")))
+    with raises_code("given_twice", "both are left hands", "point = "):
+        at.read_scene(path)

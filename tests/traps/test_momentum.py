@@ -2,39 +2,15 @@
 
 import numpy as np
 import pytest
-from scipy.special import spherical_jn, spherical_yn
 
 import airtact as at
 from airtact.evaluation.radiation import radiation_of
 from faults import raises_code
+from references.standing_wave import AIR, BOTH, ENERGY, FOAM, PAIR, K, standing_wave_function
 
-AIR = at.Medium(sound_speed=343.1, density=1.2)
 OPEN_AIR = at.Scene(AIR)
-K = 2 * np.pi * 40e3 / 343.1
-FOAM = at.Medium(900.0, 29.36)
 TINYLEV = at.transducers.known_array("tinylev", at.monopole(3.4))
 IN_PHASE = at.Drive(np.ones(72, dtype=np.complex128))
-# Two elements 8 m apart, with an antinode of 2 kPa in the middle
-PAIR = at.PhasedArray(np.array([[0.0, -4.0, 0.0], [0.0, 4.0, 0.0]]), element=at.monopole(4e3))
-BOTH = at.Drive(np.ones(2, dtype=np.complex128))
-
-
-def standing_wave_function(size: float, filling: at.Medium | None) -> float:
-    """Y of F = πa²EY sin 2kz, E = P²/(8ρc²), for an antinode P (Hasegawa 1979, equation 16)."""
-    order = np.arange(24)
-    admittance = np.zeros(24)
-    if filling is not None:
-        ratio = 343.1 / filling.sound_speed
-        inner = spherical_jn(order, size * ratio, True) / spherical_jn(order, size * ratio)
-        admittance = -1.2 / filling.density * ratio * inner
-    regular = spherical_jn(order, size, True) + admittance * spherical_jn(order, size)
-    outgoing = spherical_jn(order, size) + 1j * spherical_yn(order, size)
-    slope = spherical_jn(order, size, True) + 1j * spherical_yn(order, size, True)
-    waves = -regular / (slope + admittance * outgoing)
-    a = waves.real
-    b = waves.imag
-    terms = b[1:] * (1 + 2 * a[:-1]) - b[:-1] * (1 + 2 * a[1:])
-    return float(8 / size**2 * np.sum((order[:-1] + 1) * (-1.0) ** order[:-1] * terms))
 
 
 @pytest.mark.parametrize("filling", [None, FOAM])
@@ -44,7 +20,7 @@ def test_sphere_in_a_plane_standing_wave(size, filling) -> None:
     surface = at.sphere(radius, radius / 3, (0.0, 1e-3, 0.0))
     body = at.sound_hard(surface) if filling is None else at.filled(surface, filling)
     force, torque = at.traps.body_force(OPEN_AIR, PAIR, BOTH, body, solver=at.SphereSeries())
-    scale = np.pi * radius**2 * 2000**2 / (8 * 1.2 * 343.1**2)
+    scale = np.pi * radius**2 * ENERGY
     expected = scale * standing_wave_function(size, filling) * np.sin(2 * K * 1e-3)
     # The waves are not quite plane over the largest sphere.
     assert force[1] == pytest.approx(expected, rel=2e-3, abs=2e-3 * scale)
@@ -125,3 +101,6 @@ def test_impossible_bodies_are_rejected(as_outside_the_tests) -> None:
         at.traps.body_force(OPEN_AIR, far, at.Drive(np.ones(1) + 0j), large)
     with raises_code("wrong_kind"):
         at.traps.body_force(OPEN_AIR, TINYLEV, IN_PHASE, at.sphere(1e-3, 1e-3))
+    with raises_code("not_in_metres", "the body is 12 m"):
+        away = at.sound_hard(at.sphere(1e-3, 1e-3, (0.0, 12.0, 0.0)))
+        at.traps.body_force(OPEN_AIR, TINYLEV, IN_PHASE, away)

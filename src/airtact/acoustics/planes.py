@@ -10,7 +10,16 @@ import numpy as np
 from jaxtyping import Bool, Float64, Real
 
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import InvalidInput, Vector, fixed, in_mm, of_kind, one_line, point_of
+from airtact.errors import (
+    InvalidInput,
+    Vector,
+    fixed,
+    in_mm,
+    millimetres,
+    of_kind,
+    one_line,
+    point_of,
+)
 from airtact.geometry.checks import NEAREST
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
@@ -127,7 +136,7 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
             if gap < MIN_GAP * (1.0 - 1e-6):
                 side = "behind" if gap < 0.0 else "in front of"
                 raise InvalidInput(
-                    f"body {index} reaches {1e3 * abs(gap):.3g} mm {side} the plane at "
+                    f"body {index} reaches {millimetres(abs(gap), 3)} {side} the plane at "
                     f"{in_mm(nearest)}, but it must be at least {1e3 * MIN_GAP:g} mm in front of "
                     "it: move it away, or reverse the normal of the plane.",
                     nearest,
@@ -172,7 +181,7 @@ def check_before_planes(
             deepest = int(height.argmin())
             raise InvalidInput(
                 f"{len(behind)} of {len(points)} {name} points are behind the plane: {name} "
-                f"{deepest} at {in_mm(points[deepest])} is {-1e3 * height[deepest]:.3g} mm behind "
+                f"{deepest} at {in_mm(points[deepest])} is {millimetres(-height[deepest], 3)} behind "
                 "it; move it in front of the plane, or reverse the normal of the plane.",
                 points[deepest],
                 code="behind_plane",

@@ -19,6 +19,7 @@ from airtact.errors import (
     check_frequency,
     counted,
     in_mm,
+    millimetres,
     of_kind,
     one_line,
     points_of,
@@ -172,7 +173,7 @@ class Scene:
             bodies,
             counted(len(self.planes), "rigid plane", "rigid planes") if self.planes else "",
             f"{1e-3 * self.frequency:g} kHz",
-            f"wavelength {1e3 * self.wavelength:.3g} mm",
+            f"wavelength {millimetres(self.wavelength, 3)}",
         )
 
     def __post_init__(self) -> None:
@@ -272,7 +273,7 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
             if contact is not None:
                 gap = "intersects"
                 if contact.gap > CONTACT:
-                    gap = f"is {1e3 * contact.gap:.3g} mm from"
+                    gap = f"is {millimetres(contact.gap, 3)} from"
                 raise InvalidInput(
                     f"body {index} {gap} a reflecting board at {in_mm(contact.position)}, but it "
                     f"must be at least {1e3 * NEAREST:g} mm away: move the body or the array.",

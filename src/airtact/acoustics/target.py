@@ -16,6 +16,7 @@ from airtact.errors import (
     counted,
     fixed,
     in_mm,
+    millimetres,
     one_line,
     points_of,
     real_numbers,
@@ -219,7 +220,7 @@ def _check_suppressed_foci(
     if distance.min(initial=np.inf) < 1e-6:
         index, point = np.unravel_index(distance.argmin(), distance.shape)
         raise InvalidInput(
-            f"suppression point {point} is {1e3 * distance.min():.2g} mm from focus {index} at "
+            f"suppression point {point} is {millimetres(distance.min())} from focus {index} at "
             f"{in_mm(foci[index])}; the pressure there cannot be both strong and zero. Remove the "
             "suppression point.",
             foci[index],

@@ -216,7 +216,7 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
         foci.add_row(
             escape(name),
             *(f"{1e3 * number:z.2f} mm" for number in point),
-            f"{1e3 * distances[index]:.3g} mm" if setup.bodies else "–",
+            f"{millimetres(distances[index], 3)}" if setup.bodies else "–",
             "strongest" if requested is None else f"{requested[index]:g} Pa",
         )
     yield foci

@@ -21,7 +21,7 @@ from airtact.drives.methods import best
 from airtact.drives.reach import check_foci
 from airtact.drives.sequence import MIN_FRAMES, Sequence
 from airtact.drives.transfer import MakeDrive, TransferMatrix
-from airtact.errors import InvalidInput, check_choice, of_kind, positive, within
+from airtact.errors import InvalidInput, check_choice, millimetres, of_kind, positive, within
 
 DEFAULT_FRAMES = 16
 """Default number of positions on a path around a focus."""
@@ -152,7 +152,8 @@ class Motion:
         distance = min(distances, default=np.inf)
         on_skin = distance <= MAX_OFFSET
         if self.along == "skin" and not on_skin:
-            where = f"{1e3 * distance:.3g} mm from the nearest body" if surfaces else "in open air"
+            away = f"{millimetres(distance, 3)} from the nearest body"
+            where = away if surfaces else "in open air"
             raise InvalidInput(
                 f"a path along the skin needs a focus within {1e3 * MAX_OFFSET:g} mm of the skin, "
                 f'but the focus is {where}. Use along = "array".',

@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import InvalidInput, counted, in_mm, of_kind
+from airtact.errors import InvalidInput, counted, in_mm, millimetres, of_kind
 
 FociRows = Complex128[np.ndarray, "foci elements"]
 """Rows of a transfer matrix at foci, often divided by the request of each focus."""
@@ -38,7 +38,7 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
         apart = np.linalg.norm(points - transfer.foci, axis=1)
         if apart.max() > 1e-6:  # metres
             raise InvalidInput(
-                f"focus {int(apart.argmax())} of the target is {1e3 * apart.max():.3g} mm from "
+                f"focus {int(apart.argmax())} of the target is {millimetres(apart.max(), 3)} from "
                 "that focus in the transfer matrix. Use the target for which the matrix was "
                 "computed, in the obstacles' frame.",
                 code="sizes_differ",
@@ -91,7 +91,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     if near.any():
         first, second = divmod(int(np.argmin(np.where(near, apart, np.inf))), len(points))
         raise InvalidInput(
-            f"foci {first} and {second} are {1e3 * apart[first, second]:.3g} mm apart, at "
+            f"foci {first} and {second} are {millimetres(apart[first, second], 3)} apart, at "
             f"{in_mm(points[first])} and {in_mm(points[second])}, too close to be separated. "
             "Remove one, or move them at least a tenth of the wavelength apart.",
             points[first],

@@ -8,6 +8,7 @@ nearest panels do not cancel.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64, Real
@@ -60,21 +61,13 @@ class Panels:
 
 
 def panels_of(
-    shapes: Sequence[Shape],
-    edge: float,
-    near: Points,
-    smallest: float,
-    bend: float = BEND,
-    away: float = np.inf,
-    image: Callable[[Points], Points] | None = None,
-    walls: Sequence[int] = (),
-    close: float = 0.0,
+    shapes: Sequence[Shape], edge: float, near: Points, smallest: float, **options: Any
 ) -> Panels:
     """Cover bodies with panels, and measure the distances of the panels from their surfaces.
 
-    The function takes the same parameters as ``covers``.
+    The parameters, including ``options``, are those of ``covers``.
     """
-    refined = covers(shapes, edge, near, smallest, bend, away, image, walls, close)
+    refined = covers(shapes, edge, near, smallest, **options)
     # Distances are measured at the nodes, the centre and the middles between them.
     weights = np.concatenate(
         [np.eye(3), 1 - np.eye(3), 2 - np.eye(3), np.ones((1, 3)), 1 + 3 * np.eye(3)]

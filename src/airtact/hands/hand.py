@@ -10,7 +10,16 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.acoustics.target_points import outward
-from airtact.errors import InvalidInput, fixed, in_mm, of_kind, one_line, sides_in_mm, within
+from airtact.errors import (
+    InvalidInput,
+    fixed,
+    in_mm,
+    millimetres,
+    of_kind,
+    one_line,
+    sides_in_mm,
+    within,
+)
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.hands.body import Hulls, Touch, hand_hulls
@@ -144,7 +153,7 @@ class Hand:
         depth = float(self.shape.depth(point[None])[0])
         if depth > 1e-6:
             raise InvalidInput(
-                f"{name} at {in_mm(point)} lies {1e3 * depth:.2g} mm inside the body, because "
+                f"{name} at {in_mm(point)} lies {millimetres(depth)} inside the body, because "
                 "fingers touch there; move them apart, for example with open_to(gap, first, "
                 "second).",
                 point,
@@ -349,7 +358,7 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
     for index, name in enumerate(hand.places):
         # In four scanned hands in five poses, all places are within 5 mm and 12 degrees.
         if distances[index] > 10e-3:
-            fault = f"{1e3 * distances[index]:.3g} mm from the surface, more than 10 mm"
+            fault = f"{millimetres(distances[index], 3)} from the surface, more than 10 mm"
         elif angles[index] > 60.0:
             fault = f"turned from the surface by {angles[index]:.0f} degrees, more than 60"
         else:

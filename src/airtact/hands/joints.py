@@ -22,6 +22,7 @@ from airtact.errors import (
     check_finite,
     counted,
     fixed,
+    millimetres,
     points_of,
     real_numbers,
     within,
@@ -290,7 +291,7 @@ def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
     worst = int(steps.argmin())
     if steps[worst] < -slack:
         raise InvalidInput(
-            f"the knuckle of the {FINGERS[worst + 2]} finger is {-1e3 * steps[worst]:.3g} mm "
+            f"the knuckle of the {FINGERS[worst + 2]} finger is {millimetres(-steps[worst], 3)} "
             f"nearer to the index finger than that of the {FINGERS[worst + 1]} finger: are fingers "
             "swapped?",
             joints[knuckles[worst]],
@@ -301,8 +302,8 @@ def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
     to_pinky = float(np.linalg.norm(thumb - joints[knuckles[-1]]))
     if to_pinky < to_index - slack:
         raise InvalidInput(
-            f"the thumb is {1e3 * to_pinky:.3g} mm from the little finger's knuckle and "
-            f"{1e3 * to_index:.3g} mm from the index finger's: are fingers swapped?",
+            f"the thumb is {millimetres(to_pinky, 3)} from the little finger's knuckle and "
+            f"{millimetres(to_index, 3)} from the index finger's: are fingers swapped?",
             thumb,
             code="hand_implausible",
         )

@@ -4,6 +4,7 @@ Unknown keys in a message are ignored, so that a newer application can talk to a
 Lengths are in metres and positions in scene coordinates.
 """
 
+import difflib
 import inspect
 import json
 import re
@@ -19,6 +20,7 @@ from airtact.errors import InvalidInput, about
 from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import Capsule, capsule, sphere
 from airtact.geometry.surface import Surface
+from airtact.setup.parsing import nearest
 from airtact.setup.tables import ObjectKeys, Triple
 from airtact.setup.touching import SOLIDS, object_of
 from airtact.touch.objects import MAX_OBJECTS, VirtualObject
@@ -309,8 +311,11 @@ Message = HandsMessage | ObjectsMessage | FociMessage | ClearMessage
 Answer = StateMessage | RejectedMessage
 
 
+TYPES = ("hands", "objects", "foci", "clear")
+
+
 class _Head(msgspec.Struct):
-    type: Literal["hands", "objects", "foci", "clear"]
+    type: str
     version: int
 
 
@@ -335,8 +340,8 @@ def is_message(raw: bytes) -> bool:
         return False
     except (ValueError, RecursionError):  # damaged JSON; ``read_message`` reports the fault
         return True
-    # Frames of some trackers also have a key "type".
-    return head.version is not None or head.type in ("hands", "objects", "foci", "clear")
+    # Frames of some trackers also have a key "type", but not one that is nearly that of a message.
+    return head.version is not None or bool(difflib.get_close_matches(head.type, TYPES))
 
 
 def read_message(text: bytes | str) -> Message:
@@ -353,6 +358,11 @@ def read_message(text: bytes | str) -> Message:
         if b"NaN" in raw or b"Infinity" in raw:  # not valid JSON, but Python writes it
             json.loads(raw, parse_constant=_not_finite)
         head = _head.decode(raw)
+        if head.type not in TYPES:
+            raise InvalidInput(
+                f"{head.type!r} is not a type of messages; {nearest(head.type, TYPES)}",
+                code="unknown_name",
+            )
         if head.version != VERSION:
             raise InvalidInput(
                 f"the message has version {head.version}, but this airtact reads version "

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import KDTree
 
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, millimetres
 from airtact.hands.hand import Hand
 from airtact.hands.joints import BONES, radii_of
 from airtact.hands.tracking.frame import HandFrame
@@ -40,7 +40,7 @@ class Workspace:
         for plane in self._scene.planes:
             lowest = float(plane.height(foci).min())
             if lowest < 0.0:
-                return f"through the plane: {-1e3 * lowest:.2g} mm behind it"
+                return f"through the plane: {millimetres(-lowest)} behind it"
         return None
 
     def fault(self, joints: Joints, foci: Foci) -> str | None:
@@ -59,11 +59,11 @@ class Workspace:
         distances, _ = self._elements.query(centres, distance_upper_bound=bound)
         room = float((distances - radii).min()) - self._radius
         if room < 0.0:
-            return f"through the array's face: {-1e3 * room:.2g} mm too close"
+            return f"through the array's face: {millimetres(-room)} too close"
         for plane in self._scene.planes:
             lowest = float(plane.height(joints).min())
             if lowest < 0.0:
-                return f"through the plane: {-1e3 * lowest:.2g} mm behind it"
+                return f"through the plane: {millimetres(-lowest)} behind it"
         return None
 
 

@@ -132,7 +132,7 @@ class World:
         self._closed: dict[str, float] = {}  # when the connection of each source with objects ended
         self._rejected: tuple[float, str] = (-np.inf, "")
         self._shown: tuple[Moment | None, str | None, float] = (None, "waiting for a hand", 1.0)
-        self._state = (self._shown, _state_of(*self._shown))
+        self._state = (self._shown, _state_of(*self._shown, []))
 
     @property
     def objects(self) -> tuple[VirtualObject, ...]:
@@ -233,7 +233,9 @@ class World:
         """The newest state; a new object is returned whenever the state may have changed."""
         shown = self._shown
         if self._state[0] is not shown:
-            self._state = (shown, _state_of(*shown))
+            with self._lock:
+                names = [name for foci in self._foci.values() for name in foci]
+            self._state = (shown, _state_of(*shown, names))
         return self._state[1]
 
     def _change_objects(self, message: ObjectsMessage, source: str) -> None:
@@ -342,9 +344,14 @@ class World:
             self._closed = {name: when for name, when in self._closed.items() if name not in ended}
 
 
-def _state_of(moment: Moment | None, reason: str | None, scale: float) -> StateMessage:
+def _state_of(
+    moment: Moment | None, reason: str | None, scale: float, wanted: Sequence[str]
+) -> StateMessage:
+    """Return the state after a drive; ``wanted`` are names of foci that applications request."""
     if moment is None or moment.foci is None:
-        return StateMessage(VERSION, "silent", reason or "paused")
+        why = reason or "paused"
+        unplayed = [FocusState(name, None, 0.0, 0.0, why) for name in wanted]
+        return StateMessage(VERSION, "silent", why, foci=unplayed)
     foci = []
     for index, point in enumerate(moment.foci):
         pressure = None

@@ -57,7 +57,7 @@ class Face:
 def unfold(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> list[Face]:
-    """Split an array into its flat faces; more than eight faces are treated as a single one.
+    """Split an array into its flat faces; more than eight faces are treated as one or two bowls.
 
     Faces around an upright axis are in the order in which a viewer inside sees them when turning
     right.
@@ -71,6 +71,11 @@ def unfold(
     # A curved array would have as many faces as elements.
     if len(groups) > 8:
         groups = [np.arange(len(positions))]
+        # Two bowls that face each other, as in a levitator
+        if np.linalg.norm(normals.mean(axis=0)) < 0.3:
+            _, _, ways = np.linalg.svd(normals, full_matrices=False)
+            first = normals @ ways[0] > 0.0
+            groups = [np.flatnonzero(first), np.flatnonzero(~first)]
     # Use the axis of the frame that is most parallel to all faces; z takes precedence over y and x.
     upright = min(
         (AXES[name] for name in "zyx"),

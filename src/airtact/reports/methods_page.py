@@ -140,7 +140,9 @@ def _pictures(contest: MethodComparison, unit: str, cut: Cut, peak: float) -> di
     equal = _equal_to_best(contest)
     fields = [
         picture(
-            draw_field(cut, contender.name, peak, contest.setup.target.points, contest.setup.foci),
+            draw_field(
+                cut, contender.name, peak, contest.setup.target.points, contest.setup.labels
+            ),
             f"{contender.name} (nearly the same: {equal})"
             if contender is contest.best and equal
             else contender.name,

@@ -32,7 +32,7 @@ from airtact.reports.viewer import (
 )
 from airtact.setup.exports import write_field
 from airtact.setup.rendering import Rendering
-from airtact.timing import Clock, Progress
+from airtact.timing import Clock, Progress, duration
 
 CITATION = (
     "S. Inoue, Y. Makino, H. Shinoda, Producing Airborne Ultrasonic 3D Tactile Image by Time "
@@ -109,7 +109,7 @@ def _summary(run: Rendering) -> dict[str, Any]:
         "bodies": " and ".join(run.setup.bodies),
         "facts": [
             (pascals(run.pressures.min()), "at the weakest focus"),
-            (f"{solve:.2f} s", "to solve and compute the drive"),
+            (duration(solve), "to solve and compute the drive"),
             (_percent(run.estimated_error), "estimated error of these pressures"),
         ],
         # Several steps may issue the same warning.
@@ -208,7 +208,7 @@ def _fields(run: Rendering, cut: Cut, view: SceneView, error: float) -> list[Mar
         )
     panels = [
         picture(
-            draw_field(cut, name, peak, points, run.setup.foci),
+            draw_field(cut, name, peak, points, run.setup.labels),
             f"{name.capitalize()}. {plane}{estimate}",
             f"Pressure map, {name}: {_rounded(column.min())} to {_rounded(column.max())} Pa at the "
             "foci",
@@ -219,7 +219,7 @@ def _fields(run: Rendering, cut: Cut, view: SceneView, error: float) -> list[Mar
         return panels
     change = 20.0 * np.log10(got[:, 0] / got[:, 1])
     difference = picture(
-        draw_difference(cut, (names[0], names[1]), peak, points, run.setup.foci),
+        draw_difference(cut, (names[0], names[1]), peak, points, run.setup.labels),
         f"Red: higher with {names[0]}. Grey: below {FAINT:.0%} of the largest pressure in both.",
         f"Map of the difference in dB: {change.min():+z.1f} to {change.max():+z.1f} dB at the foci",
     )
@@ -306,28 +306,24 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
     repairs = " ".join(
         f"{name}: {note}" for name, obstacle in pairs for note in obstacle.surface.repairs
     )
+    columns = [
+        {
+            "solver": report.solver,
+            "settings": _listed(report.settings),
+            # Closed forms have no unknowns and no iterations.
+            "unknowns": f"{report.nodes:,}" if report.nodes else "",
+            "unknowns per λ²": f"{report.nodes_per_square_wavelength:.0f}".replace("inf", ""),
+            "iterations, residual": f"{report.iterations}, {report.residual:.1e}"
+            if report.iterations
+            else "",
+            "estimated error": _percent(report.estimated_error),
+            "seconds": _listed({name: f"{t:.2f}" for name, t in report.seconds.items()}),
+        }
+        for report in reports
+    ]
+    rows = [[name, *(column[name] or "–" for column in columns)] for name in columns[0]]
     return {
-        "report_rows": [
-            ["solver", *(report.solver for report in reports)],
-            ["settings", *(_listed(report.settings) for report in reports)],
-            ["unknowns", *(f"{report.nodes:,}" for report in reports)],
-            [
-                "unknowns per λ²",
-                *(f"{report.nodes_per_square_wavelength:.0f}" for report in reports),
-            ],
-            [
-                "iterations, residual",
-                *(f"{report.iterations}, {report.residual:.1e}" for report in reports),
-            ],
-            ["estimated error", *(_percent(report.estimated_error) for report in reports)],
-            [
-                "seconds",
-                *(
-                    _listed({name: f"{t:.2f}" for name, t in report.seconds.items()})
-                    for report in reports
-                ),
-            ],
-        ],
+        "report_rows": [row for row in rows if row[1:] != ["–", "–"]],
         "setting_rows": [
             [
                 "medium",
@@ -335,9 +331,9 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
                 f"absorption {medium.absorption:g} Np/m",
             ],
             ["frequency", f"{scene.frequency:g} Hz, wavelength {1e3 * scene.wavelength:.2f} mm"],
-            ["bodies", ", ".join(bodies)],
+            ["bodies", ", ".join(bodies) or "none"],
             *([["rigid planes", ", ".join(planes)]] if planes else []),
-            ["repaired", repairs or "nothing"],
+            *([["repaired", repairs or "nothing"]] if bodies else []),
             [
                 "array",
                 f"{len(run.setup.array)} transducers of {run.setup.array.element.sensitivity:g} "
@@ -345,7 +341,7 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
             ],
             ["pattern", run.setup.array.element.pattern_in_words(scene.wavenumber.real)],
             ["not in the model", not_modelled(run.verification.report)],
-            ["wall time", _listed({name: f"{time:.2f} s" for name, time in seconds.items()})],
+            ["wall time", _listed({name: duration(time) for name, time in seconds.items()})],
         ],
         "citations": list(
             dict.fromkeys([CITATION, *run.beacons.citations, *run.verification.report.citations])

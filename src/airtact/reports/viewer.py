@@ -269,8 +269,10 @@ def stage_facts(
         "colours": colour_scales(),
         "radius": 0.45e3 * min(spacing(array.positions[face.elements]) for face in faces),
         "foci": [
-            {"name": name, "position": _rounded(1e3 * point)}
-            for name, point in zip(setup.foci, setup.target.points, strict=True)
+            {"name": name, "label": label, "position": _rounded(1e3 * point)}
+            for name, label, point in zip(
+                setup.foci, setup.labels, setup.target.points, strict=True
+            )
         ],
         "sheets": [[_rounded(1e3 * corner) for corner in sheet] for sheet in sheets],
         "views": {

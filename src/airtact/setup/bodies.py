@@ -83,10 +83,16 @@ def bodies_of(
             if side:
                 places |= {f"{side}{name}": place for name, place in places.items()}
             for name in used & places.keys() & points.keys():
-                by_side = side and not name.startswith(side)
-                advice = f'at = "{side}{name}"' if by_side else "point = [x, y, z] instead of at"
+                advice = "use point = [x, y, z] instead of at."
+                sides = {hand.side for hand in hands.values()}
+                if of_table and of_table[0].side in sides:
+                    advice = (
+                        f"both are {side[:-1]} hands: is the side of one wrong? Otherwise {advice}"
+                    )
+                elif side and not name.startswith(side):
+                    advice = f'use at = "{side}{name}".'
                 raise InvalidInput(
-                    f"{name} is a named point on two bodies; use {advice}.", code="given_twice"
+                    f"{name} is a named point on two bodies; {advice}", code="given_twice"
                 )
             points |= places
             if of_table:  # such a table defines a single body

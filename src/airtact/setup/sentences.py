@@ -13,7 +13,7 @@ from airtact.drives.methods import METHODS
 from airtact.drives.reach import MIN_FOCUS_DISTANCE, nearest_foci
 from airtact.drives.transfer import TransferMatrix
 from airtact.emission.codecs import codec_of
-from airtact.errors import counted, in_mm
+from airtact.errors import counted, in_mm, millimetres
 from airtact.evaluation.metrics import pascals
 from airtact.evaluation.tactile_thresholds import sensation
 from airtact.setup.setup import Setup
@@ -66,7 +66,7 @@ def trap_sentences(setup: Setup, verdicts: "Sequence[at.traps.Verdict]") -> Iter
         away = float(np.linalg.norm(verdict.point - trap.point))
         moved = ""
         if away > setup.scene.wavelength / 20.0:
-            moved = f" It is {1e3 * away:.2g} mm from the requested point."
+            moved = f" It is {millimetres(away)} from the requested point."
         yield f"Trap {index}: {verdict}.{moved}"
 
 
@@ -75,8 +75,8 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     scene = setup.scene
     points = setup.target.points
     cautions = [
-        f"the plane {1e3 * plane.height(setup.array.positions).min():.3g} mm behind the boards is "
-        "ignored: the boards only radiate forwards, so no sound reaches it."
+        f"the plane {millimetres(plane.height(setup.array.positions).min(), 3)} behind the boards "
+        "is ignored: the boards only radiate forwards, so no sound reaches it."
         for plane in setup.left_out
     ]
     if setup.objects and setup.contacts is None:
@@ -109,7 +109,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
             foci = counted(bare - 1, "other focus", "other foci")
             more = f", and {foci} over {1e3 * MAX_SKIN_DISTANCE:g} mm"
         cautions.append(
-            f"{setup.foci[int(away.argmax())]} is {1e3 * away.max():.2g} mm from the nearest "
+            f"{setup.foci[int(away.argmax())]} is {millimetres(away.max())} from the nearest "
             f"body{more}: there is no skin at that point, so comparing it with the tactile "
             "threshold is meaningless."
         )
@@ -117,7 +117,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         first, second, apart = nearest_foci(points)
         if apart < MIN_FOCUS_DISTANCE * scene.wavelength:
             cautions.append(
-                f"{setup.foci[first]} and {setup.foci[second]} are {1e3 * apart:.2g} mm apart, "
+                f"{setup.foci[first]} and {setup.foci[second]} are {millimetres(apart)} apart, "
                 "less than a tenth of the wavelength. Most methods cannot separate such foci and "
                 "return no drive: remove one focus."
             )
@@ -222,8 +222,8 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
         )
     else:
         words = (
-            f"This pressure is {exact:.0%} of the upper bound for any drive, or {rounded:.0%} "
-            f"when rounded to {levels}."
+            f"The drive reaches {exact:.0%} of the upper bound at the weakest focus, and "
+            f"{rounded:.0%} when rounded to {levels}."
         )
     return words.replace("%", " %")
 

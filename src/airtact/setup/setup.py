@@ -219,6 +219,17 @@ class Setup:
         """Number of points in the target that are lobes of traps."""
         return sum(len(trap.phasing) for trap in self.traps)
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Name of each focus in pictures, where the lobes of a trap share one name."""
+        names = list(self.foci)
+        first = 0
+        for index, trap in enumerate(self.traps, 1):
+            count = len(trap.phasing)
+            names[first : first + count] = [f"trap {index}"] + [""] * (count - 1)
+            first += count
+        return tuple(names)
+
     def check_no_traps(self, action: str) -> None:
         """Raise ``InvalidInput`` if the setup has traps, which only some functions support."""
         if self.traps:

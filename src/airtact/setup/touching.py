@@ -8,7 +8,7 @@ from jaxtyping import Float64
 
 import airtact as at
 from airtact.acoustics.scene import Obstacle
-from airtact.errors import InvalidInput, about
+from airtact.errors import InvalidInput, about, millimetres
 from airtact.geometry.surface import Surface
 from airtact.setup.bodies import built, pose_of
 from airtact.setup.tables import ObjectKeys, ObjectTable, SceneFile
@@ -66,7 +66,7 @@ def touched(
             near = {thing.name: -float(thing.exact_depth(points).max()) for thing in things}
             name = min(near, key=lambda name: near[name])
             raise InvalidInput(
-                f"no body touches an object: the nearest, {name}, is {1e3 * near[name]:.2g} mm "
+                f"no body touches an object: the nearest, {name}, is {millimetres(near[name])} "
                 "from the skin. Move one of them, or add [[foci]].",
                 code="empty",
             )

@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import outward
-from airtact.errors import InvalidInput, between, one_line
+from airtact.errors import InvalidInput, between, millimetres, one_line
 from airtact.touch.finding import ContactArrays, find, peaks
 from airtact.touch.foci import MAX_FOCI, WAVELENGTH, TouchFoci, chosen_foci
 from airtact.touch.objects import VirtualObject, objects_of
@@ -41,7 +41,7 @@ class Contacts:
 
     def __repr__(self) -> str:
         words = [
-            f"{place} {1e3 * depth:.2g} mm in {name}"
+            f"{place} {millimetres(depth)} in {name}"
             for place, depth, name in zip(self.places, self.depths, self.objects, strict=True)
         ]
         return one_line(self, *(words or ["none"]))

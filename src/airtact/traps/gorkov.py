@@ -22,7 +22,7 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.drives.drive import Drive
-from airtact.errors import InvalidInput, in_mm, of_kind, points_of, within
+from airtact.errors import InvalidInput, in_mm, millimetres, of_kind, points_of, within
 from airtact.evaluation.field import radiate_drives
 from airtact.transducers.layout import PhasedArray
 
@@ -244,8 +244,8 @@ def derivatives(
     if clearance[nearest] < room:
         raise InvalidInput(
             f"the centre of bead {nearest} at {in_mm(points[nearest])} is "
-            f"{1e3 * clearance[nearest]:.3g} mm from a body, plane or element, but it must be at "
-            f"least {1e3 * room:.3g} mm away. Move it.",
+            f"{millimetres(clearance[nearest], 3)} from a body, plane or element, but it must be "
+            f"at least {millimetres(room, 3)} away. Move it.",
             points[nearest],
             code="bodies_overlap",
         )

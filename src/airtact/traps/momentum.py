@@ -3,6 +3,8 @@
 Source: P. J. Westervelt, "Acoustic radiation pressure", J. Acoust. Soc. Am. 29, 26 (1957).
 """
 
+import re
+
 import numpy as np
 from jaxtyping import Float64
 from scipy.integrate import lebedev_rule
@@ -13,7 +15,7 @@ from airtact.acoustics.solvers.fem.solver import FiniteElement
 from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
 from airtact.drives.drive import Drive
-from airtact.errors import InvalidInput, Vector, in_mm, of_kind, point_of
+from airtact.errors import InvalidInput, Vector, in_mm, millimetres, of_kind, point_of
 from airtact.evaluation.field import radiate_drives
 from airtact.evaluation.radiation import radiation_pressure
 from airtact.geometry.primitives import Capsule
@@ -71,6 +73,23 @@ def body_force(
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     of_kind(body, Obstacle, "the body", "sound_hard(surface) or filled(surface, medium)")
+    index = len(scene.obstacles)
+    try:
+        return _force_on(scene, array, drive, body, about, solver)
+    except InvalidInput as fault:
+        # Solvers number the bodies, and this one is the last.
+        words = re.sub(rf"\bbody {index}\b", "the body", str(fault))
+        raise InvalidInput(words, fault.position, code=fault.code) from fault
+
+
+def _force_on(
+    scene: Scene,
+    array: PhasedArray,
+    drive: Drive,
+    body: Obstacle,
+    about: Vector | None,
+    solver: Solver | None,
+) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
     shape = body.surface.shape
     whole = Scene(scene.medium, [*scene.obstacles, body], scene.frequency, scene.planes)
     if solver is None:
@@ -96,7 +115,7 @@ def body_force(
     if free < scene.wavelength / 50.0:
         raise InvalidInput(
             f"the smallest sphere around the body at {in_mm(centre)} has a radius of "
-            f"{1e3 * smallest:.3g} mm and touches another body, a plane or an element. Move the "
+            f"{millimetres(smallest, 3)} and touches another body, a plane or an element. Move the "
             "body away from it.",
             centre,
             code="bodies_overlap",
@@ -109,8 +128,8 @@ def body_force(
     orders = [order for order in (17, 23, 29, 41, 53, 65, 83, 101, 131) if order >= needed]
     if not orders:
         raise InvalidInput(
-            f"the body requires a sphere with a radius of {1e3 * radius:.3g} mm, which exceeds 8 "
-            "wavelengths. Use a smaller body.",
+            f"the body requires a sphere with a radius of {millimetres(radius, 3)}, which exceeds "
+            "8 wavelengths. Use a smaller body.",
             centre,
             code="out_of_range",
         )

@@ -8,7 +8,7 @@ from jaxtyping import Float64, Real
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.drives.drive import Drive
-from airtact.errors import in_mm, one_line
+from airtact.errors import in_mm, millimetres, one_line
 from airtact.transducers.layout import PhasedArray
 from airtact.traps.gorkov import (
     Bead,
@@ -67,35 +67,34 @@ class Verdict:
     def __str__(self) -> str:
         along = np.diag(self.stiffness)
         held = [name for name, value in zip("xyz", along, strict=True) if value > 0.0]
-        reasons = [
+        # The reasons why there is no trap come first.
+        reasons = []
+        if not held:
+            reasons.append("the force pushes the bead away in all directions")
+        reasons += [
             f"along {name} the stiffness is {value:.2g} N/m"
             for name, value in zip("xyz", along, strict=True)
             if value <= 0.0
         ]
-        if self.stable:
-            values = ", ".join(f"{value:.3g}" for value in along)
-            reasons.append(f"stable along x, y and z ({values} N/m)")
-        elif held:
-            reasons.insert(0, f"stable along {' and '.join(held)}")
-        else:
-            reasons.insert(0, "the force pushes the bead away in all directions")
         if not self.stable and len(held) == 3:
             # The axes do not reveal an instability in a direction between them.
             values, ways = np.linalg.eigh(self.stiffness)
-            reasons.append(
-                f"along {np.round(ways[:, 0], 2).tolist()} the stiffness is {values[0]:.2g} N/m"
-            )
+            way = (np.round(ways[:, 0], 2) + 0.0).tolist()
+            reasons.append(f"along {way} the stiffness is {values[0]:.2g} N/m")
         if not self.balanced:
             # The estimate is linear, so it is meaningless farther away.
             distance = np.linalg.norm(self.shift)
             near = distance < self.wavelength / 4.0
-            place = f"about {1e3 * distance:.2g} mm" if near else "over a quarter of a wavelength"
+            place = f"about {millimetres(distance)}" if near else "over a quarter of a wavelength"
             reasons.append(f"the equilibrium is {place} away")
         if self.stable:
             # Write two digits without an exponent.
             holds = f"{float(f'{self.holds:.2g}'):g} times the weight of the bead"
             enough = "holds" if self.holds > 1.0 else "too weak for the bead: it only holds"
-            reasons.append(f"{enough} {holds}")
+            values = ", ".join(f"{value:.3g}" for value in along)
+            reasons += [f"{enough} {holds}", f"stable along x, y and z ({values} N/m)"]
+        elif held:
+            reasons.append(f"stable along {' and '.join(held)}")
         reasons.append(f"forces are overestimated by about {self.excess:.0%}")
         word = "trap" if self.is_trap else "no trap"
         return f"{word} at {in_mm(np.round(self.point, 5) + 0.0)}: {'; '.join(reasons)}"

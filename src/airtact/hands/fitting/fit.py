@@ -16,6 +16,7 @@ from airtact.errors import (
     fixed,
     in_mm,
     in_short,
+    millimetres,
     of_kind,
     point_of,
     points_of,
@@ -270,7 +271,7 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
     worst = int(off.argmax())
     if off[worst] > 30e-3:
         raise InvalidInput(
-            f"the landmark {NAMES[worst]} is {1e3 * off[worst]:.3g} mm from that joint of the "
+            f"the landmark {NAMES[worst]} is {millimetres(off[worst], 3)} from that joint of the "
             f"fitted hand, more than 30 mm: are landmarks swapped{hint}?",
             seen.landmarks[worst],
             code="misplaced",

@@ -82,6 +82,11 @@ def _message(raw: bytes) -> Message:
     if name := foreign_format(values):
         raise ValueError(f"it is {name}")
     if isinstance(values, dict):
+        if not {"time", "side", "sequence", "landmarks", "cloud"} & values.keys():
+            raise ValueError(
+                "it has none of the keys time, side, sequence and landmarks; a message of an "
+                "application needs the keys type and version"
+            )
         points = points_of_matrices(values.get("landmarks"))
         if points is not None:
             values["landmarks"] = points.tolist()

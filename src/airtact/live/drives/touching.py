@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.distance import cdist
 
-from airtact.errors import InvalidInput
+from airtact.drives.reach import MIN_FOCUS_DISTANCE
+from airtact.errors import InvalidInput, millimetres
 from airtact.hands.hand import Hand, Side
 from airtact.hands.joints import Point
 from airtact.hands.tracking.frame import HandFrame
@@ -273,10 +274,22 @@ class TouchAware(SolvingMaker):
     ) -> dict[str, str]:
         """Add requested foci and those that are fading; return rejected foci with the reasons."""
         rejected = {}
-        present = set()
+        present: list[str] = []  # in the order of the requests
+        scene = self._scene
+        closest = MIN_FOCUS_DISTANCE * scene.medium.wavelength(scene.frequency)
         for wanted in (*self._always, *self._asked):
             try:
                 point, side = self._place_of(wanted, seen, controls)
+                others = np.array([self._wanted[name].point for name in present]).reshape(-1, 3)
+                apart = np.linalg.norm(others - point, axis=1)
+                if (apart < closest).any():
+                    name = present[int(apart.argmin())]
+                    raise InvalidInput(
+                        f"the focus is {millimetres(apart.min())} from {name}, less than a tenth "
+                        "of the wavelength: remove one of them.",
+                        point,
+                        code="misplaced",
+                    )
             except InvalidInput as fault:
                 rejected[wanted.name] = str(fault)
                 continue
@@ -284,7 +297,7 @@ class TouchAware(SolvingMaker):
             state.point = point
             state.side = side
             state.goal = wanted.strength
-            present.add(wanted.name)
+            present.append(wanted.name)
         for name, state in list(self._wanted.items()):
             goal = state.goal if name in present else 0.0
             state.level += float(np.clip(goal - state.level, -elapsed / RAMP, elapsed / RAMP))
@@ -330,7 +343,7 @@ class TouchAware(SolvingMaker):
                 depth = float(tracked.hand.shape.depth(point[None])[0])
                 if depth > 0.0:
                     raise InvalidInput(
-                        f"the focus is {1e3 * depth:.2g} mm inside the {one} hand: move it out.",
+                        f"the focus is {millimetres(depth)} inside the {one} hand: move it out.",
                         point,
                         code="inside_body",
                     )

@@ -81,18 +81,18 @@ class Overlay {
   ringFoci() {
     const few = this.facts.foci.length <= MOST_NAMES;
     const [middle] = this.seen(new THREE.Vector3(...this.facts.views.foci.middle));
-    for (const { name, position } of this.facts.foci) {
+    for (const { name, label = name, position } of this.facts.foci) {
       const [x, y] = this.seen(new THREE.Vector3(...position));
       const ring = { cx: x, cy: y, r: few ? 9 : 3, fill: "none" };
       this.add("circle", { ...ring, stroke: this.paper, "stroke-width": 3.5 });
       this.add("circle", { ...ring, stroke: "#e8590c", "stroke-width": 1.8 });
-      if (!few) continue;
+      if (!few || !label) continue;
       // A name that would leave a narrow screen is moved, also up or down, so that no two names overlap.
       const side = x < middle ? -1 : 1;
-      const long = 6.6 * name.length; // approximate width
+      const long = 6.6 * label.length; // approximate width
       const start = side < 0 ? Math.max(x - 14, long) : Math.min(x + 14, this.width - long);
       const moved = start === x + 14 * side ? 0 : 16 * side;
-      this.write(start, y + 4 + moved, name, 13, side < 0 ? "end" : "start");
+      this.write(start, y + 4 + moved, label, 13, side < 0 ? "end" : "start");
     }
   }
 
