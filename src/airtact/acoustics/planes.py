@@ -181,8 +181,8 @@ def check_before_planes(
             deepest = int(height.argmin())
             raise InvalidInput(
                 f"{len(behind)} of {len(points)} {name} points are behind the plane: {name} "
-                f"{deepest} at {in_mm(points[deepest])} is {millimetres(-height[deepest], 3)} behind "
-                "it; move it in front of the plane, or reverse the normal of the plane.",
+                f"{deepest} at {in_mm(points[deepest])} is {millimetres(-height[deepest], 3)} "
+                "behind it; move it in front of the plane, or reverse the normal of the plane.",
                 points[deepest],
                 code="behind_plane",
             )

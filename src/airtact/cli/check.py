@@ -194,7 +194,7 @@ def _size(surface: "Surface") -> dict[str, Any]:
 
 
 def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
-    from airtact.errors import in_mm
+    from airtact.errors import in_mm, millimetres
 
     scene = setup.scene
     wavelength = scene.wavelength
@@ -216,7 +216,7 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
         foci.add_row(
             escape(name),
             *(f"{1e3 * number:z.2f} mm" for number in point),
-            f"{millimetres(distances[index], 3)}" if setup.bodies else "–",
+            millimetres(distances[index], 3) if setup.bodies else "–",
             "strongest" if requested is None else f"{requested[index]:g} Pa",
         )
     yield foci

@@ -83,7 +83,7 @@ class Verdict:
             reasons.append(f"along {way} the stiffness is {values[0]:.2g} N/m")
         if not self.balanced:
             # The estimate is linear, so it is meaningless farther away.
-            distance = np.linalg.norm(self.shift)
+            distance = float(np.linalg.norm(self.shift))
             near = distance < self.wavelength / 4.0
             place = f"about {millimetres(distance)}" if near else "over a quarter of a wavelength"
             reasons.append(f"the equilibrium is {place} away")
