@@ -165,7 +165,7 @@ def _corners(line: Any) -> Float64[np.ndarray, "corners 2"]:
 def _checked_drawing(drawing: bytes, name: str) -> bytes:
     """Check the size of an SVG file before it is parsed, and remove its style sheets.
 
-    The parser takes minutes for style sheets, although they do not move any line.
+    Style sheets do not move any line, but the parser can take minutes to process them.
     """
     try:
         root = ElementTree.fromstring(drawing)
@@ -200,7 +200,10 @@ def _letters_in(path: str) -> int:
 
 
 def _check_curves(numbers: int, name: str) -> None:
-    """Raise an error for too many curves; six numbers or one element count as one curve."""
+    """Raise an error if a drawing has too many curves.
+
+    Every six numbers, or every element, count as one curve.
+    """
     if numbers // 6 > MAX_CURVES:
         raise InvalidInput(
             f"{name} has about {numbers // 6:,} curves, more than {MAX_CURVES:,}; simplify the "

@@ -236,8 +236,8 @@ class Scene:
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Return how deep each of P points (P, 3) lies inside the bodies [m].
 
-        The depth (P,) is negative outside all bodies, and -inf if there are no bodies. Inside
-        several bodies, it is the largest of their depths.
+        The depth (P,) is negative outside all bodies, and -inf if there are no bodies. If a point
+        is inside several bodies, the largest of its depths in them is returned.
 
         The method raises ``InvalidInput`` if the points have the wrong shape, or are NaN or
         infinite.
@@ -301,7 +301,7 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], name: str)
 def check_not_inside(
     depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], name: str
 ) -> None:
-    """Raise an error if points lie deeper in a body than ``CONTACT``."""
+    """Raise an error if points lie more than ``CONTACT`` [m] deep in a body."""
     count = int((depth > CONTACT).sum())
     if count:
         deepest = int(depth.argmax())
@@ -317,8 +317,8 @@ def check_not_inside(
 def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
     """Raise an error if the sources have the wrong type, are inside a body or behind a plane.
 
-    Messages call the sources of ``Target.beacons`` foci. ``planes`` is True if the solver supports
-    planes.
+    In messages, the sources made by ``Target.beacons`` are called foci. ``planes`` is True if the
+    solver supports planes.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     beacons = (

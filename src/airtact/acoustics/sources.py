@@ -90,7 +90,8 @@ def nearest_source(
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
     """Return the distance [m] and the index of the source nearest to each point.
 
-    If no source is within ``within`` [m], the distance is larger than that and the index arbitrary.
+    If no source is within ``within`` [m] of a point, its distance is larger than ``within`` and its
+    index is arbitrary.
     """
     columns = np.ascontiguousarray(points.T)  # far faster than a minimum over three columns
     low = columns.min(axis=1, initial=np.inf) - within

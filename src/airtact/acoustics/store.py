@@ -61,7 +61,10 @@ def program(package: Path = Path(errors.__file__).parent) -> str:
 
 
 def packed(field: RadiatedField, key: str) -> bytes:
-    """Pack a field into the bytes of its entry; raise an error for objects of other libraries."""
+    """Pack a field into the bytes of its entry.
+
+    Objects of other libraries in the field raise an error.
+    """
     arrays: list[np.ndarray] = []
     tree = _tree(field, arrays, {id(field.scene): "scene", id(field.sources): "sources"})
     stream = io.BytesIO()
@@ -71,7 +74,7 @@ def packed(field: RadiatedField, key: str) -> bytes:
 
 
 def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField | None:
-    """Restore a field from its bytes; return None if they are damaged or the key differs."""
+    """Restore a field from its bytes, or return None if they are damaged or the key differs."""
     archive = content[64:]
     if content[:64] != _checksum(key, archive):
         return None
@@ -208,7 +211,7 @@ class Stored(Solver):
         return Stored(self.solver.reporting(progress), self.folder, self.most_bytes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Return the field of the monopoles, read from the folder if stored there, else solved.
+        """Return the field of the monopoles, read from the folder if possible, otherwise solved.
 
         The method raises the errors of the solver. If the field was read from the folder,
         ``store`` is the only step in ``seconds`` of its report.

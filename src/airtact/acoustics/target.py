@@ -113,9 +113,10 @@ class Target:
         ------
         InvalidInput
             If there are no points, a number is NaN, infinite or negative, a point is more than 2 m
-            from the origin, no pressure or share is above zero, their number differs from that of
-            the foci, both pressures and shares are given, a suppression point is within 1 µm of a
-            focus, or the points are a position and a normal as returned by ``hand.place``.
+            from the origin, no pressure or share is above zero, the number of pressures or shares
+            differs from the number of foci, both pressures and shares are given, a suppression
+            point is within 1 µm of a focus, or the points are a position and a normal as returned
+            by ``hand.place``.
         """
         _check_no_normal(points)
         if len(points) == 3 and all(np.ndim(coordinate) == 0 for coordinate in points):
@@ -158,7 +159,7 @@ class Target:
 
     @property
     def wanted(self) -> Complex128[np.ndarray, "foci"]:
-        """(F,) weights with the requested phases; the phase is 0 where the method chooses it."""
+        """(F,) weights with the requested phases; the phase is 0 where none is requested."""
         phases = 0.0 if self.phases is None else self.phases
         return self.weights * np.exp(1j * np.asarray(phases))
 

@@ -188,7 +188,7 @@ def surface_points(
     ------
     InvalidInput
         If the spacing is not above zero or results in more than 4096 points, or no part of the
-        surface faces that direction.
+        surface faces the given direction.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
     spacing = positive(spacing, "the spacing", "m")

@@ -56,8 +56,8 @@ class Uncertainty:
     Raises
     ------
     InvalidInput
-        If a value is not a number, is negative, not finite or implausibly large in its unit, or if
-        an angle is between 0 and 0.1 degrees and therefore probably in radians.
+        If a value is not a number, is not finite, is negative or is implausibly large in its unit,
+        or if an angle is between 0 and 0.1 degrees and therefore probably in radians.
 
     Examples
     --------

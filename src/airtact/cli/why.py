@@ -31,10 +31,11 @@ if TYPE_CHECKING:
 def why(
     scene: Path, session: Path | None, file: Path | None, page: Path | None, store: Path | None
 ) -> None:
-    """Show how the pressure at each focus of SCENE changes from open air to the emitted drive.
+    """Explain the pressure at each focus of SCENE, cause by cause, from open air to emission.
 
-    Each row adds one cause, such as the shadow of the hand or the other foci. The last line names
-    the change that would increase the pressure most.
+    The first row is the strongest place of the array in open air, with all elements in phase. Each
+    further row adds one cause, such as the distance of the focus, the shadow of the hand, the other
+    foci, or rounding. The last line names the change that would increase the pressure most.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

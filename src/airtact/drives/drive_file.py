@@ -417,7 +417,7 @@ def _drives(
     if len(wrong):
         frame, element = wrong[0].tolist()
         raise InvalidInput(
-            f"amplitudes must be from 0 to 1, but {len(wrong)} are not. The first is "
+            f"amplitudes must be between 0 and 1, but {len(wrong)} are not. The first is "
             f"{amplitude[frame, element]:g}, of element {element} in frame {frame}.",
             code="out_of_range",
         )

@@ -109,7 +109,7 @@ def _descend(
     def by_coordinates(
         coordinates: Float64[np.ndarray, "coordinates"],
     ) -> tuple[float, Float64[np.ndarray, "coordinates"]]:
-        """Value, and its gradient with respect to the phases and then the magnitudes."""
+        """Return the loss, and its gradient with respect to the phases and then the magnitudes."""
         turns = np.exp(1j * coordinates[:count])
         amplitudes = coordinates[count:] * turns
         # The value changes by Re Σ conj(g_e) δd_e with the gradient g.

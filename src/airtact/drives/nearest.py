@@ -40,7 +40,7 @@ def nearest_drive(
     Raises
     ------
     InvalidInput
-        If the drive does not fit the array or is silent, or the share is not from 0 to 1.
+        If the drive does not fit the array or is silent, or the share is not between 0 and 1.
 
     Examples
     --------

@@ -486,7 +486,7 @@ class Emission:
             self._obey()
 
     def _obey(self) -> None:
-        """Handle a signal while nothing is being sent; only signals in the main thread end it."""
+        """Handle a pending signal between two calls, in the main thread only: end the emission."""
         if self._signal is None or threading.current_thread() is not threading.main_thread():
             return
         kind = self._signal

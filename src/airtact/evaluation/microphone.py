@@ -26,8 +26,8 @@ class Microphone:
     Raises
     ------
     InvalidInput
-        If the diameter is not above zero or exceeds 20 mm, the axis has no length, or the housing
-        is not 0 to 1 m long.
+        If the diameter is not above zero or exceeds 20 mm, the axis has no length, or the length of
+        the housing is not between 0 and 1 m.
     """
 
     diameter: float = 6.35e-3

@@ -130,7 +130,7 @@ def _finer(
 def box_pressure(
     field: RadiatedField, slices: Slices, excitation: int, box: Box
 ) -> Complex128[np.ndarray, "points"]:
-    """Return the pressure of an excitation at the points of a box, from slices.
+    """Return the pressure of an excitation at the points of a box, interpolated from slices.
 
     The samples of the slices are interpolated by cubic splines, except within 0.35 wavelengths of
     bodies and planes, where the field is evaluated. The error is 0.5 to 1.5 % (rms).

@@ -163,7 +163,7 @@ class Box:
 def box_around(
     foci: Real[np.ndarray, "foci 3"], wavelength: float, max_points: int = 60_000
 ) -> Box:
-    """Return a box 1.5 wavelengths past the foci, with up to 8 points per wavelength."""
+    """Return a box up to 1.5 wavelengths past the foci, with up to 8 points per wavelength."""
     lowest = foci.min(axis=0) - 1.5 * wavelength
     size = foci.max(axis=0) + 1.5 * wavelength - lowest
     step = float(max(wavelength / 8, np.cbrt(np.prod(size) / max_points)))

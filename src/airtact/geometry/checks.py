@@ -84,11 +84,11 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
     """Return the thickness [m] and position (3,) [m] of a part thinner than ``THINNEST``, or None.
 
     The thickness at a point is the diameter of the largest inner ball that touches the surface
-    there and also touches the opposite surface. The normals there must be antiparallel to
-    within 20 degrees, so edges of wedges pass the check. The points are 0.25 mm apart, or more
-    on large bodies. A part counts as thin only if the body is too thin everywhere within
-    ``THINNEST`` of it, so small bumps, ribs and necks pass. The limit is reduced by a tenth,
-    because meshes may be rough or coarse.
+    there and also touches the opposite surface. The normals there must be antiparallel to within 20
+    degrees, so edges of wedges pass the check. The points are 0.25 mm apart, or more on large
+    bodies. A part counts as thin only if the body is too thin everywhere within ``THINNEST`` of it,
+    so small bumps, ribs and necks pass. The limit for the thickness is reduced by 10 %, because
+    meshes may be rough or coarse.
     """
     shape = surface.shape
     if shape.least_thickness >= THINNEST * (1.0 - 1e-9):
@@ -137,7 +137,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
 
 
 def _stands_alone(surface: Surface, centres: PointVectors) -> Bool[np.ndarray, "points"]:
-    """Return where the body is too thin everywhere within ``THINNEST`` of a point."""
+    """Return whether the body is too thin everywhere within ``THINNEST`` of each centre."""
     directions = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=3).reshape(-1, 3)
     shares = np.array([0.4, 0.7, 1.0])
     around = THINNEST * (shares[:, None, None] * unit(directions)).reshape(-1, 3)
@@ -179,7 +179,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
 
 
 def approach(first: Surface, second: Surface, within: float = np.inf) -> Approach | None:
-    """Return the distance between the true surfaces of two bodies; None if beyond ``within``."""
+    """Return the distance between two true surfaces, or None if it is more than ``within`` [m]."""
     if isinstance(first.shape, Capsule) and isinstance(second.shape, Capsule):
         on_first, on_second = nearest_on_segments(first.shape.axis, second.shape.axis)
         across = on_second - on_first

@@ -43,7 +43,10 @@ from airtact.geometry.shape import BEND, Shape
 
 @dataclass(frozen=True, eq=False)
 class MeshShape(Shape):
-    """A mesh of quadratic triangles at a pose; ``cached`` holds panels at rest, by settings."""
+    """A mesh of quadratic triangles at a pose.
+
+    ``cached`` contains panels of the mesh at rest, by the settings with which they were made.
+    """
 
     mesh: QuadraticMesh
     pose: Pose

@@ -103,7 +103,7 @@ def covers(
     walls: Sequence[int] = (),
     close: float = 0.0,
 ) -> list[Pieces]:
-    """Cover each body with panels no larger than equilateral triangles of a given edge length.
+    """Cover each body with panels no larger than equilateral triangles of edge length ``edge``.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def _refined(
 def _allowed(
     panels: QuadraticTriangles, edges: PanelSizes, points: Points, factor: float
 ) -> PanelSizes:
-    """Return the longest edge that each panel's distance from points allows [m]; inf if any."""
+    """Return the longest edge [m] allowed by each panel's distance from points; inf if any."""
     limit = float(edges.max()) * 1.001 / factor
     return factor * _kernels.panel_distances(panels, points, limit)
 
@@ -197,7 +197,7 @@ def _allowed(
 def _allowed_by_own_surface(
     panels: QuadraticTriangles, chosen: Int64[np.ndarray, "chosen"]
 ) -> Float64[np.ndarray, "chosen"]:
-    """Return the longest edge [m] that the opposite gap or wall allows for each chosen panel."""
+    """Return the longest edge [m] allowed by the gap or wall opposite each chosen panel."""
     share = 0.75  # ratio of the search radius for the opposite side to the longest edge
     edges = longest_edges(panels)
     reach = share * float(edges[chosen].max())

@@ -115,7 +115,7 @@ class Capsule(Shape):
         return [RidgedMesh(np.array(surface.vertices), np.array(surface.triangles), no_ridges)]
 
     def flat_mesh(self, away: float) -> FlatMesh:
-        """Return flat triangles within ``away`` [m] and 1 % of the radius of the surface."""
+        """Return flat triangles within both ``away`` [m] and 1 % of the radius from the surface."""
         sagitta = min(away, 0.01 * self.radius)
         mesh = self.mesh(float(np.sqrt(8.0 * sagitta * self.radius)))
         return mesh.vertices, mesh.triangles
@@ -283,7 +283,10 @@ def nearest_on_segments(
 
 
 def _mesh(rings: int, around: int, length: float) -> tuple[Vertices, Triangles]:
-    """Mesh the capsule of radius 1, with ``rings`` rings on each cap and ``around`` points each."""
+    """Mesh the capsule of radius 1.
+
+    Each cap has ``rings`` rings; the widest ring has ``around`` points.
+    """
     cap, _ = _cap(rings, around)
     above = cap[:-around]
     waist = cap[-around:]

@@ -86,12 +86,12 @@ class QuadraticMesh:
 
     @cached_property
     def tree(self) -> PanelTree:
-        """The panels in a tree of boxes."""
+        """A tree of boxes around the panels."""
         return panel_tree(self.quadratic_triangles)
 
     @cached_property
     def flat_tree(self) -> PanelTree:
-        """The flat triangles under the panels in a tree of boxes."""
+        """A tree of boxes around the flat triangles between the corners of the panels."""
         return panel_tree(with_middles(self.quadratic_triangles[:, :3]))
 
     @cached_property

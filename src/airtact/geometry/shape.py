@@ -42,7 +42,7 @@ class Shape(ABC):
 
     @property
     def thinnest(self) -> float:
-        """Diameter of the largest inner ball at a surface point [m], if constant; else 0."""
+        """Diameter of the largest inner ball [m] if equal at all surface points, otherwise 0."""
         return 0.0
 
     @property
@@ -61,11 +61,11 @@ class Shape(ABC):
 
     @property
     def crossings(self) -> IndexPairs:
-        """Pairs of triangles (K, 2) that meet elsewhere than at a common corner or edge."""
+        """Pairs of triangles (K, 2) that meet, other than at a common corner or edge."""
         return np.zeros((0, 2), dtype=np.int64)
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
-        """Return both indices, depth and a point [m] of a closed piece inside another, or None."""
+        """Return the indices of two nested pieces, the depth and a point [m]; None without any."""
         return None
 
     @abstractmethod
@@ -113,7 +113,7 @@ class Shape(ABC):
 
     @abstractmethod
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
-        """Return initial triangles for the remeshing of each piece, about ``edge`` [m] long."""
+        """Return initial triangles, with edges of about ``edge`` [m], for remeshing each piece."""
 
     @abstractmethod
     def moved(self, pose: Pose) -> "Shape":

@@ -171,7 +171,7 @@ class Surface:
 
     @property
     def crossings(self) -> IndexPairs:
-        """(K, 2) pairs of triangles that meet elsewhere than at a common corner or edge."""
+        """(K, 2) pairs of triangles that meet, other than at a common corner or edge."""
         return self.shape.crossings
 
     def panelled(self, edge: float) -> Panels:

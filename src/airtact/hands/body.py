@@ -227,7 +227,7 @@ def _open_hand_blend() -> HullPairs:
 def _joined_skins(
     hulls: Hulls, apart: Bool[np.ndarray, "hulls hulls"]
 ) -> list[tuple[int, int, float, Point]]:
-    """Find phalanges whose skin merges with a separate hull; the nearest pairs come first.
+    """Find phalanges whose skin merges with a separate hull, nearest pairs first.
 
     Skins less than 0.3 mm apart merge. Hulls next to such a pair also merge if they are less than
     2 mm apart, because tiny tunnels would otherwise remain between them.

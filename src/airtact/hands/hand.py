@@ -194,8 +194,8 @@ class Hand:
         Raises
         ------
         InvalidInput
-            Under the conditions listed in ``place``; or if the height is not from 0 to 1 m, or the
-            elements radiate in all directions, so that the array has no front.
+            Under the conditions listed in ``place``; or if the height is not between 0 and 1 m, or
+            the elements radiate in all directions, so that the array has no front.
         """
         slip = "is it in millimetres? Use metres."
         height = within(height, 0.0, 1.0, "the height of a hand", "m", slip)

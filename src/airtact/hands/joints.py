@@ -130,7 +130,10 @@ def joints_of(
 
 
 def completed(points: Float64[np.ndarray, "joints 3"]) -> Joints:
-    """Return 25 joints, or their velocities, from 25 or 21: MediaPipe and Leap lack some bases."""
+    """Return 25 joints (or joint velocities), given 25 or 21.
+
+    The bases of fingers that MediaPipe and Leap do not report are estimated.
+    """
     if len(points) == 25:
         return points
     joints = np.empty((25, 3))

@@ -62,7 +62,7 @@ class HandShape(Shape):
 
     @staticmethod
     def following(hulls: Hulls, keyframe: "HandShape | None") -> "HandShape":
-        """Build a shape that follows the keyframe if the motion is small and contacts stay."""
+        """Build a shape that follows the keyframe if the motion is small and no contact changes."""
         if keyframe is not None and np.array_equal(hulls.apart, keyframe.hulls.apart):
             moved = motion(keyframe.hulls, hulls)
             # After a motion of more than 12 mm, a new mesh is generated instead.
@@ -166,7 +166,8 @@ def motion(before: Hulls, now: Hulls) -> float:
 def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh | None:
     """Deform a mesh of edge length ``edge`` [m] to another pose in which the same parts touch.
 
-    The triangles stay the same. The function returns None if a triangle becomes too thin or long.
+    Only the vertices move; the triangles keep the indices of their corners. The function returns
+    None if a triangle becomes too thin or long.
     """
     weights = hull_weights(before, mesh.vertices)
     vertices = moved_with_hulls(before, now, mesh.vertices, weights)

@@ -213,7 +213,7 @@ def register_tracker(
 
 
 def _frames(source: str) -> Iterator[HandFrame | str]:
-    """Yield the frames of a recording or tracker in its own axes, or a reason for a missing one."""
+    """Yield frames of a recording or tracker in its own axes, or reasons why one is missing."""
     hands = received(source)
     if hands is None:
         yield from load_recording(source, leave_out=True).frames

@@ -280,7 +280,7 @@ def output_to(
     Raises
     ------
     InvalidInput
-        If live cannot follow the scene, or the link does not fit its array.
+        If the live loop cannot follow the scene, or the link does not fit its array.
     """
     scene = live_scene(setup)
     if not any([board, link, *settings.values()]):

@@ -122,7 +122,8 @@ def verify_session(
 def differing_tables(session: Session, setup: Setup) -> list[str]:
     """Return the parts of a scene that differ between a session and a setup.
 
-    The computation of the drive does not count, because a session is evaluated with its own drives.
+    Settings for computing the drive are ignored, because a session is evaluated with its own
+    drives.
     """
     if session.text and setup.text:
         recorded = parse_scene(session.text)

@@ -264,7 +264,7 @@ def _foci(run: Rendering) -> dict[str, Any]:
 
 
 def _emitted(run: Rendering) -> str:
-    """Return what produces the pressures in the table of foci, and its largest amplitude."""
+    """Describe the sound that produces the pressures in the table of foci, with its peak."""
     if not run.setup.in_turn or run.sequence is None:
         return f"this drive. The largest amplitude is {run.drive.peak:.2f} of full scale"
     peak = float(np.abs(run.sequence.drives).max())
@@ -276,7 +276,7 @@ def _emitted(run: Rendering) -> str:
 
 
 def _comparisons(run: Rendering) -> dict[str, list[tuple[str, ...]]]:
-    """Return rows with the pressures of both drives by caption; one table if all are equal."""
+    """Return tables of the pressures of both drives, by caption; a single one if all are equal."""
     tables = {}
     for held_equal, pressures in run.felt.pressures.items():
         rows = []

@@ -61,9 +61,9 @@ class EchoModel:
         valid: Bool[np.ndarray, "receivers transmissions"] | None = None,
         spare: int = 0,
     ) -> "EchoModel":
-        """Expand an array in the bodies' frame, with ``spare`` additional orders of waves.
+        """Expand the waves of an array in the bodies' frame, with ``spare`` additional orders.
 
-        A translation by 1/k mixes waves of about one additional order.
+        For each 1/k of translation, about one additional order is needed.
 
         Raises
         ------

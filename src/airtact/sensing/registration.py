@@ -349,7 +349,7 @@ class _Fit:
     def misfit(
         self, pose: OptimizeResult, without: Int64[np.ndarray, "rows"] | None = None
     ) -> float:
-        """Return the ratio of the rms residual to the rms of the echoes, both without noise."""
+        """Return the ratio of the rms residual to the rms of the echoes, both minus the noise."""
         rows = np.delete(np.arange(len(self.measured)), [] if without is None else without)
         measured = self.measured[rows]
         of_noise = self.noise**2 * np.count_nonzero(measured)  # invalid pressures are 0
@@ -357,7 +357,7 @@ class _Fit:
         return float(np.sqrt(max(power(self.left(pose)[rows]) - of_noise, 0.0) / of_echoes))
 
     def explained(self, pose: OptimizeResult) -> bool:
-        """Whether a pose matches the echoes, except at receivers that disagree with every pose."""
+        """Return whether a pose matches the echoes, except at receivers that no pose matches."""
         return self.misfit(pose, self.missing(pose)) <= MAX_MISFIT
 
     def missing(self, pose: OptimizeResult) -> Receivers:

@@ -193,9 +193,9 @@ def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
 def _order(reach: float, accuracy: float) -> int:
     """Return the highest order for a relative accuracy; ``reach`` is k times the radius.
 
-    The excess over kR grows as d^(2/3) (kR)^(1/3) for d digits (W. C. Chew and others, Fast and
-    Efficient Algorithms in Computational Electromagnetics, 2001, section 3.4). The factor was
-    determined on pairs of capsules.
+    The order exceeds kR by an amount that grows as d^(2/3) (kR)^(1/3) for d digits of accuracy (W.
+    C. Chew and others, Fast and Efficient Algorithms in Computational Electromagnetics, 2001,
+    section 3.4). The factor was determined on pairs of capsules.
     """
     order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
     if order > 80:  # 6,561 waves need 0.7 GB
@@ -325,7 +325,7 @@ class ScatteringFamily:
 
     @cached_property
     def effect(self) -> float:
-        """Change of the matrix per unit of the parameter, divided by that per metre of shift."""
+        """Change of the matrix per unit of the parameter, relative to that per metre of shift."""
         middle = 0.5 * (self.low + self.high)
         here = self.at(middle).matrix
         change = self.derivative(middle).matrix

@@ -195,7 +195,7 @@ class ArrayFit:
     def best(
         self, boards: tuple[PhasedArray, ...], wavenumber: complex, enough: float
     ) -> ArrayState:
-        """Fit several starts with a few elements per board, and the best one with all elements.
+        """Fit from several starts with a few elements per board, then from the best with all.
 
         Phases are ambiguous by 2π, so a start with an error of half a wavelength may lead to a
         wrong minimum.

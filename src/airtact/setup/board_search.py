@@ -41,7 +41,7 @@ class HandPose:
         return weights[weights > 0.0] / weights.max()
 
     def rows(self, board: PhasedArray) -> FociRows:
-        """Return the pressure at each focus over its share, per unit drive of each element."""
+        """Return the pressure at each focus, divided by its share, per unit drive of elements."""
         seen = board.seen_from(self.motion)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a layout in the shadow of the hand is simply weak
@@ -50,7 +50,7 @@ class HandPose:
 
 
 def drive_of(rows: FociRows) -> Complex128[np.ndarray, "elements"]:
-    """Return the drive with all elements at full scale that maximises the weakest row."""
+    """Return the drive at full scale with the largest pressure at the weakest focus (row)."""
     if len(rows) == 1:
         return phase(rows[0].conj())
     equal = np.ones(len(rows))
@@ -117,7 +117,7 @@ class Search:
     def spare(
         self, rotation: Float64[np.ndarray, "3 3"], middle: Float64[np.ndarray, "3"]
     ) -> float:
-        """Return how far a board is from the hand, beyond the smallest allowed distance [m]."""
+        """Return the distance of a board from the hand minus the smallest allowed distance [m]."""
         seen = (self.skin - middle) @ rotation
         beside = np.maximum(np.abs(seen[:, :2]) - self.half, 0.0)
         gaps = np.sum(beside**2, axis=1) + seen[:, 2] ** 2
@@ -226,7 +226,7 @@ class Search:
                 yield place, self.group(place)
 
     def candidates(self, boards: int, tries: int, seed: int) -> list[tuple[float, list[Place]]]:
-        """Return the pressure at the weakest focus and the positions, for each of the layouts."""
+        """Return random layouts of boards, each with the pressure at its weakest focus."""
         found: list[tuple[float, list[Place]]] = []
         layout: list[tuple[Place, list[Pose]]] = []
         fixed = [self.rows(pose) for pose in self.fixed]

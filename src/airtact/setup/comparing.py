@@ -94,8 +94,8 @@ class MethodComparison:
         about the verification.
     transfer : transfer matrix from which the drives were computed.
     beacons : report of the solve for the transfer matrix.
-    bound : upper bound on the smallest ratio of pressure to weight, for drives up to full scale
-        [Pa].
+    bound : upper bound [Pa] on the smallest ratio of pressure to weight, for drives up to full
+        scale.
     field : verified field, with one excitation for each contender.
     seconds : wall time by step [s].
     """
@@ -151,7 +151,7 @@ class MethodComparison:
         return sorted(self.contenders, key=rank)
 
     def worst(self, contender: Contender) -> float:
-        """Return the smallest ratio of pressure to weight over foci with weight above 0 [Pa]."""
+        """Return the smallest ratio of pressure to weight [Pa] over foci with positive weight."""
         weights = self.setup.target.weights
         requested = weights > 0.0
         return float((contender.pressures[requested] / weights[requested]).min())
@@ -384,7 +384,7 @@ def _compare_methods(
 
 
 def _weakest(transfer: TransferMatrix, target: Target, drive: Drive) -> float:
-    """Return the smallest ratio of pressure to weight over foci with weight above 0 [Pa]."""
+    """Return the smallest ratio of pressure to weight [Pa] over foci with positive weight."""
     asked = target.weights > 0.0
     pressures = np.abs(transfer.pressure(drive)[: len(asked)][asked])
     return float((pressures / target.weights[asked]).min())

@@ -49,7 +49,7 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The pressure at each focus, from the maximum in open air to what is finally emitted.
+    """The pressure at each focus, from the maximum in open air to the emitted drive.
 
     Attributes
     ----------
@@ -67,11 +67,11 @@ class Explanation:
 
     @property
     def changes(self) -> Float64[np.ndarray, "causes foci"]:
-        """Change of the pressure by each cause [Pa]; NaN for the first, which changes nothing."""
+        """Change of the pressure by each cause [Pa]; NaN for the first, which is the reference."""
         return np.diff([cause.pressures for cause in self.causes], axis=0, prepend=np.nan)
 
     def change_in_words(self, cause: int, focus: int) -> str:
-        """Return the relative change of the pressure by a cause, such as "−26 %"; "" without."""
+        """Return the relative change of the pressure by a cause, such as "−26 %"; "" if none."""
         before = self.causes[cause - 1].pressures[focus] if cause else 0.0
         if before == 0.0:
             return ""
@@ -180,7 +180,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
         full = [drive.at_full_scale() if drive.peak else drive for drive in drives]
         causes.append(Cause(f"the method {name}", at_foci(full), 'use method = "best"'))
     if min(drive.peak for drive in drives) < 0.999 or target.phases is not None:
-        causes.append(Cause("the requested pressures", at_foci(drives), "request more"))
+        causes.append(Cause("the requested pressures", at_foci(drives), "request higher pressures"))
     rounded = [quantise(drive, setup.levels).drive() for drive in drives]
     causes.append(Cause("rounding to levels", at_foci(rounded), "use finer levels"))
     last = causes[-1].pressures

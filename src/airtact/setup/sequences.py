@@ -145,7 +145,8 @@ def pressures_of(
 ) -> dict[str, Float64[np.ndarray, "drives foci"]]:
     """Return the pressure at each focus during its own drive, for each key of ``HELD_EQUAL``.
 
-    Each item of ``drives`` is a result of ``drives_at_foci``, whose peak and energy count as one.
+    Each item of ``drives`` is a result of ``drives_at_foci``. To set its peak or energy, its drives
+    are treated as a single drive.
     """
     rows = transfer.matrix[: len(drives[0])]
 

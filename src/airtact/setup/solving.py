@@ -42,7 +42,7 @@ def stored(solver: Solver, store: Path | None) -> Solver:
 def solve_beacons(
     setup: Setup, clock: Clock, store: Path | None = None, estimate: bool = True
 ) -> RadiatedField:
-    """Solve for a beacon at each focus and suppression point; use multipoles for samples.
+    """Solve for a beacon at each focus and suppression point; if sampled, expand in multipoles.
 
     With ``estimate=False`` boundary elements solve the transposed equation only, which is enough if
     a verification follows.

@@ -104,7 +104,7 @@ class Contacts:
         Raises
         ------
         InvalidInput
-            If ``most`` is not between 1 and 64, or the wavelength not between 0.3 mm and 0.35 m.
+            If ``most`` is not between 1 and 64, or the wavelength is not between 0.3 mm and 0.35 m.
         """
         between(most, 1, 64, "the largest number of foci", "", "each focus takes time to compute.")
         between(wavelength, 3e-4, 0.35, "wavelength", "m", "is it in millimetres?")

@@ -169,7 +169,7 @@ def _on_surface(
     Parameters
     ----------
     skin : skin with an exact surface, on which its points lie.
-    objects, of_object : virtual objects, and the index of that of each contact.
+    objects, of_object : virtual objects, and the index of each contact's object.
     deepest, ring : indices of the deepest skin point of each contact and of its neighbours.
     """
     assert skin.look is not None

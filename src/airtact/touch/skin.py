@@ -105,8 +105,8 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     Raises
     ------
     InvalidInput
-        If an argument has the wrong type, the edge is not from 1 to 50 mm, or a surface requires
-        more than 100,000 points.
+        If an argument has the wrong type, the edge is not between 1 and 50 mm, or a surface
+        requires more than 100,000 points.
 
     Examples
     --------
@@ -170,7 +170,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
 def _fine_mesh(
     surface: Surface, longest_edge: float
 ) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
-    """Subdivide the triangles of a surface into four each, until their edges are short enough."""
+    """Divide triangles into four until no edge is longer than ``longest_edge`` [m]."""
     vertices = np.asarray(surface.vertices)
     triangles = np.asarray(surface.triangles)
     while longest_edges(vertices[triangles]).max() > longest_edge:

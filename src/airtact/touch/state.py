@@ -102,7 +102,7 @@ class TouchState:
 
     @property
     def numbers(self) -> Int64[np.ndarray, "foci"]:
-        """(F,) number of each focus of the last update; a focus keeps its number until it ends."""
+        """(F,) identifying number of each focus, which the focus keeps until it ends."""
         return np.array([focus.number for focus in self._playing], dtype=np.int64)
 
     def update(self, skin: Skin, time: float) -> TouchFoci:

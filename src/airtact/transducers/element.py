@@ -207,7 +207,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
 
 
 def _degree_7() -> tuple[Float64[np.ndarray, "12 3"], Float64[np.ndarray, "12"]]:
-    """Return the points and weights of S2 7-1 on the unit disc."""
+    """Return the points and weights of Stroud's rule S2 7-1 on the unit disc."""
     root = np.sqrt(29.0)
     # Radius, weight and first angle of each ring of four points.
     rings = (
@@ -220,7 +220,7 @@ def _degree_7() -> tuple[Float64[np.ndarray, "12 3"], Float64[np.ndarray, "12"]]
 
 
 def _degree_9() -> tuple[Float64[np.ndarray, "19 3"], Float64[np.ndarray, "19"]]:
-    """Return the points and weights of S2 9-1 on the unit disc."""
+    """Return the points and weights of Stroud's rule S2 9-1 on the unit disc."""
     root = np.sqrt(111.0)
     # Radius, weight and first angle of each ring of six points; one more point is in the centre.
     rings = (

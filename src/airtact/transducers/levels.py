@@ -25,7 +25,8 @@ class Levels:
     Raises
     ------
     InvalidInput
-        If either number of levels is not 2 to 256, or the amplitudes do not increase from 0 to 1.
+        If either number of levels is not between 2 and 256, or the amplitudes do not increase from
+        0 to 1.
 
     Examples
     --------
@@ -67,7 +68,7 @@ class Levels:
         Raises
         ------
         InvalidInput
-            If a number is not 2 to 256.
+            If a number is not between 2 and 256.
 
         Examples
         --------

@@ -61,7 +61,7 @@ class AmplitudeModulation:
 
 
 def check_rate(rate: float, clock: float, slowest: int, board: str) -> None:
-    """Check that a rate [frames/s] is a clock [Hz] divided by an integer of at most ``slowest``."""
+    """Check that a rate is the rate of a clock [Hz] divided by an integer up to ``slowest``."""
     # A frame lasts a whole number of ticks of the board's clock.
     divide = min(max(round(clock / rate), 1), slowest)
     if abs(clock / divide - rate) > 1e-6 * rate:

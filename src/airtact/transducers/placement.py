@@ -218,7 +218,7 @@ def _check_behind(array: PhasedArray, behind: Depths, subject: str) -> None:
 def _height(
     array: PhasedArray, points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points elements"]:
-    """Return the height of each point in front of each face [m]; negative behind the face."""
+    """Return the height [m] of each point in front of each face; negative behind the face."""
     return points @ array.normals.T - np.sum(array.positions * array.normals, axis=1)
 
 

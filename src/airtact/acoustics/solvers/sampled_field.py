@@ -320,7 +320,7 @@ def _check_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
 
 
 def _fits(sampled: SampledField) -> Float64[np.ndarray, "2"]:
-    """Return how well the phases around the sources fit leaving and arriving waves, 0 to 1."""
+    """Return how well the phases near the sources fit outgoing and incoming waves, 0 to 1 each."""
     thinned = slice(None, None, len(sampled.nodes) // 20_000 + 1)  # enough to determine the phases
     nodes = sampled.nodes[thinned]
     pressures = np.asarray(sampled.pressures)[thinned]

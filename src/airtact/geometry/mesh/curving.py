@@ -167,7 +167,7 @@ def _corner_normals(
 
 
 def _sectors(triangles: Triangles, twins: Twins, sharp: EdgeMask) -> Int64[np.ndarray, "corners"]:
-    """Label corners 3 t + c that share a vertex and are not separated by a sharp edge."""
+    """Give corners 3 t + c one label if they share a vertex that no sharp edge divides there."""
     if not sharp.any():
         return triangles.ravel()
     # Edge c of a triangle starts at its corner c, and the twin of that edge ends there.

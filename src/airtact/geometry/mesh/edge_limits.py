@@ -26,7 +26,7 @@ MAX_EDGE_TO_WALL = 3.0
 def bend_sizes(
     vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, factor: float = 1.0
 ) -> VertexSizes:
-    """Return, at each vertex, the edge length over which the surface turns by 1 rad [m].
+    """Return the edge length [m] over which the surface turns by 1 rad, at each vertex.
 
     The radius of a bend is estimated from pairs of triangles whose normals differ by 75 to 150
     degrees and that lie on a common arc. Pairs across a sharp edge (``ridges``) are ignored.
@@ -85,12 +85,13 @@ def bend_sizes(
 def tip_sizes(
     vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, turn: float
 ) -> VertexSizes:
-    """Return, at each vertex, the edge length over which a rounded tip turns by ``turn`` [rad].
+    """Return the edge length [m] over which a rounded tip turns by ``turn``, at each vertex.
 
     The radius of a tip follows from its Gaussian curvature: the sum of the angle defects 2π − Σ
     angles of its vertices, divided by its area. Coarse triangles keep the sum of the defects
-    (Gauss-Bonnet), and the roughness of a scan cancels in this sum. Bends in one direction, such
-    as creases, have no angle defects. Defects at sharp edges (``ridges``) are ignored.
+    (Gauss-Bonnet), and the roughness of a scan cancels in this sum. Bends in one direction, such as
+    creases, have no angle defects. Defects at sharp edges (``ridges``) are ignored. ``turn`` is in
+    radians.
     """
     defect, area = _angle_defects(vertices, triangles, ridges)
     count = len(vertices)
@@ -103,7 +104,7 @@ def tip_sizes(
 
 
 def round_size(vertices: Vertices, triangles: Triangles, ridges: Ridges, turn: float) -> float:
-    """Return the edge length over which a sphere as curved as the body turns by ``turn`` [m].
+    """Return the edge length [m] over which a sphere as curved as the body turns by ``turn``.
 
     The sphere has the body's mean Gaussian curvature: the sum of the angle defects away from sharp
     edges (``ridges``), divided by the area there. The result is infinite for bodies of flat faces.
@@ -121,7 +122,7 @@ def round_size(vertices: Vertices, triangles: Triangles, ridges: Ridges, turn: f
 
 
 def is_smooth(vertices: Vertices, triangles: Triangles, ridges: Ridges) -> bool:
-    """Return whether the angle defects at vertices are those of a smooth surface, not of a scan."""
+    """Return whether the angle defects at vertices are those of a smooth body, not of a scan."""
     defect, _ = _angle_defects(vertices, triangles, ridges)
     # Roughness has defects of both signs.
     return float(np.abs(defect).sum()) < 3 * 4 * np.pi
@@ -130,7 +131,7 @@ def is_smooth(vertices: Vertices, triangles: Triangles, ridges: Ridges) -> bool:
 def _angle_defects(
     vertices: Vertices, triangles: Triangles, ridges: Ridges
 ) -> tuple[VertexSizes, VertexSizes]:
-    """Return 2π − Σ angles at each vertex, 0 on ridges, and a third of the area around it."""
+    """Return the angle defect 2π − Σ angles (0 on ridges) and a third of the area by vertex."""
     corners = vertices[triangles]
     along = unit(np.roll(corners, -1, axis=1) - corners)
     start = triangles.ravel()

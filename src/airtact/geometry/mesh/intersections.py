@@ -59,7 +59,7 @@ def _same_corners(
 def _turned(
     corners: Corners, members: Int64[np.ndarray, "n"], shared: Bool[np.ndarray, "n 3"]
 ) -> PairedCorners:
-    """Return the corners of triangles, from the shared one, or from the third if two are shared."""
+    """Return triangles' corners from the shared one on, or from the third if two are shared."""
     front = np.where(
         np.count_nonzero(shared, axis=1) == 2, shared.argmin(axis=1), shared.argmax(axis=1)
     )
@@ -67,7 +67,7 @@ def _turned(
 
 
 def _pierces(segments: PairedSegments, corners: PairedCorners, tolerance: float) -> PairMask:
-    """Return whether segments meet triangles, pair by pair, unless in the triangle's plane."""
+    """Return whether each segment meets its triangle; segments in the triangle's plane do not."""
     normal = unit(area_vectors(corners))
     heights = np.einsum("npi,ni->np", segments - corners[:, :1], normal)
     crosses = (heights.min(axis=1) <= tolerance) & (heights.max(axis=1) >= -tolerance)

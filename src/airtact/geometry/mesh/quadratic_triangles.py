@@ -42,7 +42,7 @@ def shape_gradients(points: References) -> tuple[NodeWeights, NodeWeights]:
 def points_at(
     panels: QuadraticTriangles, references: Real[np.ndarray, "panels 2"]
 ) -> tuple[PanelVectors, PanelVectors]:
-    """Return a point of each panel [m] and the outward normal there, as long as twice the area."""
+    """Return a point of each panel [m] and the outward normal there, of length twice the area."""
     along_u, along_v = (
         np.einsum("tn,tnd->td", gradient, panels) for gradient in shape_gradients(references)
     )
@@ -57,7 +57,7 @@ def middles_of(panels: QuadraticTriangles) -> tuple[PanelVectors, PanelVectors]:
 
 
 def normals_at(panels: QuadraticTriangles, reference: Real[np.ndarray, "2"]) -> PanelVectors:
-    """Return the normals of all panels at the same reference coordinates, as in ``points_at``."""
+    """Return the normals of ``points_at`` for all panels, at the same reference coordinates."""
     return points_at(panels, np.broadcast_to(reference, (len(panels), 2)))[1]
 
 
@@ -69,7 +69,7 @@ def with_middles(
 
 
 def area_vectors(corners: Corners) -> TriangleVectors:
-    """Return the outward normal of each flat triangle, as long as twice its area [m²]."""
+    """Return the outward normal of each flat triangle; its length is twice the area [m²]."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
@@ -143,7 +143,7 @@ def gauss_square(
 
 
 def enclosed_volume(panels: QuadraticTriangles) -> float:
-    """Return the volume inside closed panels [m³], exactly for the quadratic surface."""
+    """Return the volume inside closed panels [m³], which is exact for the quadratic surface."""
     # By the divergence theorem, the integral of position times normal is three volumes. One matrix
     # product evaluates positions and both derivatives at all quadrature points.
     nodes = panels.transpose(2, 1, 0).reshape(3, 6, -1)
@@ -161,7 +161,7 @@ def _volume_rule() -> Float64[np.ndarray, "functions 6"]:
 
 
 def panel_areas(panels: QuadraticTriangles) -> PanelSizes:
-    """Return the area of each panel [m²], exactly for flat panels."""
+    """Return the area of each panel [m²], which is exact for flat panels."""
     references, weights = gauss_square(3)
     along_u, along_v = (gradient @ panels for gradient in shape_gradients(references))
     return np.linalg.norm(np.cross(along_u, along_v), axis=2) @ weights

@@ -126,7 +126,7 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
 def with_short_edges(
     panels: QuadraticTriangles, triangles: Triangles, sharp: EdgeMask, longest: float
 ) -> RidgedMesh:
-    """Halve edges of a closed mesh, on its curved panels, down to ``longest`` [m]."""
+    """Halve edges of a closed mesh along its panels until none is longer than ``longest`` [m]."""
     while (long := edge_lengths(panels) > longest).any():
         panels, triangles, sharp = _split_edges(panels, triangles, sharp, long)
     vertices = _vertices(panels, triangles)

@@ -96,7 +96,10 @@ def distance_grid(
 def _crossings(
     corners: Float[np.ndarray, "triangles 3 3"],
 ) -> tuple[Float[np.ndarray, "hits 3"], Int[np.ndarray, "hits"], Int[np.ndarray, "hits"]]:
-    """Return where vertical lines through integer (x, y) meet triangles, with sign and triangle."""
+    """Return the points where vertical lines through integer (x, y) meet triangles.
+
+    The second result is the sign of each crossing, and the third is the index of the triangle.
+    """
     flat = corners[:, :, :2]
     first = np.ceil(flat.min(axis=1)).astype(int)
     sides = np.maximum(np.floor(flat.max(axis=1)).astype(int) - first + 1, 0)

@@ -111,7 +111,7 @@ class FittedHand:
         return self.skin(3.5e-3, 2.5e-3)
 
     def skin(self, *edges: float) -> Surface:
-        """Return the skin, meshed with the first of these edge lengths that works [m].
+        """Return the skin, meshed with the first of the given edge lengths [m] that works.
 
         An edge length fails if triangles would cross. If all fail, ``hand.surface`` is returned,
         without the offset to the points.
@@ -410,7 +410,7 @@ def _mean_offset(
     """Return the mean distance of the points from the body near each vertex of its skin [m].
 
     The kernel average (E. A. Nadaraya, Theory Probab. Appl. 9, 141 (1964)) includes only points
-    with a similar normal, and an offset of 0 with the weight of one point.
+    with a similar normal. It also includes an offset of 0, with the weight of one point.
     """
     width = 5e-3  # standard deviation of the weights
     look = hulls.look(points)

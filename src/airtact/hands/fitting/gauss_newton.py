@@ -274,7 +274,10 @@ def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> So
 
 
 def _better(first: NormalEquations, second: NormalEquations) -> NormalEquations:
-    """Return the result of the search that matches the points better, at the smaller scale.
+    """Return the result that matches the points better; both are compared at the smaller scale.
+
+    The priors get less weight than in the search, because an unusual pose is more likely than
+    unexplained points.
 
     The priors get less weight than in the search, because an unusual pose is more likely than
     unexplained points.

@@ -89,7 +89,7 @@ def balls_at(unknowns: Unknowns) -> Balls:
 def by_body(
     by_balls: Float64[np.ndarray, "rows 104"], sizes: Sizes
 ) -> Float64[np.ndarray, "rows 100"]:
-    """Convert derivatives with respect to balls to derivatives with respect to the body."""
+    """Convert derivatives with respect to balls to derivatives with respect to joints and sizes."""
     derivatives = by_balls @ _BALLS_BY_BODY
     derivatives[:, 75:] *= np.exp(sizes[SIZE_RADII])
     return derivatives
@@ -305,8 +305,8 @@ def _by_joints(
 ) -> Float64[np.ndarray, "rules 137"]:
     """Convert derivatives with respect to bone directions to derivatives with respect to joints.
 
-    Each of the ``parts`` contains a bone for each rule, and the derivative with respect to the
-    bone's direction.
+    Each of the ``parts`` contains the index of one bone for each rule, and the derivative of the
+    rule with respect to the direction of this bone.
     """
     rows = np.arange(len(parts[0][0]))
     gradients = np.zeros((len(rows), 137))

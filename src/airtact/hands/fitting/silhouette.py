@@ -15,7 +15,7 @@ from airtact.hands.joints import Point, Points
 
 
 def _sample_weights() -> Float64[np.ndarray, "samples 26"]:
-    """Return the weights of the 26 balls; a row for each ball and each middle between two."""
+    """Return weights of the 26 balls: one row per ball, and one per midpoint between two balls."""
     rods = sorted(
         {pair for part in PARTS.tolist() for pair in combinations(sorted(set(part) - {-1}), 2)}
     )

@@ -98,7 +98,7 @@ MOVED = _moved_joints()
 
 
 class ArticulatedHand:
-    """The filter; a copy of it can be advanced to predict the hand.
+    """Extended Kalman filter of a hand; a copy can be advanced to predict the hand.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ class ArticulatedHand:
         return slopes * MOVED
 
     def _changed(self, change: Float64[np.ndarray, "dofs"]) -> Joints:
-        """Return the joints after a change; turns are rotations, so bones keep their lengths."""
+        """Return the joints after a change of their degrees of freedom and of bone lengths."""
         along, lengths, _, axes = self._bones()
         lengths = lengths + change[LENGTHS].reshape(5, 3)
         vectors = change[TURNS].reshape(5, 7, 1) * axes
@@ -290,7 +290,7 @@ class ArticulatedHand:
 
 
 def _shares(step: float) -> tuple[float, float, float]:
-    """Return what an acceleration adds to a shift [s²] and a rate [s], and the rest of it."""
+    """Return what an acceleration adds to a shift [s²] and to a rate [s], and its decay factor."""
     remaining = float(np.exp(-step / MEMORY))
     of_rate = MEMORY * (1.0 - remaining)
     return MEMORY * (step - of_rate), of_rate, remaining

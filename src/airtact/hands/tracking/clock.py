@@ -10,7 +10,7 @@ MAX_LATENCY = 0.5
 
 
 def checked_latency(latency: float) -> float:
-    """Check that the latency of a tracker is from 0 to 0.5 s, and return it [s]."""
+    """Return the latency of a tracker [s], after checking that it is between 0 and 0.5 s."""
     return between(
         latency, 0.0, MAX_LATENCY, "the latency of the tracker", "s", "is it in milliseconds?"
     )
@@ -88,7 +88,7 @@ class FrameClock:
 
     @property
     def margin(self) -> float:
-        """Longest time by which a frame may be ahead of ``time`` [s]."""
+        """Largest time by which a frame may be ahead of ``time(now)`` [s]."""
         if self._shared is not None:
             return 0.01  # this computer may adjust its clocks
         return 0.08 if self._settled else MAX_LATENCY

@@ -76,7 +76,7 @@ class Predictor:
     Raises
     ------
     InvalidInput
-        If the latency is not from 0 to 1 s, or another number is not above zero.
+        If the latency is not between 0 and 1 s, or another number is not above zero.
     """
 
     def __init__(
@@ -89,7 +89,8 @@ class Predictor:
         self.latency: float = number(latency, "latency", "s")
         if not 0.0 <= self.latency <= 1.0:
             raise InvalidInput(
-                f"latency is {self.latency:g} s, but it must be 0 to 1 s: is it in milliseconds?",
+                f"latency is {self.latency:g} s, but it must be between 0 and 1 s: is it in "
+                "milliseconds?",
                 code="out_of_range",
             )
         self._given_noise = None if noise is None else positive(noise, "noise", "m")

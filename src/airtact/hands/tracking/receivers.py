@@ -118,7 +118,7 @@ class WebSocketReceiver:
         self._thread.join()
 
     def _open(self, connection: "ServerConnection", request: "Request", answer: "Response") -> None:
-        """List a connection before its tracker learns that it is open; ``close`` waits for it."""
+        """Register a connection before its tracker sees that it is open; ``close`` waits for it."""
         with self._lock:
             if answer.status_code == 101 and not self._closed:
                 self._connections[connection] = time.monotonic()
@@ -150,5 +150,5 @@ class WebSocketReceiver:
                 self._connections.pop(connection, None)
 
     def _serve(self, connection: "ServerConnection", source: str) -> bool:
-        """Wait for a message and process it; return whether it is used."""
+        """Wait for a message and process it; return whether the frame is used."""
         return self.stream.feed_json(connection.recv(), source) is None

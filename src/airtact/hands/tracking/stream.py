@@ -319,8 +319,8 @@ class HandStream:
         if hand.disorder > 0.4:
             raise FaultyFrame(
                 "backwards",
-                f"the times of the {frame.side} hand's frames repeatedly go back; send the "
-                "seconds of one steady clock.",
+                f"the times of the {frame.side} hand's frames repeatedly go back; send "
+                "all times in seconds, from a single steady clock.",
             )
         time = hand.unit * frame.time + hand.shift
         later = time > newest.time
@@ -373,8 +373,8 @@ class HandStream:
         if later:
             raise FaultyFrame(
                 "time_leap",
-                f"the time of {name} is {ahead:.3g} s ahead of this computer's clock; send the "
-                "seconds of one steady clock.",
+                f"the time of {name} is {ahead:.3g} s ahead of this computer's clock; send "
+                "all times in seconds, from a single steady clock.",
             )
         raise FaultyFrame(
             "backwards",

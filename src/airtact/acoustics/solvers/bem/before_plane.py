@@ -37,8 +37,8 @@ from airtact.errors import in_short
 class BodiesBeforePlane:
     """Bodies and sources that do not move relative to each other, in front of a moving plane.
 
-    The sound that the plane reflects onto the bodies is weaker than the sound of the sources,
-    so twice the relative error is allowed in its solve.
+    The sound that the plane reflects onto the bodies is weaker than the sound of the sources, so it
+    is solved with twice the relative error.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class BodiesBeforePlane:
 
     @classmethod
     def of(cls, solver: BoundaryElement, scene: Scene, sources: Monopoles) -> "BodiesBeforePlane":
-        """Solve in open air. Panels are smaller where a body faces its image in the scene."""
+        """Solve the bodies without the plane, with smaller panels where a body faces its image."""
         accuracy = min(2.0 * solver.accuracy, 0.3)
         solver = replace(solver, accuracy=accuracy, precision="float32", estimate=False)
         panels = _in_block_order(solver._panels(scene, sources.refined_positions))
@@ -70,7 +70,7 @@ class BodiesBeforePlane:
         return cls(solver, sources, surface, matrix, solved.solution.T, factors)
 
     def reflected(self, scene: Scene) -> Monopoles:
-        """Return monopoles that radiate the part of v due to the plane of a scene.
+        """Return monopoles that radiate the additional field caused by the plane of a scene.
 
         Monopoles with neighbouring indices are close together.
 

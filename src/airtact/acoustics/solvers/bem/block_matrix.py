@@ -34,7 +34,7 @@ class BlockPairs(_kernels.Pairs):
 
     @classmethod
     def of(cls, chosen: Bool[np.ndarray, "blocks blocks"]) -> "BlockPairs":
-        """Select some of the pairs."""
+        """Return the pairs that a mask or an array of indices selects."""
         first = np.concatenate([[0], np.cumsum(chosen.sum(axis=1))])
         return cls(first.astype(np.int64), np.nonzero(chosen)[1].astype(np.int64))
 
@@ -61,7 +61,8 @@ def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "
 def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks blocks"]:
     """Return which pairs of blocks have a point of one block near a panel of the other.
 
-    Each list contains the near panels of some points, the same number of points per panel.
+    Each of the ``lists`` contains the near panels of a set of points that has the same number of
+    points on every panel, in the order of the panels.
     """
     blocks = -(-panels // PANELS)
     near = np.zeros((blocks, blocks), dtype=bool)
@@ -167,9 +168,10 @@ def check_memory(count: int, store: Store, blocks: int, factors: int = 0) -> Non
 def worth_eliminating(unknowns: int, excitations: int) -> bool:
     """Return whether Gaussian elimination is faster than GMRES.
 
-    It is faster if there are at least 0.05 right-hand sides per unknown, because GMRES's vectors
-    then exceed the caches. This was measured at 2,000 to 5,000 unknowns and accuracies from 0.02 to
-    0.005. At 16,000 unknowns the matrix takes 2 GiB in single precision.
+    It is faster if there are at least 0.05 right-hand sides per unknown, because the vectors of
+    GMRES then no longer fit into the processor's caches. This was measured at 2,000 to 5,000
+    unknowns and accuracies from 0.02 to 0.005. At 16,000 unknowns the matrix takes 2 GiB in single
+    precision.
     """
     return excitations >= 0.05 * unknowns and unknowns <= 16_000
 
@@ -181,8 +183,8 @@ def eliminate(
 ) -> GmresResult:
     """Solve for the sum of some matrices, without low-rank blocks, by Gaussian elimination.
 
-    The reported residual is that for the sum of all right-hand sides, because it takes only one
-    product.
+    The reported residual is that of the sum of all right-hand sides, because computing it takes
+    only one product with the matrix.
     """
     total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
     for matrix in matrices[1:]:

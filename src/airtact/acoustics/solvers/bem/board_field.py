@@ -54,7 +54,7 @@ class BoardField(RadiatedField):
         return pressure
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report, with the error around the bodies estimated at points if larger."""
+        """Return the report, with the error estimated around the bodies if that is larger."""
         report = self.around.report_at(points)
         warnings = dict.fromkeys((*self.report.warnings, *report.warnings))  # without duplicates
         return replace(

@@ -85,9 +85,9 @@ class BoundaryField(RadiatedField):
     The direct solution is the pressure on and near the surface. Elsewhere, excitations with a
     source near the surface use the transposed solution. All other excitations use the mean of both
     solutions, which makes the field reciprocal. Many points close together, such as those of a
-    picture, are evaluated in cells, with an additional error of 4 % of the accuracy. In cells, the
-    direct solution is used for all excitations without a source near the surface. The field raises
-    ``InvalidInput`` on and near the surface if the direct equation was not solved
+    picture, are evaluated in cells, which adds an error of 4 % of the solver's accuracy. In cells,
+    the direct solution is used for all excitations without a source near the surface. The field
+    raises ``InvalidInput`` on and near the surface if the direct equation was not solved
     (``estimate=False``).
 
     Attributes
@@ -163,9 +163,10 @@ class BoundaryField(RadiatedField):
 
     @property
     def for_pictures(self) -> "BoundaryField":
-        """The field by the direct solution alone, if computed, without refined panels.
+        """The field of the direct solution alone (if it was computed), without refined panels.
 
-        The rms difference is 0.1 % of the largest pressure; at the skin, it is up to 4 %.
+        The rms difference from the full field is 0.1 % of the largest pressure; at the skin, the
+        difference is up to 4 %.
         """
         return self if self.pressure is None else replace(self, coarse=True)
 
@@ -226,7 +227,7 @@ class BoundaryField(RadiatedField):
         return out
 
     def _in_cells(self, cells: Cells, located: Located, off: Mask, total: bool) -> Pressures:
-        """Return the pressure [Pa] at many points; those ``off`` the surface are in cells.
+        """Return the pressure [Pa] at many points; those ``off`` the surface are computed in cells.
 
         A solution that one of the points needs is evaluated at all points.
         """
@@ -267,7 +268,7 @@ class BoundaryField(RadiatedField):
         """Return the relative error of the direct solution over points, for each excitation.
 
         The error is estimated as the difference between the two solutions, plus 15 % of the
-        accuracy times the scattered pressure. The second term stands for errors of panels and
+        accuracy times the scattered pressure. The second term accounts for the errors of panels and
         quadrature, which are the same in both solutions. The transposed solution is accurate only
         away from the surface, so points on or near the surface are moved away by a panel's radius
         if there is room. The error is NaN without a direct solution.

@@ -56,10 +56,10 @@ class MovingPanels:
     __repr__ = in_short
 
     def facing(self, points: Points, share: float) -> "MovingPanels":
-        """Return the panels that face at least the fraction ``share`` of points (P, 3) [m].
+        """Return the panels that face at least a fraction ``share`` of the points (P, 3) [m].
 
-        Sound from sources in front of the body to such points hardly depends on panels that face
-        away from most of the points.
+        The sound that travels from sources in front of the body to such points hardly depends on
+        panels that face away from most of the points.
         """
         nodes = self._surface(self.corners, self.inside).nodes
         normals = nodes.panel_normals
@@ -82,7 +82,9 @@ class MovingPanels:
         sources: Monopoles,
         tolerance: float,
     ) -> TransposedSolution:
-        """Solve the transposed equation for moved panels; it is accurate only away from the body.
+        """Solve the transposed boundary integral equation on moved panels.
+
+        The resulting field is accurate only away from the body.
 
         Parameters
         ----------
@@ -110,7 +112,9 @@ class MovingPanels:
         sources: Monopoles,
         tolerance: float,
     ) -> DirectSolution:
-        """Solve the direct equation for moved panels; it is also accurate on the body.
+        """Solve the direct boundary integral equation on moved panels.
+
+        The resulting field is accurate away from the body and on it.
 
         The method needs all panels, and the sources must be away from the body. It takes the
         same parameters and raises the same errors as ``radiated``.

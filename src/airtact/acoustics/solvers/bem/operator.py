@@ -82,7 +82,9 @@ def dual_surface(
     precision: str,
     least_thickness: Float64[np.ndarray, "nodes"] | None = None,
 ) -> DualSurface:
-    """Place the second points below the surface, at 0.3 times the local thickness, at most 0.2 λ.
+    """Build the dual-surface equation, with its second points inside the bodies.
+
+    Each second point lies below the surface at 0.3 times the local thickness, but at most at 0.2 λ.
 
     Sharing each point among three nodes saves a third of the kernel evaluations at equal accuracy.
     ``least_thickness`` is a lower bound on the thickness at each node [m].

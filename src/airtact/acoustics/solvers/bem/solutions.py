@@ -192,7 +192,7 @@ class TransposedSolution:
 def incident_pressure(
     points: Points, sources: Monopoles, surface: DualSurface, cells: Cells | None = None
 ) -> Pressures:
-    """Return the pressure of the sources alone [Pa], beyond 1 λ in the working precision."""
+    """Return the pressure of the sources alone [Pa], in float64 within 1 λ of a source."""
     if cells is not None:
         layer = monopole_layer(sources.positions, surface.wavenumber)
         pressure = cells.sums(layer, sources.strengths)

@@ -525,7 +525,7 @@ class BoundaryElement(Solver):
         return panels_of(**self._covering(scene, refined))
 
     def _covering(self, scene: Scene, refined: Points) -> dict[str, Any]:
-        """Arguments of ``panels_of`` and ``covers``."""
+        """Arguments that ``panels_of`` and ``covers`` share."""
         smallest = self._smallest_edge(scene)
         # Panels around the circumference of a round body.
         table = ((0.025, 7), (0.02, 8), (0.0125, 9), (0.0, 11))

@@ -39,7 +39,7 @@ class PointSources:
     strengths: Strengths
 
     def chosen(self, mask: Bool[np.ndarray, "sources"]) -> "PointSources":
-        """Return the sources that a mask selects."""
+        """Return the sources for which the mask is True."""
         return PointSources(self.positions[mask], self.strengths[mask])
 
     def joined(self, added: Sequence["PointSources"]) -> "PointSources":
@@ -50,7 +50,7 @@ class PointSources:
         )
 
     def pressure(self, points: Points, wavenumber: complex) -> Pressures:
-        """Return the free field of the monopoles at points (P, 3) [λ]."""
+        """Return the open-air pressure of the monopoles at points (P, 3) [λ]."""
         if not len(self.positions) or not len(points):
             return np.zeros((len(points), self.strengths.shape[1]), dtype=np.complex128)
         return monopole_pressure(points, self.positions, self.strengths, wavenumber, "float64")
@@ -58,7 +58,7 @@ class PointSources:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution:
-    """Pressure in the box: the free field of monopoles plus that of the finite elements.
+    """Pressure in the box: the open-air field of monopoles plus the field of the finite elements.
 
     Attributes
     ----------
@@ -184,8 +184,8 @@ class FiniteField(RadiatedField):
         """Images of the sources near bodies that sound does not enter.
 
         With the images subtracted, the scattered pressure is smooth near the sources. An image is
-        as deep in the nearest body as its source is above it. Bodies that are too thin have no
-        images.
+        as deep in the nearest body as its source is above it. An image is omitted if the body is
+        too thin to contain it.
         """
         length = self.scene.wavelength
         near = beside(self.scene, self.sources.positions) & ~self._touching_filled

@@ -74,7 +74,7 @@ class FiniteElement(Solver):
 
     @classmethod
     def reaching(cls, accuracy: float) -> "FiniteElement":
-        """Return a solver of suitable order: 4 for accuracies down to 3 %, 5 to 0.5 %, else 6.
+        """Return a solver of order 4 for accuracies down to 3 %, 5 down to 0.5 %, and 6 below.
 
         ``accuracy`` is the target relative error away from the surface. Values outside 0.001 to 0.3
         raise ``InvalidInput``.

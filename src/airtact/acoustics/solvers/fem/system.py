@@ -234,7 +234,7 @@ MAX_ABOVE = 4
 # order everywhere, the largest ones determine the error and the smallest ones the cost. Graded
 # orders balance error and cost.
 def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:
-    """Return the longest edge for each order 1, 2, ... at the error of one order and edge [λ].
+    """Return the longest edge [λ] that each order 1, 2, ... allows at the error of a reference.
 
     A polynomial of order p approximates e^{ikx} over an edge h with the error 2 (kh/4)^(p+1) /
     (p+1)! (Chebyshev interpolation). The reference is ``order`` on an edge of length ``size`` [λ];

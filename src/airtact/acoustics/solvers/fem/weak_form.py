@@ -88,7 +88,7 @@ def _layer_form(
 
 
 def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
-    """Return the weights w_d, w_s and w_v of each body."""
+    """Return the weights w_d, w_s and w_v of each body, as defined at the top of this module."""
     weights = np.zeros((3, len(scene.obstacles)), dtype=np.complex128)
     weights[0] = 1.0
     wavenumber = scene.wavenumber * scene.wavelength
@@ -103,7 +103,7 @@ def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
 
 
 def _filling(scene: Scene, medium: Medium) -> tuple[float, complex]:
-    """Return the ratio of the air's density to a filling's, and the filling's k² [1/λ²]."""
+    """Return the ratio of the air's density to that of a filling, and the filling's k² [1/λ²]."""
     wavenumber = complex(medium.wavenumber(scene.frequency) * scene.wavelength)
     return scene.medium.density / medium.density, wavenumber**2
 
@@ -141,7 +141,7 @@ class QuadraturePoints:
 
 
 def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> QuadraturePoints:
-    """Return quadrature points of the boundaries ``surface0`` ... or materials ``body0`` ..."""
+    """Return quadrature points on boundaries ``surface0`` ... or in materials ``body0`` ..."""
     ngsolve = ngsolve_library()
     on_surface = kind == "surface"
     names = mesh.GetBoundaries() if on_surface else mesh.GetMaterials()

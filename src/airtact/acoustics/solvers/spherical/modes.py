@@ -238,7 +238,7 @@ def _summed(
 ) -> ComplexPairs | None:
     """Add terms until two estimates of the complete sum agree; return None if they do not.
 
-    The second estimate uses a quarter more terms.
+    The second estimate uses 25 % more terms than the first.
     """
     check = first_check
     last_estimate = None

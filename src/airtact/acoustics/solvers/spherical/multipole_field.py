@@ -278,7 +278,7 @@ def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
 def _coefficients(
     field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int
 ) -> Complex128[np.ndarray, "orders degrees excitations"]:
-    """Return the coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m = 0, 1, ... -2, -1."""
+    """Return coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m = 0, 1, ... -2, -1."""
     # Gauss-Legendre latitudes and equally spaced longitudes integrate products of two such orders
     # exactly.
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
@@ -309,7 +309,7 @@ def _table(
     strengths: Complex128[np.ndarray, "orders degrees excitations"],
     radial: Complex128[np.ndarray, "orders radii"],
 ) -> Complex64[np.ndarray, "polar azimuths radii excitations"]:
-    """Sum the waves on the spheres at twice as many angles as needed, as the kernel requires."""
+    """Sum the waves on the spheres, at the doubled number of angles that the kernel requires."""
     orders, degrees = strengths.shape[:2]
     around = degrees + 1  # polar angles of a full turn over both poles
     polar = 2 * np.pi * np.arange(orders + 1) / around

@@ -139,7 +139,7 @@ class SphereField(RadiatedField):
 
 @dataclass(frozen=True)
 class SphereSeries(Solver):
-    """Solver for a single sphere by separation of variables; the exact reference for others.
+    """Solver for a single sphere by separation of variables, also used as the reference for others.
 
     The sphere is sound-hard, has an impedance, or is filled. Sources lie outside or on the sphere.
     """

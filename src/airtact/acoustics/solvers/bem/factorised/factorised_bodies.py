@@ -109,7 +109,7 @@ class PlacedBody:
         )
 
     def coupling_from(self, source: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
-        """Return −D(x) + i D(x') at the skeleton of the rows, with D from the source's columns."""
+        """Return −D(x) + i D(x'), from the source's column skeleton to this body's row skeleton."""
         count = len(self.reduced.rows)
         points = self.pose.apply(self.reduced.row_points)
         nodes, normals, single = source.reduced.column_nodes

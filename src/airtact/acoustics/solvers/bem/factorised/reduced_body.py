@@ -63,7 +63,7 @@ Matrix = Complex[np.ndarray, "_ _"] | RoundedMatrix
 
 
 def rounded(matrix: Complex[np.ndarray, "rows columns"], goal: float) -> Matrix:
-    """Round a single-precision matrix if the rounding error is at most a fifth of ``goal``."""
+    """Round a single-precision matrix, unless the rounding error exceeds a fifth of ``goal``."""
     if matrix.dtype != np.complex64:
         return matrix
     parts = np.ascontiguousarray(matrix).view(np.float32).reshape(*matrix.shape, 2)
@@ -96,7 +96,7 @@ class FarMonopoles:
     reach : distance from all nodes beyond which the monopoles are valid [m].
     positions : positions of the monopoles [m].
     combinations : matrix from the densities on the skeleton to the strengths of the monopoles.
-    error : relative error at points at about the distance ``reach``.
+    error : relative error at a distance of about ``reach``.
     """
 
     reach: float
@@ -119,8 +119,8 @@ class ReducedBody:
     columns : nodes of the matrix's columns, from which the scattered field is radiated.
     solved : matrix from the right-hand side at all nodes to the transposed solution on ``rows``.
     scattering : scattering matrix: from the right-hand side at ``columns`` to the same solution.
-    error : relative error of the scattering, compared with that of all nodes. It is measured at
-        points at about the distance ``reach``, for sources there and for sources beside the
+    error : relative error of the scattering, compared with that of all nodes. It is measured at a
+        distance of about ``reach``, both for sources at that distance and for sources close to the
         surface.
     tree : search tree of the nodes, for distances.
     far : a smaller set of monopoles, for points farther away.
@@ -234,9 +234,9 @@ def _error_check(
 ) -> Callable[[np.ndarray, np.ndarray, Matrix, Matrix], float]:
     """Return a function that measures the relative error of skeletons and their scattering.
 
-    The error is measured at points at about the distance ``reach``, for sources there and for
-    sources beside the surface; the larger of the two errors is returned. About 64 sources and
-    points of each kind are used.
+    The error is measured at points at a distance of about ``reach``, both for sources at that
+    distance and for sources close to the surface. The larger of the two errors is returned. About
+    64 sources and points of each kind are used.
     """
     nodes = surface.nodes
     sources = np.arange(0, len(proxies), -(-len(proxies) // 64))
