@@ -57,7 +57,7 @@ def test_each_sample_is_that_of_a_hand_and_its_mirror_image_as_two_bodies() -> N
         field = EXACT.radiate(both, emitting).at(UPRIGHT.face_points.reshape(-1, 3))
         weights = UPRIGHT.element.sensitivity * UPRIGHT.element.weights
         exact = np.einsum("eqf,q->fe", field.reshape(len(UPRIGHT), -1, 2), weights)
-        assert off(matrix, exact) < 3e-3
+        assert off(matrix, exact) < EXACT.accuracy
 
 
 def test_one_solve_serves_what_is_off_along_the_plane() -> None:
