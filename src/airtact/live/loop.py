@@ -417,6 +417,7 @@ class _Loop:
             if fault is None and ready > self.acts + 0.05:
                 # The computer paused, and the hand has left the place since.
                 fault = f"late: the drive took {1e3 * (ready - now):.0f} ms"
+                self._took(ready - now)
                 now = ready
             if fault is None:
                 self.moment = moment
@@ -450,9 +451,13 @@ class _Loop:
                 "kept": np.nan if moment.kept is None else moment.kept,
             }
             self.played.append(played)
-            # One slow drive must not move the prediction so far ahead that the hand counts as lost.
-            self.durations.append(reached - now)
-            self.duration += 0.1 * (min(reached - now, 0.1) - self.duration)
+            self._took(reached - now)
+
+    def _took(self, seconds: float) -> None:
+        """Record how long a drive took, for which the next hands are predicted."""
+        self.durations.append(seconds)
+        # One slow drive must not move the prediction so far ahead that the hand counts as lost.
+        self.duration += 0.1 * (min(seconds, 0.1) - self.duration)
 
     def _limit(self, moment: Moment) -> None:
         """Lower the cap if the level at a head would be too high for the current foci."""
