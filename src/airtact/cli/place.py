@@ -130,6 +130,7 @@ def place(
 
         import airtact as at
         from airtact.setup.placing import hands_of
+        from airtact.setup.sentences import all_at_once
 
         setup = at.read_scene(scene)
         result = at.place(
@@ -149,7 +150,7 @@ def place(
             objective=objective,
         )
         files = result.save(folder)
-    warnings = []
+    warnings = list(all_at_once(setup))
     best = result.layouts[0].weakest
     if abs(result.verified / best - 1.0) > 0.1:
         warnings.append(

@@ -25,7 +25,7 @@ from airtact.evaluation.metrics import in_real_air
 from airtact.evaluation.steepening import steepening
 from airtact.files.atomic import whole_file, writable_folder
 from airtact.setup.rendering import save_drive
-from airtact.setup.sentences import reach_cautions
+from airtact.setup.sentences import all_at_once, reach_cautions
 from airtact.setup.setup import Setup
 from airtact.setup.solving import (
     control_drive,
@@ -371,6 +371,7 @@ def _compare_methods(
         ],
         warnings=[
             *reach_cautions(setup),
+            *all_at_once(setup),
             *warnings,
             *in_real_air(at_foci[strongest], steepened),
             *named(field.report.warnings, setup.bodies),

@@ -153,6 +153,16 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     return tuple(cautions)
 
 
+def all_at_once(setup: Setup) -> tuple[str, ...]:
+    """Warn where all foci count as simultaneous although one focus runs through the points."""
+    if not setup.in_turn:
+        return ()
+    return (
+        "the pressures are those of all foci at once, but in this scene one focus runs through the "
+        "points in turn, which is stronger: see airtact render.",
+    )
+
+
 def facing_away(setup: Setup) -> Iterator[str]:
     """Warn before the solve about foci on skin that faces away from all transducers."""
     scene = setup.scene
