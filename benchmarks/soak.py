@@ -73,6 +73,10 @@ def main(folder: Path) -> None:
     assert memory[-1] <= 1.01 * memory[1]  # the first minute fills what is kept of fixed size
     assert threads[-1] == threads[1]
     session = at.live.read_session(folder)
+    size = (folder / "session.h5").stat().st_size
+    drives = len(session.states)
+    rate = size * 60.0 / MINUTES / 1e9
+    print(f"session.h5: {size / drives:.0f} bytes a drive, {rate:.2f} GB an hour")
     assert len(session.frame_time) == 60 * 60 * MINUTES
     assert not session.amplitudes[-1].any()
 
