@@ -178,7 +178,7 @@ def millimetres(length: float, digits: int = 2) -> str:
 
 
 def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Value:
-    """Check that an object has the right type, and return it; ``instead`` says what to pass."""
+    """Check that an object has the right type, and return it; ``instead`` names what to pass."""
     if not isinstance(value, kind):
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         raise InvalidInput(
@@ -310,7 +310,7 @@ def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarra
 
 
 def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
-    """Convert an array of numbers to complex128; it is copied."""
+    """Copy an array of numbers as complex128."""
     try:
         return np.array(array, dtype=np.complex128)
     except (TypeError, ValueError):
@@ -406,7 +406,7 @@ def _short(value: object) -> str:
 
 
 def one_line(self: object, *facts: str) -> str:
-    """Write an object as its type followed by some facts; empty facts are omitted.
+    """Write an object as its type followed, in brackets, by the given facts that are not empty.
 
     Examples
     --------

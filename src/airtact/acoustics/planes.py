@@ -63,7 +63,7 @@ class Plane:
         return Plane(fixed(motion.apply(self.point)), fixed(motion.rotate(self.normal)))
 
     def kept_by(self, motion: Pose) -> bool:
-        """Return whether a rigid motion maps the plane onto itself, as a shift along it does.
+        """Return whether a rigid motion, such as a shift along the plane, keeps the plane in place.
 
         A field solved in front of the plane remains valid after such a motion of the bodies.
         """
@@ -148,7 +148,7 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
 def images_in(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "images 3"]:
-    """Return points (P, 3), followed by their images in the plane if there is one [m]."""
+    """Return points (P, 3) [m], followed by their mirror images if there is a plane."""
     return np.concatenate([points, *(plane.image(points) for plane in planes)])
 
 

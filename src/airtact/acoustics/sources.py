@@ -70,7 +70,7 @@ class Monopoles:
 
 
 def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> None:
-    """Raise an error if a receiver is closer to a source than ``STANDS_ON``.
+    """Raise an error if a receiver is closer than ``STANDS_ON`` [m] to a source.
 
     The pressure is infinite at a source.
     """

@@ -62,7 +62,7 @@ def commands() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit code; by default, with this process's arguments."""
+    """Run the command line, by default with this process's arguments, and return the exit code."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     # Imports create many permanent objects; searching them for garbage takes a tenth of the start.
     gc.set_threshold(100_000)

@@ -166,7 +166,10 @@ def open_page(page: Path) -> None:
 
 
 def plain_table(*columns: str) -> Table:
-    """Return an empty table, with a header if columns are named; all but the first are numbers."""
+    """Return an empty table, with a header if columns are named.
+
+    All columns except the first contain numbers.
+    """
     table = Table(box=SIMPLE, show_header=any(columns))
     for index, column in enumerate(columns or ("", "")):
         table.add_column(column, justify="right" if index and any(columns) else "left")
@@ -174,7 +177,7 @@ def plain_table(*columns: str) -> Table:
 
 
 def facts_table(facts: Sequence[tuple[str, str]]) -> Table:
-    """Return a table of names and facts."""
+    """Return a table with two columns, for names and their values."""
     table = plain_table()
     for fact in facts:
         table.add_row(*fact)

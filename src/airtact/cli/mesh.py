@@ -120,7 +120,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None
 
 
 def usual_edge(wavelength: float) -> float:
-    """Return the edge length of panels [m] for a solve with an error of 1 %.
+    """Return the edge length [m] of panels for a solve with an error of 1 %.
 
     >>> import airtact as at
     >>> f"{1e3 * usual_edge(at.air(celsius=20.0).wavelength(40e3)):.2f} mm"

@@ -33,9 +33,9 @@ def why(
 ) -> None:
     """Explain the pressure at each focus of SCENE, cause by cause, from open air to emission.
 
-    The first row is the strongest place of the array in open air, with all elements in phase. Each
-    further row adds one cause, such as the distance of the focus, the shadow of the hand, the other
-    foci, or rounding. The last line names the change that would increase the pressure most.
+    The first row is the largest pressure that the array produces anywhere in open air. Each further
+    row adds one cause, such as the distance of the focus, the shadow of the hand, the other foci,
+    or rounding. The last line names the change that would increase the pressure most.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

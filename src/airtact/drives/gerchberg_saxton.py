@@ -123,7 +123,10 @@ def best_sources(
     iterations: int,
     foci_iterations: int = 0,
 ) -> Sources:
-    """Alternate from several starts; return the sources with the strongest weakest focus."""
+    """Run alternating projections from several starts, and return the sources of the best result.
+
+    The best result has the highest pressure at the weakest focus.
+    """
     rows = np.tile(np.arange(len(requests)), (len(starts), 1))
     sources, worst, _ = alternating_projections(
         matrix, rows, np.tile(requests, (len(starts), 1)), starts, iterations, foci_iterations
@@ -134,7 +137,7 @@ def best_sources(
 def starting_sources(
     matrix: FociRows, requests: Float64[np.ndarray, "foci"]
 ) -> Complex128[np.ndarray, "2 foci"]:
-    """Return two sets of initial sources: foci in phase, and one step from elements in phase."""
+    """Return initial sources: those of foci in phase, and one step from elements in phase."""
     in_phase = requests.astype(np.complex128)
     # The pressure when all elements emit in phase.
     pressure = matrix.sum(axis=1)

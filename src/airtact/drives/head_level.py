@@ -55,7 +55,7 @@ def pressures_around(
     wavenumber: float,
     distance: float = 0.5,
 ) -> tuple[float, float]:
-    """Return the largest pressures [Pa] on a sphere ``distance`` [m] beyond an array.
+    """Return the largest pressures [Pa] on a sphere ``distance`` [m] outside an array.
 
     Every element is assumed to radiate equally in all directions in open air, with a peak pressure
     of ``sensitivity`` [Pa·m]. Real transducers radiate less to the rear, and bodies redirect the

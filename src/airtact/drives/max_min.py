@@ -127,7 +127,7 @@ class Relaxed:
 
 
 def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relaxed]:
-    """Return the bound and the solved relaxation.
+    """Return the bound of ``upper_bound``, and the solved relaxation from which it follows.
 
     Each row of ``matrix`` is divided by the request of its focus.
     """
@@ -275,7 +275,7 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
 
 
 def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
-    """Return the sources s for which the drive phase(Hᴴ s) is best at its weakest focus.
+    """Return the sources s for which the drive phase(Hᴴ s) has the strongest weakest focus.
 
     Each row of ``matrix`` is divided by the request of its focus.
     """

@@ -148,7 +148,7 @@ def suppression_rows(
 def achieved_fraction(
     transfer: TransferMatrix, target: Target, drive: Drive
 ) -> Float64[np.ndarray, "foci"]:
-    """Return the ratio of the pressure at each focus to its request, |H d|_f / p_f.
+    """Return the ratio of the pressure at each focus to the requested one, |H d|_f / p_f.
 
     The smallest ratio is 1 if the drive reaches the target, and below 1 if full scale is not
     enough.

@@ -191,7 +191,7 @@ def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
 
 
 def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
-    """Return the rows of each sample divided by the requests; one sample if all are equal."""
+    """Return the rows of each sample divided by the requests; a single sample if all are equal."""
     nominal, requests = asked_rows(ensemble, target)
     if not isinstance(ensemble, TransferEnsemble):
         return (nominal / requests[:, None])[None]

@@ -83,7 +83,7 @@ class TransferMatrix:
         object.__setattr__(self, "matrix", matrix)
 
     def pressure(self, drive: Drive) -> Complex128[np.ndarray, "foci"]:
-        """Return the complex pressure that a drive produces at each focus [Pa], p = H d.
+        """Return the complex pressure [Pa] that a drive produces at each focus, p = H d.
 
         Returns
         -------

@@ -221,7 +221,7 @@ def matrices_at(
     slower: float = 1.0,
     solver: Solver | None = None,
 ) -> Iterator[FociRows | None]:
-    """Yield the transfer matrix (F, E) of a hand that is moved rigidly by each pose [Pa].
+    """Yield the transfer matrix (F, E) [Pa] of a hand, moved rigidly by each pose.
 
     ``slower`` scales the wavenumber, for warmer air. If an element is inside a body, or if a body
     or a focus is behind a face, the pose is impossible and None is yielded. In front of a plane,
@@ -266,7 +266,7 @@ def check_doubts(uncertainty: Uncertainty, scene: Scene) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Sampler:
-    """Computes the transfer matrix of each draw.
+    """Computation of the transfer matrix for each draw.
 
     Attributes
     ----------
@@ -353,14 +353,14 @@ class _Sampler:
 
     @cached_property
     def pattern(self) -> tuple[Float64[np.ndarray, "angles"], Float64[np.ndarray, "angles"]]:
-        """Sines of angles from an element's axis, and far-field pressure relative to the axis."""
+        """Sines of angles from an element's axis, and far-field pressures relative to the axis."""
         sines = np.linspace(0.0, 1.0, 400)
         directions = np.stack([sines, np.zeros_like(sines), np.sqrt(1.0 - sines**2)], axis=1)
         wavenumber = self.field.scene.wavenumber.real
         return sines, np.real(self.array.element.far_pattern(directions, wavenumber))
 
     def draw(self, samples: int, seed: int) -> Iterator[Draw]:
-        """Draw samples; with a solver each body moves independently, else each group of foci."""
+        """Draw samples in which each body, or each group of foci without a solver, moves alone."""
         foci = self.field.sources.positions
         obstacles = self.field.scene.obstacles
         if self.solver is None or not obstacles:

@@ -279,7 +279,7 @@ class AUTD3Link(AUTD3Boards):
         self._controller.close()
 
     def _words(self, frame: Frame) -> UInt16[np.ndarray, "boards elements"]:
-        """Phase in the low byte and intensity in the high byte, as the boards store them."""
+        """Return words with the phase in the low byte and the intensity in the high byte."""
         words = frame.phase.astype(np.uint16) | frame.amplitude.astype(np.uint16) << 8
         return words.reshape(self.boards, -1)
 

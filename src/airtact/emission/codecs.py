@@ -93,7 +93,7 @@ def _autd3(codec: Codec, frame: Frame) -> bytes:
 
 
 def _sonicsurface(codec: Codec, frame: Frame) -> bytes:
-    """Encode C0 or C1 for the board, FE, one byte per channel (0 to 31; 32 is off), and FD."""
+    """Encode C0 or C1 (the board), FE, one byte per channel (0 to 31; 32 is off), and FD."""
     # FD swaps all channels. A channel has no amplitude: it either has a phase or is off.
     numbers = np.where(frame.amplitude > 0, frame.phase, 32).astype(np.uint8)
     boards = [
@@ -104,7 +104,7 @@ def _sonicsurface(codec: Codec, frame: Frame) -> bytes:
 
 
 def _nano16(codec: Codec, frame: Frame) -> bytes:
-    """Encode 10 to reset, the 16 steps of a period in nibbles, and 00 to swap.
+    """Encode the byte 10 (reset), the 16 steps of a period in nibbles, and the byte 00 (swap).
 
     Each nibble is marked by 1 and sent for two ports. An element is high in the 8 steps that
     begin at its phase. The reset, which the board's own software does not send, makes the board

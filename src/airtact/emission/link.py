@@ -293,7 +293,7 @@ class Link(ABC):
         self._transmit(self.zero())
 
     def _look(self) -> None:  # noqa: B027 (links that cannot check do nothing)
-        """Raise an error inside ``_reporting`` if the boards are no longer connected."""
+        """Raise an error, within ``_reporting``, if the boards are no longer connected."""
 
     @abstractmethod
     def _end(self) -> None: ...

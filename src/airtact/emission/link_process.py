@@ -83,7 +83,7 @@ class Channel:
         return message
 
     def close(self) -> None:
-        """Close this end; the other end notices this at once."""
+        """Close this end, which the other end notices at once."""
         self._socket.close()
 
     def _complete(self) -> tuple[Any, ...] | None:
@@ -190,7 +190,7 @@ class LinkProcess:
         return None
 
     def _lose(self, event: str) -> LinkFailed:
-        """Wait until the guard has silenced the boards, or silence them; return the error."""
+        """Return the error for a lost process once the guard or this method silenced the boards."""
         code = "link_process_lost"
         then = "it had not opened"
         if self._guard is None:
@@ -423,7 +423,7 @@ def guard(process: int, end: socket.socket, owner: int, rescue: Callable[[], boo
 
 
 def main() -> None:
-    """Guard a link process; the arguments are its connection and its owner's process id."""
+    """Guard a link process, given its connection and its owner's process id as arguments."""
     # All signals are ignored except SIGCHLD, which is needed to wait for child processes, and
     # hardware faults, which would repeat forever.
     needed = {

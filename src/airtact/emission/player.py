@@ -322,7 +322,7 @@ class Player:
             self._show()
 
     def _show(self, at: float | None = None) -> None:
-        """Send the sound at the present gain, to take effect at the given time if there is one."""
+        """Send the sound at the present gain, to take effect at once or at the time ``at``."""
         sound = self._sound
         if sound is not None and sound.rate and self.link.plays_itself and self._gain == 1.0:
             self._upload([item[2] for item in sound.items], sound.rate)

@@ -35,7 +35,7 @@ class HeldOut:
 
     @property
     def lowest_tenth(self) -> Float64[np.ndarray, "drives"]:
-        """(D,) pressure that the weakest focus exceeds in 9 out of 10 samples [Pa]."""
+        """(D,) pressure [Pa] that the weakest focus exceeds in 9 out of 10 samples."""
         return np.quantile(self.pressures, 0.1, axis=1)
 
     def sentence(self) -> str:

@@ -24,7 +24,7 @@ NOT_MODELLED = (
 
 
 def not_modelled(report: SolveReport) -> str:
-    """Return a sentence on the limits of the pressures to which a report belongs."""
+    """Return a sentence on the effects that the pressures of a report do not include."""
     # Solvers record planes and boards in their settings, which are stored with a field.
     planes = PLANES in report.settings
     if BOARDS in report.settings:
@@ -115,7 +115,7 @@ class Evaluation:
 
     @property
     def expected(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) peak pressure in real air, where strong sound steepens [Pa]; NaN if unknown."""
+        """(F,) peak pressure [Pa] in real air, where strong sound steepens; NaN if unknown."""
         return self.magnitudes * (self.steepening.kept if self.steepening else np.nan)
 
     @property

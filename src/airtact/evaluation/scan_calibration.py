@@ -149,7 +149,7 @@ class _Readings:
         return fields
 
     def misfit(self, unknowns: Unknowns, gains: Gains) -> Float64[np.ndarray, "rows"]:
-        """Return the residual for given gains, real parts first, or that of magnitudes."""
+        """Return the residual for given gains, as real and imaginary parts or as magnitudes."""
         model = self.parts(unknowns) @ gains
         if not self.phased:
             return np.real(self.measured) - np.abs(model)
@@ -167,7 +167,7 @@ class _Readings:
         return np.hstack([np.real(along), -np.imag(along)])
 
     def start(self, tilt: tuple[float, float]) -> tuple[float, Unknowns]:
-        """Return the relative error for a tilt with the best scale, and these unknowns."""
+        """Return the relative error for a tilt at the best scale, and the unknowns found there."""
         unknowns = np.array([*tilt, *np.zeros(6)])
         model = self.parts(unknowns).sum(axis=1)
         scale, error = fitted(self.measured, model if self.phased else np.abs(model) + 0j)

@@ -12,7 +12,7 @@ THRESHOLDS: dict[str, float] = {"amplitude": 557.0, "spatiotemporal": 334.0}
 
 
 def constant_force_note(fastest: float = np.inf) -> str:
-    """Return the note for an unmodulated drive, for boards that modulate up to a frequency [Hz].
+    """Return the note for an unmodulated drive; boards modulate at up to ``fastest`` [Hz].
 
     Examples
     --------

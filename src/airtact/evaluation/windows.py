@@ -44,7 +44,11 @@ class Window:
 
     @property
     def origin(self) -> Float64[np.ndarray, "3"]:
-        """Origin of the picture [m]: the frame's if the sides follow its axes, else the centre."""
+        """Origin of the picture's axes [m].
+
+        It is the origin of the frame if the sides of the picture are parallel to the frame's axes,
+        and otherwise the centre of the window.
+        """
         aligned = [axis for axis in (self.right, self.up) if _axis_name(axis)]
         return self.centre - sum((self.centre @ axis * axis for axis in aligned), np.zeros(3))
 

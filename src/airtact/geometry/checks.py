@@ -152,7 +152,7 @@ def _stands_alone(surface: Surface, centres: PointVectors) -> Bool[np.ndarray, "
 
 
 class Approach(NamedTuple):
-    """Distance between two bodies [m], negative if they overlap, and its position (3,) [m]."""
+    """Distance [m] between two bodies, negative if they overlap, and its position (3,) [m]."""
 
     gap: float
     position: Vector3
@@ -179,7 +179,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
 
 
 def approach(first: Surface, second: Surface, within: float = np.inf) -> Approach | None:
-    """Return the distance between two true surfaces, or None if it is more than ``within`` [m]."""
+    """Return the distance [m] between two true surfaces; None if it is more than ``within``."""
     if isinstance(first.shape, Capsule) and isinstance(second.shape, Capsule):
         on_first, on_second = nearest_on_segments(first.shape.axis, second.shape.axis)
         across = on_second - on_first

@@ -108,7 +108,7 @@ class MeshShape(Shape):
         return self.mesh.flat_tree.closest(self.pose.inverse().apply(points))[2]
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the mesh with curved panels as large as equilateral triangles of this edge [m].
+        """Cover the mesh with curved panels the size of equilateral triangles of edge ``edge``.
 
         Where the mesh is smooth, the rms deviation of the panels is at most about ``away`` [m].
         """
@@ -140,7 +140,7 @@ class MeshShape(Shape):
 def covered(
     mesh: QuadraticMesh, edge: float, bend: float = BEND, away: float = np.inf
 ) -> QuadraticTriangles:
-    """Cover one closed piece with curved panels as large as equilateral triangles of this edge.
+    """Cover a closed piece with curved panels the size of equilateral triangles of edge ``edge``.
 
     MMG generates the triangles. Their corners and midpoints are projected onto the surface or its
     sharp edges. Panels that deviate by more than 0.4 % of the edge, or by more than ``away`` [m]

@@ -33,7 +33,7 @@ from airtact.geometry.surface import Surface
 
 @dataclass(frozen=True, eq=False)
 class Capsule(Shape):
-    """Points within ``radius`` [m] of a segment on the local z axis; a sphere for length 0.
+    """Points within ``radius`` [m] of a segment on the local z axis; a sphere if its length is 0.
 
     The segment extends from -length/2 to +length/2 [m].
 
@@ -121,7 +121,7 @@ class Capsule(Shape):
         return mesh.vertices, mesh.triangles
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the surface with curved panels as large as equilateral triangles of this edge [m].
+        """Cover the surface with curved panels the size of equilateral triangles of edge ``edge``.
 
         The normal turns by at most ``bend`` [rad] from one edge of a panel to another.
         """
@@ -258,7 +258,7 @@ def turn_from_z(direction: Vector3) -> Float64[np.ndarray, "3 3"]:
 def nearest_on_segments(
     first: Float64[np.ndarray, "2 3"], second: Float64[np.ndarray, "2 3"]
 ) -> tuple[Vector3, Vector3]:
-    """Return the point of each of two segments (2, 3) that is nearest to the other segment [m].
+    """Return the point [m] of each of two segments (2, 3) that is nearest to the other segment.
 
     Source: C. Ericson, *Real-Time Collision Detection*, Morgan Kaufmann (2005), section 5.1.9.
     """
@@ -343,7 +343,7 @@ def _inner_points(rings: int, around: int) -> int:
 
 
 def _ring_points(ring: int, rings: int, around: int) -> int:
-    """Return the number of points on a ring, 3 to ``around``, in proportion to its index."""
+    """Return the number of points on a ring, proportional to its index, from 3 to ``around``."""
     return max(3, (2 * around * ring + rings) // (2 * rings))
 
 

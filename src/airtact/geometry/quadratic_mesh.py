@@ -160,12 +160,12 @@ class QuadraticMesh:
         return normal + unit(points_at(self.quadratic_triangles[neighbour], mirrored[:, 1:])[1])
 
     def project(self, points: Points) -> PointVectors:
-        """Return the points of the surface that are nearest to points (P, 3) [m]."""
+        """Return the points of the surface [m] that are nearest to points (P, 3)."""
         panel, reference, _ = self.tree.closest(points)
         return np.einsum("pn,pnd->pd", shape_functions(reference), self.quadratic_triangles[panel])
 
     def project_on_sharp_edges(self, points: Points) -> PointVectors:
-        """Return the points of the sharp edges that are nearest to points (P, 3) [m]."""
+        """Return the points of the sharp edges [m] that are nearest to points (P, 3)."""
         steps = np.arange(9) / 8
         shape, _ = _along_ridge(steps)
         samples = np.einsum("sn,knd->ksd", shape, self.ridges).reshape(-1, 3)
@@ -216,7 +216,7 @@ class QuadraticMesh:
         return np.sqrt(distance**2 @ (2 * _RULE_WEIGHTS))
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Fit panels (P, 6, 3) [m] to the surface with the least mean square distance."""
+        """Fit panels (P, 6, 3) [m] to the surface by least squares of their distance."""
         return self.levelled(self.project(panels.reshape(-1, 3)).reshape(-1, 6, 3))
 
     def levelled(self, panels: QuadraticTriangles) -> QuadraticTriangles:

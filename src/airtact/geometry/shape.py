@@ -28,7 +28,7 @@ class Shape(ABC):
     @property
     @abstractmethod
     def extent(self) -> float:
-        """Largest distance between two points, or largest side of the bounding box at rest [m]."""
+        """Largest distance [m] between two points, or largest side of the bounding box at rest."""
 
     @property
     @abstractmethod
@@ -53,7 +53,7 @@ class Shape(ABC):
     def thickness_at(
         self, points: Points, normals: PointVectors, largest: float
     ) -> Float64[np.ndarray, "points"]:
-        """Return a lower bound (P,) on the diameter of inner balls at surface points (P, 3) [m].
+        """Return a lower bound (P,) [m] on the diameter of inner balls at surface points (P, 3).
 
         ``normals`` (P, 3) point outwards. Diameters above ``largest`` [m] need not be resolved.
         """
@@ -77,7 +77,7 @@ class Shape(ABC):
         """Return the nearest point (P, 3) of the surface for each of P points (P, 3) [m]."""
 
     def project_on_sharp_edges(self, points: Points) -> PointVectors:
-        """Return the nearest points of the sharp edges, or of the surface if there are none [m]."""
+        """Return the nearest points [m] of the sharp edges, or of the surface if there are none."""
         return self.project(points)
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
@@ -95,7 +95,7 @@ class Shape(ABC):
 
     @abstractmethod
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the surface with curved panels as large as equilateral triangles of this edge [m].
+        """Cover the surface with curved panels the size of equilateral triangles of edge ``edge``.
 
         On a closed form, the normal turns by at most about ``bend`` [rad] from one edge of a panel
         to another. On smooth parts of a mesh, the rms deviation of panels from the surface is at
@@ -107,7 +107,7 @@ class Shape(ABC):
         """Return points (P, 3) with the same axis-aligned bounding box as the body [m]."""
 
     def farthest(self, direction: Vector3) -> Vector3:
-        """Return the point (3,) of the body that is farthest along a unit direction [m]."""
+        """Return the point (3,) of the body [m] that is farthest along a unit direction."""
         points = self.extreme_points()
         return points[(points @ direction).argmax()]
 

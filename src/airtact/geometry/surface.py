@@ -156,7 +156,7 @@ class Surface:
 
     @property
     def extent(self) -> float:
-        """Largest side of the bounding box at rest, or largest diameter of the exact shape [m]."""
+        """Largest side [m] of the bounding box at rest, or largest diameter of the exact shape."""
         return self.shape.extent
 
     @property
@@ -194,7 +194,7 @@ class Surface:
         return panels_of([self.shape], edge, np.empty((0, 3)), smallest=0.5 * edge)
 
     def depth(self, points: Points) -> PointLengths:
-        """Return the depth (P,) of points (P, 3) below the true surface [m]; negative outside it.
+        """Return the depth (P,) [m] of points (P, 3) below the true surface; negative outside it.
 
         The method raises ``InvalidInput`` if the shape of ``points`` is wrong or a point is not
         finite.

@@ -84,7 +84,7 @@ class Hulls:
     def look(
         self, points: Real[np.ndarray, "points 3"], carve: float = 0.0, reach: float = 0.0
     ) -> Look:
-        """Return the distance of points (P, 3) [m] from the skin, with gradient and surroundings.
+        """Return the distance [m] of points (P, 3) from the skin, with gradient and surroundings.
 
         Separate hulls are cut back until they are ``carve`` [m] apart. A hull is ignored if its
         distance exceeds that of the nearest hull by more than ``reach`` [m] plus the largest
@@ -98,7 +98,7 @@ class Hulls:
         )
 
     def each(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points hulls"]:
-        """Return the distance (P, H) of points (P, 3) from each hull, without blending [m]."""
+        """Return the distance (P, H) [m] of points (P, 3) from each hull, without blending."""
         return _kernels.hull_distances(points, self.balls, self.parts)
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Points:

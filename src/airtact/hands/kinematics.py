@@ -18,7 +18,7 @@ LAST_BEND_SHARE = 2.0 / 3.0
 
 
 def bending_axis(joints: Joints, side: str, finger: int) -> Point:
-    """Return the axis (3,) about which a positive angle bends a finger, 0 (thumb) to 4."""
+    """Return the axis (3,) about which a finger (0 is the thumb) bends for positive angles."""
     sign = 1.0 if side == "right" else -1.0
     across = unit(joints[6] - joints[21])
     bones = np.diff(joints[list(CHAINS[finger][-4:])], axis=0)
@@ -74,7 +74,7 @@ def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: 
 
 
 def gap_of(joints: Joints, radii: Radii, fingers: tuple[int, int]) -> float:
-    """Return the gap between the last phalanges of two fingers [m]; negative if they overlap."""
+    """Return the gap [m] between the last phalanges of two fingers; negative if they overlap."""
     first, second = (int(np.flatnonzero(finger == OWNER)[-1]) for finger in fingers)
     balls = np.column_stack([joints, radii])
     start, end = balls[PARTS[first, :2]]

@@ -106,7 +106,7 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Return ``largest`` (P,) where an inner ball of that size fits, else a lower bound [m]."""
+        """Return lower bounds (P,) [m] on the diameter of inner balls, limited to ``largest``."""
         smallest = self.least_thickness
         if smallest >= largest:
             return np.full(len(points), smallest)
@@ -121,7 +121,7 @@ class HandShape(Shape):
         return self.pose.apply(self.hulls.project(self.pose.inverse().apply(points)))
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Return curved panels about as large as equilateral triangles of this edge [m]."""
+        """Return curved panels about the size of equilateral triangles of edge ``edge`` [m]."""
         return self.pose.apply(curved_panels(self.hulls, self.skin(edge)))
 
     def extreme_points(self) -> Points:
@@ -157,7 +157,7 @@ def curved_panels(hulls: Hulls, skin: HandMesh) -> QuadraticTriangles:
 
 
 def motion(before: Hulls, now: Hulls) -> float:
-    """Return the largest motion of a ball relative to the rigid motion of the hand [m]."""
+    """Return the largest motion [m] of a ball relative to the rigid motion of the hand."""
     turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     off = before.balls[:, :3] @ turn.T + shift - now.balls[:, :3]
     return float(np.linalg.norm(off, axis=1).max())
@@ -179,7 +179,7 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
 
 
 def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "vertices hulls"]:
-    """Return weights of hulls by proximity to vertices (V, 3); those of a vertex sum to 1."""
+    """Return the weights of the nearby hulls for each vertex (V, 3), which add up to 1."""
     distance = hulls.each(vertices)
     weight = np.exp(-((distance - distance.min(axis=1, keepdims=True)) / 3e-3))
     return weight / weight.sum(axis=1, keepdims=True)

@@ -97,7 +97,7 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Close the connection; the foci and objects of this client end."""
+        """Close the connection, which removes the foci and objects of this client."""
         self._connection.close()
         self._thread.join()
 

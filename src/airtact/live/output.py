@@ -94,7 +94,7 @@ class Output:
             self._emission.beat()
 
     def modulate(self, modulation: AmplitudeModulation | None) -> None:
-        """Modulate the amplitude of everything that is sent from now on."""
+        """Modulate the amplitude of all drives that are sent from now on."""
         if self._emission is not None:
             self._emission.set_modulation(modulation)
 

@@ -86,7 +86,7 @@ class WithImages:
 
     @classmethod
     def of(cls, array: PhasedArray, planes: Sequence[Plane]) -> "WithImages":
-        """Add the images in the plane, if there is one."""
+        """Build an array together with its images in the plane, if there is a plane."""
         imaged = np.zeros(0, dtype=np.int64)
         strengths = np.ones(len(array))
         for plane in planes:
@@ -392,7 +392,7 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
 def gap_change(
     distances: Float64[np.ndarray, "*poses pairs"], reference: Float64[np.ndarray, "pairs"]
 ) -> Float64[np.ndarray, "*poses"]:
-    """Return the root-mean-square change of ``PosedHand.distances`` [m]."""
+    """Return the root-mean-square change [m] of ``PosedHand.distances``."""
     return np.asarray(np.sqrt(np.mean((distances - reference) ** 2, axis=-1)))
 
 
@@ -400,7 +400,7 @@ def turn(
     directions: Float64[np.ndarray, "*poses foci samples 3"],
     reference: Float64[np.ndarray, "foci samples 3"],
 ) -> Float64[np.ndarray, "*poses"]:
-    """Return the root-mean-square change of ``PosedHand.directions`` [rad]."""
+    """Return the root-mean-square change [rad] of ``PosedHand.directions``."""
     squares = np.sum((directions - reference) ** 2, axis=-1)
     return np.asarray(np.sqrt(np.mean(squares, axis=(-2, -1))))
 

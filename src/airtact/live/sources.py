@@ -60,7 +60,7 @@ class HandSource:
         return self.stream
 
     def remark(self) -> str:
-        """Describe problems with the frames, or their absence; "" if there is none."""
+        """Describe problems with the frames or a lack of frames, or return "" if there are none."""
         return self.stream.remark()
 
     def __enter__(self) -> "HandSource":

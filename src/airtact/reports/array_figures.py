@@ -156,7 +156,7 @@ def draw_receivers(
     values: Mapping[str, Float64[np.ndarray, "elements"]],
     label: str,
 ) -> Figure:
-    """Draw positive values of every transducer on a logarithmic scale, one panel per name."""
+    """Draw positive values of every transducer on a logarithmic scale, one picture per name."""
     rows, columns, width, height = _panels(positions, normals, len(values))
     size = columns * (width + 0.9) + 0.9, rows * (height + 1.0)
     figure = Figure(figsize=size, layout="constrained")
@@ -250,7 +250,7 @@ def _tick_phases(bar: Colorbar) -> None:
 
 
 def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
-    """Return the distance between the two closest elements [m]; 10 mm for a single element."""
+    """Return the distance [m] between the two closest elements; 10 mm for a single element."""
     from scipy.spatial import KDTree
 
     if len(positions) < 2:

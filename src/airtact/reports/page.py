@@ -36,7 +36,7 @@ TEMPLATES.filters["sentence"] = as_sentence
 
 
 def write_page(path: Path, template: str, **values: object) -> None:
-    """Fill a template with values, and write or replace a file once it is complete.
+    """Fill a template with values, and write the page to a file, replacing an existing one.
 
     All text in the values is escaped.
     """

@@ -277,7 +277,7 @@ def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
 
 
 def lowest_colour(result: ReachMap) -> float:
-    """Return the pressure at which the colours of a reach map begin [Pa]."""
+    """Return the pressure [Pa] at which the colours of a reach map begin."""
     # A scale from 0 would leave its lower part unused; equal values leave no other choice.
     lowest = float(result.bounds.min())
     return lowest if lowest < 0.99 * result.bounds.max() else 0.0

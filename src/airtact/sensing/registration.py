@@ -251,7 +251,7 @@ class _Fit:
     known: dict[tuple[str, bytes], np.ndarray] = field(default_factory=dict)
 
     def best(self) -> OptimizeResult:
-        """Minimise from the initial pose, and from other poses if this fails."""
+        """Minimise the residual from the initial pose or, if this fails, from other poses."""
         receivers, transmissions = self.measured.shape
         chosen = np.random.default_rng(0).permutation(receivers)[:160]
         few = self.part(np.sort(chosen), min(transmissions, 8))
@@ -320,7 +320,7 @@ class _Fit:
         return np.array([1.0] * 3 + [1.0 / self.model.scattering.radius] * 3 + of_opening)
 
     def other_starts(self) -> Iterator[OptimizeResult]:
-        """Minimise from other initial poses, in order of their cost, until one matches."""
+        """Minimise the residual from other poses, in order of their cost, until one matches."""
         reach = np.repeat([6e-3, np.radians(9.0)], 3)
         middle = np.zeros(6)
         if self.family is not None:

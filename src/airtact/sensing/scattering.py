@@ -293,11 +293,11 @@ class ScatteringFamily:
 
     @property
     def scene(self) -> Scene:
-        """Scene at the first value; the medium and frequency are the same at all values."""
+        """Scene at the first value; all values of the parameter have its medium and frequency."""
         return self.matrices[0].scene
 
     def at(self, value: float) -> ScatteringMatrix:
-        """Return the interpolated matrix at a value, with scene and report of the first value."""
+        """Return the interpolated matrix at a value, with the first value's scene and report."""
         return replace(self.matrices[0], matrix=self._polynomial(value))
 
     def derivative(self, value: float) -> ScatteringMatrix:

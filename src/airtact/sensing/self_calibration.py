@@ -176,7 +176,10 @@ class ArrayState:
 
 @dataclass(frozen=True, eq=False)
 class ArrayFit:
-    """Pressures (E, E) at each receiver from each emitter, and a mask of the pairs used."""
+    """Least-squares fit of an array to the pressures (E, E) at each receiver from each emitter.
+
+    ``counted`` marks the pairs of elements that are used.
+    """
 
     measured: Pairs
     counted: CountedPairs

@@ -164,7 +164,7 @@ def simulate_echoes(
 def noisy(
     pressures: Num[np.ndarray, "receivers transmissions"], decibels: float, seed: int
 ) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float]:
-    """Add complex normal noise ``decibels`` below the pressures; also return its rms [Pa]."""
+    """Return the pressures plus normal noise ``decibels`` below them, and the noise's rms [Pa]."""
     decibels = between(
         decibels, -300.0, 300.0, "the noise", "dB", "it is the ratio of the echoes to the noise."
     )

@@ -50,7 +50,10 @@ class HandPose:
 
 
 def drive_of(rows: FociRows) -> Complex128[np.ndarray, "elements"]:
-    """Return the drive at full scale with the largest pressure at the weakest focus (row)."""
+    """Return the full-scale drive that maximises the pressure at the weakest focus.
+
+    Each row of ``rows`` belongs to one focus.
+    """
     if len(rows) == 1:
         return phase(rows[0].conj())
     equal = np.ones(len(rows))
@@ -65,7 +68,7 @@ Place = tuple[Float64[np.ndarray, "3 3"], float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Search for layouts of boards that are allowed and strong.
+    """Search for allowed layouts of boards with a high pressure at the weakest focus.
 
     Attributes
     ----------
@@ -109,7 +112,7 @@ class Search:
 
     @cached_property
     def face(self) -> Points:
-        """Points over the outline of a board, at most 10 mm apart, in its own frame [m]."""
+        """Points [m] over the area of a board, at most 10 mm apart, in the frame of the board."""
         x, y = (np.linspace(-side, side, int(side / 5e-3) + 2) for side in self.half)
         grid = np.stack(np.meshgrid(x, y, 0.0), axis=-1).reshape(-1, 3)
         return grid + middle_of(self.single)
@@ -130,7 +133,7 @@ class Search:
     def around(
         self, rotation: Float64[np.ndarray, "3 3"], middle: Float64[np.ndarray, "3"]
     ) -> Pose:
-        """Return the pose of a board with a given centre."""
+        """Return the pose of a board with the given rotation and centre."""
         return Pose(rotation, middle - rotation @ middle_of(self.single))
 
     def fits(self, pose: Pose) -> bool:
@@ -194,12 +197,12 @@ class Search:
         return False
 
     def rows(self, pose: Pose) -> list[FociRows]:
-        """Return the rows of one board for each pose of the hand."""
+        """Return the result of ``HandPose.rows`` for one board, for each pose of the hand."""
         board = self.single.moved(pose)
         return [hand.rows(board) for hand in self.hands]
 
     def weakest(self, boards: Sequence[list[FociRows]]) -> float:
-        """Return the pressure at the weakest focus [Pa] in all but ``share`` of the hands."""
+        """Return the pressure [Pa] that the weakest focus exceeds in all but ``share`` of hands."""
         weakest = []
         for parts in zip(*boards, strict=True):
             rows = np.concatenate(parts, axis=1)
@@ -207,7 +210,7 @@ class Search:
         return float(np.quantile(weakest, self.share))
 
     def places(self, seed: int) -> Iterator[tuple[Place, list[Pose] | None]]:
-        """Yield positions of a board that faces the foci, evenly over rotations and distances."""
+        """Yield positions of boards that face the foci, evenly over rotations and distances."""
         sequence = qmc.Halton(4, rng=np.random.default_rng(seed))
         order = np.random.default_rng(seed)
         while True:

@@ -136,7 +136,7 @@ class MethodComparison:
 
     @property
     def best(self) -> Contender:
-        """The method whose weakest focus is strongest at full scale; the default among equals."""
+        """The method with the strongest weakest focus at full scale; the default among equals."""
         return self.ranked[0]
 
     @property
@@ -157,7 +157,7 @@ class MethodComparison:
         return float((contender.pressures[requested] / weights[requested]).min())
 
     def of_the_bound(self, contender: Contender) -> float:
-        """Return the pressure at the worst focus at full scale as a fraction of the bound."""
+        """Return the pressure at the weakest focus, at full scale, as a fraction of the bound."""
         return self.worst(contender) / contender.emitted.peak / self.bound
 
     def label(self, contender: Contender) -> str:

@@ -70,7 +70,7 @@ class ReachMap:
 
     @cached_property
     def bounds(self) -> Float64[np.ndarray, "points"]:
-        """(P,) largest peak pressure at each point, with all elements in phase there [Pa]."""
+        """(P,) largest peak pressure [Pa] at each point, with all elements in phase there."""
         return np.abs(self.transfer.matrix).sum(axis=1)
 
     def drive(self, point: int) -> Drive:
@@ -98,7 +98,7 @@ class ReachMap:
 
     @cached_property
     def on_skin(self) -> Float64[np.ndarray, "vertices"]:
-        """(V,) bound at all vertices of the skin, interpolated from the nearest points [Pa]."""
+        """(V,) bound [Pa] at all vertices of the skin, interpolated from the nearest points."""
         # Opposite normals count as 16 mm apart, so that the two sides of a finger do not mix.
         sides = np.column_stack([self.vertices, 8e-3 * self.vertex_normals])
         count = min(6, len(self.chosen))

@@ -140,7 +140,7 @@ class Rendering:
 
     @property
     def control_pressures(self) -> Float64[np.ndarray, "foci"] | None:
-        """(F,) peak pressure at each focus for the control, scaled to the drive's energy [Pa].
+        """(F,) peak pressure [Pa] at each focus for the control, scaled to the drive's energy.
 
         The value is None in open air.
         """

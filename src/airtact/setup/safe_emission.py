@@ -100,7 +100,7 @@ class Plan:
         return float(pressures.max(axis=1).min())
 
     def facts(self, link: str) -> list[tuple[str, str]]:
-        """Describe the emission through a link as pairs of a name and a fact."""
+        """Describe the emission through a link, as pairs of name and text."""
         drives = self.stored.drives
         board = self.board
         words = f"{len(self.poses)} {board.title}, {drives.shape[1]} transducers, through {link}"
@@ -201,7 +201,7 @@ def plan(
 
 
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
-    """Return the largest cap that respects the limit, and the level at full scale [dB].
+    """Return the largest cap that respects the limit, and the level [dB] at full scale.
 
     The function raises ``InvalidInput`` if the boards cannot reduce their level that far.
     """

@@ -131,7 +131,7 @@ def moving_drive(
 def drives_at_foci(
     setup: Setup, transfer: TransferMatrix, target: Target
 ) -> Complex128[np.ndarray, "foci elements"]:
-    """Return the drive played at each focus; all are equal unless one focus moves through them."""
+    """Return the drive at each focus: the same for all, unless one focus moves through them."""
     if not setup.in_turn:
         drive = setup.synthesise(transfer, target)
         return np.tile(drive.amplitudes, (len(target.points), 1))

@@ -252,7 +252,7 @@ class Setup:
 
 
 def default_solver(scene: Scene, accuracy: float) -> Solver:
-    """Return boundary elements with the given accuracy, or the closed form for open air."""
+    """Return ``BoundaryElement`` with the given accuracy, or ``FreeField`` for open air."""
     if not scene.obstacles:
         return at.FreeField()
     return at.BoundaryElement(accuracy=accuracy)

@@ -68,7 +68,7 @@ def solve_beacons(
 def transfer_to_array(
     setup: Setup, beacons: RadiatedField, clock: Clock
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Evaluate the beacons at the transducers; with an uncertainty, also for samples of it.
+    """Evaluate the beacons at the transducers, also for samples if there is an uncertainty.
 
     Returns
     -------

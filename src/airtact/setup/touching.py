@@ -25,7 +25,7 @@ def touched(
     hands: "Mapping[str, at.Hand]",
     moving: bool = False,
 ) -> "tuple[tuple[at.VirtualObject, ...], at.touch.Contacts | None]":
-    """Build the objects of a scene file; without foci, also compute the contacts.
+    """Build the objects of a scene file and, if it contains no foci, compute the contacts.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def touched(
 
 
 def nearest_skin(contacts: "at.touch.Contacts") -> Float64[np.ndarray, "1 3"]:
-    """Return the point of the skin that is nearest to an object, as a focus (1, 3) [m]."""
+    """Return the skin point that is nearest to an object, as a focus (1, 3) [m]."""
     skin = contacts.skin
     depths = [np.zeros(len(skin.points))]  # any point if there are no objects
     if contacts.virtual_objects:

@@ -126,7 +126,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
 
 
 def approaching(skin: Skin, objects: Sequence[VirtualObject], gap: float) -> Indices:
-    """Return the skin point of each part nearest to each object less than a gap [m] away.
+    """For each part and object less than ``gap`` [m] apart, return the nearest skin point.
 
     The points nearest to an object come first.
     """

@@ -120,7 +120,7 @@ class VirtualObject:
         return self.solid.depth(self._local(points))
 
     def exact_depth(self, points: Real[np.ndarray, "points 3"]) -> PointLengths:
-        """Return the depth (P,) of points (P, 3) in the object without interpolation [m]."""
+        """Return the depth (P,) [m] of points (P, 3) in the object, without interpolation."""
         return self.solid.exact_depth(self._local(points))
 
     def strengths(

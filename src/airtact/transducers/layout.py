@@ -147,7 +147,7 @@ class PhasedArray:
 
     @cached_property
     def spacing(self) -> float:
-        """Smallest distance between two elements [m]; infinite for a single element."""
+        """Smallest distance [m] between two elements; infinite for a single element."""
         if len(self) < 2:
             return np.inf
         return float(np.asarray(KDTree(self.positions).query(self.positions, k=2)[0])[:, 1].min())

@@ -225,7 +225,7 @@ def _height(
 def open_air_bound(
     array: PhasedArray, points: Real[np.ndarray, "points 3"], wavenumber: float
 ) -> Float64[np.ndarray, "points"]:
-    """Return the peak pressure at points if all elements are at full scale and in phase there.
+    """Return the peak pressure [Pa] at points if all elements are at full scale and in phase there.
 
     The pressure is the sum of |g_e| · sensitivity · |Σ_j w_j e^{ikr}/r| over
     the elements e that face the point, with gain g_e and weights w_j. Without
@@ -260,7 +260,7 @@ def open_air_bound(
 
 
 def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
-    """Return the largest ``open_air_bound`` over points in front of the array [Pa]."""
+    """Return the largest ``open_air_bound`` [Pa] over all points in front of the array."""
     # Points in front of the centre and of about 15 elements, at least 30 mm from every element.
     chosen = slice(None, None, max(1, len(array) // 15))
     middle = array.positions.mean(axis=0)

@@ -100,7 +100,7 @@ def potential(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points"]:
-    """Return Gor'kov's potential (P,) of a bead at points [J]; see ``force`` for the arguments."""
+    """Return Gor'kov's potential (P,) [J] of a bead at points; see ``force`` for the arguments."""
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     sound = derivatives(field, points, bead)
     return potential_of(sound.pressure, sound.first, bead, scene)
@@ -196,7 +196,7 @@ def bead_of(scene: Scene, radius: float, density: float, sound_speed: float) -> 
 
 
 def default_solver(scene: Scene) -> Solver:
-    """Return the closed form for open air if the scene has no body, else boundary elements."""
+    """Return ``FreeField`` if the scene has no body, and ``BoundaryElement`` otherwise."""
     return BoundaryElement() if scene.obstacles else FreeField()
 
 
@@ -307,13 +307,13 @@ def potential_of(
     bead: Bead,
     scene: Scene,
 ) -> Float64[np.ndarray, "points"]:
-    """Return a|p|² − b|∇p|² (P,) [J]."""
+    """Return the potential a|p|² − b|∇p|² (P,) [J]."""
     a, b = bead.factors(scene)
     return a * np.abs(pressure) ** 2 - b * np.sum(np.abs(gradient) ** 2, axis=1)
 
 
 def force_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.ndarray, "points 3"]:
-    """Return −∇(a|p|² − b|∇p|²) (P, 3) [N]."""
+    """Return the force −∇(a|p|² − b|∇p|²) (P, 3) [N]."""
     a, b = bead.factors(scene)
     by_pressure = np.einsum("p,pi->pi", sound.pressure.conj(), sound.first)
     by_velocity = np.einsum("pj,pij->pi", sound.first.conj(), sound.second)
@@ -321,7 +321,7 @@ def force_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.ndarray
 
 
 def stiffness_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.ndarray, "points 3 3"]:
-    """Return ∇∇(a|p|² − b|∇p|²) (P, 3, 3) [N/m]."""
+    """Return the stiffness matrix ∇∇(a|p|² − b|∇p|²) (P, 3, 3) [N/m]."""
     a, b = bead.factors(scene)
     by_pressure = np.einsum("pi,pj->pij", sound.first.conj(), sound.first)
     by_pressure += np.einsum("p,pij->pij", sound.pressure.conj(), sound.second)

@@ -117,7 +117,7 @@ def _reach(
     way: Float64[np.ndarray, "3"],
     excitation: int,
 ) -> float:
-    """Return the distance behind a trap at which the force along the path first peaks [m]."""
+    """Return the distance [m] behind a trap at which the force along the path first peaks."""
     way = way / max(np.linalg.norm(way), 1e-12)
     distances = field.scene.wavelength / 4.0 * np.linspace(0.05, 1.0, 20)
     behind = point - distances[:, None] * way

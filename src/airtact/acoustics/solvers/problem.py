@@ -239,7 +239,7 @@ class RadiatedField(ABC):
 
     @abstractmethod
     def _at(self, points: Vectors) -> Pressures:
-        """Return the total pressure at points that have already been checked, like ``at``."""
+        """Return the total pressure as ``at`` does, for points that have already been checked."""
 
     def _scattered_at(self, points: Vectors) -> Pressures:
         return self.at(points) - self._incident(points)

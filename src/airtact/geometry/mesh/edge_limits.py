@@ -142,7 +142,7 @@ def _angle_defects(
 
 
 def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> VertexSizes:
-    """Return the longest edge allowed at each vertex [m]: three times the wall thickness."""
+    """Return the longest edge [m] allowed at each vertex: three times the wall thickness."""
     normals = np.zeros((len(vertices), 3))
     np.add.at(normals, triangles, area_vectors(vertices[triangles])[:, None])
     normals = unit(normals)
@@ -166,7 +166,7 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
 
 
 def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSizes:
-    """Return the longest edge allowed at each vertex [m]: twice the distance to the next ridge.
+    """Return the longest edge [m] allowed at each vertex: twice the distance to the next ridge.
 
     Vertices that are not on sharp edges get ``largest``. Near a corner the limit is smaller,
     because the other edge of the corner is close.

@@ -80,13 +80,13 @@ def unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 
 
 
 def edge_lengths(panels: Real[np.ndarray, "panels nodes 3"]) -> Float64[np.ndarray, "panels 3"]:
-    """Return the straight lengths of edges 01, 12, 20 of flat or curved triangles [m]."""
+    """Return the straight lengths [m] of edges 01, 12, 20 of flat or curved triangles."""
     along = panels[:, [1, 2, 0]] - panels[:, :3]
     return np.sqrt(np.einsum("tki,tki->tk", along, along))
 
 
 def longest_edges(panels: Real[np.ndarray, "panels nodes 3"]) -> PanelSizes:
-    """Return the length of the longest straight edge of each flat or curved triangle [m]."""
+    """Return the length [m] of the longest straight edge of each flat or curved triangle."""
     return edge_lengths(panels).max(axis=1)
 
 
@@ -99,7 +99,7 @@ def corner_angles(
 
 
 def smallest_angles(panels: QuadraticTriangles) -> PanelSizes:
-    """Return the smallest angle between the straight edges of each panel [degrees]."""
+    """Return the smallest angle [degrees] between the straight edges of each panel."""
     along = np.roll(panels[:, :3], -1, axis=1) - panels[:, :3]
     return np.degrees(corner_angles(along / np.linalg.norm(along, axis=2, keepdims=True))).min(
         axis=1
@@ -136,7 +136,7 @@ def _piece_shapes(count: int) -> Float64[np.ndarray, "pieces 6 6"]:
 def gauss_square(
     points: int,
 ) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points"]]:
-    """Return the points and weights of a collapsed Gauss rule of points² nodes on a triangle."""
+    """Return points and weights of a collapsed Gauss rule with ``points``² nodes on a triangle."""
     x, weights = np.polynomial.legendre.leggauss(points)
     u, v = (grid.ravel() for grid in np.meshgrid(0.5 * (x + 1), 0.5 * (x + 1)))
     return np.stack([u, v * (1 - u)], axis=1), np.outer(weights, weights).ravel() / 4 * (1 - u)

@@ -45,7 +45,7 @@ def edge_twins(triangles: AnyTriangles) -> Twins:
 
 
 def edge_keys(triangles: AnyTriangles) -> Triangles:
-    """Return a key low * count + high of each edge 01, 12, 20, the same in both directions."""
+    """Return a key for each edge 01, 12, 20: low * count + high, the same in both directions."""
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)
     count = int(triangles.max()) + 1 if triangles.size else 1

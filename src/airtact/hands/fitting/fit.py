@@ -203,7 +203,7 @@ def fit_hand(
 
 
 def _start_from(before: FittedHand, joints: Joints) -> Joints | None:
-    """Move the hand of the previous frame to new landmarks; return None if the pose differs."""
+    """Move the previous frame's hand to new landmarks; return None if the pose differs much."""
     turn, shift = nearest_motion(before.hand.joints, joints)
     moved = before.hand.joints @ turn.T + shift
     return moved if np.linalg.norm(moved - joints, axis=1).max() < 25e-3 else None

@@ -193,7 +193,7 @@ def normal_equations(
 def equations_of_rules(
     seen: Observation, unknowns: Unknowns
 ) -> tuple[UnknownsMatrix, Unknowns, float]:
-    """Set up the normal equations of the priors: matrix, gradient, and twice the cost."""
+    """Set up the normal equations of the priors: their matrix, gradient and twice their cost."""
     joints = joints_in(unknowns)
     sizes = unknowns[SIZES]
     axes = bending_axes(joints, seen.side)
@@ -278,9 +278,6 @@ def _better(first: NormalEquations, second: NormalEquations) -> NormalEquations:
 
     The priors get less weight than in the search, because an unusual pose is more likely than
     unexplained points.
-
-    The priors get less weight than in the search, because an unusual pose is more likely than
-    unexplained points.
     """
     scale = np.minimum(first.scale, second.scale)
     return second if second.cost(scale, 0.3) < first.cost(scale, 0.3) else first
@@ -353,7 +350,7 @@ def _covariance(seen: Observation, here: NormalEquations, hold: bool) -> Unknown
 
 
 def _points_as_one(points: Points, off: PerPoint, hull: HullIndices) -> float:
-    """Return the number of correlated points that count as one.
+    """Return how many correlated neighbouring points count as one independent point.
 
     Errors in the shape correlate the misfits of a hull's points within a cube of 25 mm.
     """

@@ -78,7 +78,7 @@ RATE_GROUPS = np.where(MOVING < 6, 0, 1 + (MOVING - TURNS.start) // 7)
 
 
 def _moved_joints() -> Float64[np.ndarray, "25 1 dofs"]:
-    """Return 1 for each joint that a degree of freedom moves, and 0 for the others."""
+    """Return a matrix with 1 where a degree of freedom moves a joint, and 0 elsewhere."""
     moved = np.zeros((25, COUNT))
     moved[:, :6] = 1.0
     for finger, joints in enumerate(FINGER_JOINTS):

@@ -186,7 +186,7 @@ class Predictor:
         return HandFrame(then, frame.side, frame.sequence, landmarks)
 
     def spread(self, time: float) -> float:
-        """Return the standard deviation of the coordinates that ``at(time)`` predicts [m].
+        """Return the standard deviation [m] of the coordinates that ``at(time)`` predicts.
 
         The result is the root mean square over all joints.
         """
@@ -194,7 +194,7 @@ class Predictor:
         return float(np.sqrt(np.diag(covariance).mean()))
 
     def velocities(self) -> Float64[np.ndarray, "landmarks 3"]:
-        """Return the velocities of the landmarks at the time of the latest frame [m/s]."""
+        """Return the velocities [m/s] of the landmarks at the time of the latest frame."""
         _, newest, hand = self._state()
         velocities = hand.velocities()
         return velocities[TRACKED] if len(newest) == 21 else velocities

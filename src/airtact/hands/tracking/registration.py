@@ -219,7 +219,7 @@ class RestingFingertip:
         self.share = 0.0
 
     def take(self, frame: HandFrame) -> Float64[np.ndarray, "3"] | None:
-        """Process a frame; return the mean position (3,) of the tip after a second of rest [m].
+        """Process a frame; return the mean position (3,) [m] of the tip after a second of rest.
 
         The result is None until then. The next rest is accepted only after the tip has moved by 30
         mm.

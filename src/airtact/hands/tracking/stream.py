@@ -191,11 +191,11 @@ class HandStream:
 
     @property
     def idle(self) -> float:
-        """Time since the last message, used or not, or since the stream was created [s]."""
+        """Time [s] since the last message, used or not, or since the stream was created."""
         return self._clock() - self._received
 
     def remark(self) -> str:
-        """Describe oddities of the used frames; "" if there are none."""
+        """Describe oddities of the used frames, or return "" if there are none."""
         with self._changed:
             hands = [hand for hand in self._hands.values() if not hand.silent]
         if any(hand.at_origin for hand in hands):

@@ -321,7 +321,7 @@ class BendingPanels:
         )
 
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve for another pose with sources away from the skin; all panels are needed."""
+        """Solve for another pose with sources away from the skin, which requires all panels."""
         _, corners, inside = self.bent(posed.hand)
         return self.panels.received(corners, inside, sources, residual)
 

@@ -80,13 +80,13 @@ def expected_kept(
 
 
 def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
-    """Return how different poses are; at 1, a solution has lost most of its benefit."""
+    """Return how much two poses differ; at 1, a solution has lost most of its benefit."""
     scale = (max(foci, FITTED_FOCI) / FITTED_FOCI) ** 2
     return scale * ((gap / GAP_SCALE) ** 2 + (turned / 0.2) ** 2)
 
 
 def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
-    """Return whether a fresh solution for one of these parts should outperform path lengths.
+    """Return whether a new solution for one of these parts should improve on path lengths alone.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class Library:
         self._oldest = 0
 
     def add(self, solution: HandFactors) -> None:
-        """Store a solution; it replaces that of nearly the same pose or, if full, the oldest."""
+        """Store a solution in place of that for a similar pose or, if full, of the oldest one."""
         if not self._solutions:
             self._distances = np.empty((self._capacity, *solution.distances.shape))
             self._directions = np.empty((self._capacity, *solution.directions.shape))

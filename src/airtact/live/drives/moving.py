@@ -17,7 +17,7 @@ Points = Float64[np.ndarray, "points 3"]
 
 
 class Rounds:
-    """Computes the frames of successive rounds of the foci.
+    """Computation of the frames for successive rounds of the foci.
 
     Parameters
     ----------

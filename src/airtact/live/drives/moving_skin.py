@@ -23,7 +23,9 @@ class _Meshed:
 
 
 class MovingSkin:
-    """Skin of one hand, with the same points (about 1,600) in every pose; a pose takes 1 ms.
+    """Skin of one hand, with the same points (about 1,600) in every pose.
+
+    Moving the skin to a pose takes 1 ms.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ from airtact.setup.setup import Setup
 
 
 class TouchPage:
-    """Server of the page, used in a ``with`` block.
+    """Server of the page that guides a registration; use it in a ``with`` block.
 
     Parameters
     ----------

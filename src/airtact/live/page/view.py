@@ -222,7 +222,10 @@ def _placed(pose: Pose | None) -> dict[str, list[float]]:
 
 
 def packed(facts: dict[str, Any], arrays: dict[str, np.ndarray]) -> bytes:
-    """Pack facts and arrays for a page: length of the facts, facts as JSON, arrays."""
+    """Pack facts (numbers and texts) and arrays for a page.
+
+    The result contains the length of the facts, the facts as JSON, and the arrays.
+    """
     import msgspec
 
     places, data = joined(arrays)

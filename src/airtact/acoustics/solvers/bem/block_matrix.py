@@ -59,7 +59,7 @@ def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "
 
 
 def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks blocks"]:
-    """Return which pairs of blocks have a point of one block near a panel of the other.
+    """Return a mask of the block pairs in which a point of one block is near a panel of the other.
 
     Each of the ``lists`` contains the near panels of a set of points that has the same number of
     points on every panel, in the order of the panels.

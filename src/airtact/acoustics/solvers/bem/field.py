@@ -47,7 +47,7 @@ _NODE_ORDER = np.linalg.norm(_TURNED_RULE[:, None] - RULE_POINTS, axis=2).argmin
 
 
 def surface_with_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSurface:
-    """Return the surface of the bodies, followed by the surface of their images."""
+    """Return the surface of the bodies, followed by that of their images."""
     for plane in planes:
         nodes = surface.nodes
         panels = nodes.quadratic_triangles
@@ -172,7 +172,7 @@ class BoundaryField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Total pressure at the nodes by the direct solution, which must have been computed."""
+        """Total pressure at the nodes from the direct solution, which must have been computed."""
         nodes = self.surface.nodes
         pressure = self.direct.pressure[: len(nodes.points)]  # without the images
         return SurfaceField(nodes.points, nodes.normals, nodes.weights, pressure)
@@ -259,7 +259,7 @@ class BoundaryField(RadiatedField):
         return ~(self.sources.strengths[near] != 0).any(axis=0)
 
     def direct_at(self, points: Points, total: bool = True) -> Pressures:
-        """Return the pressure [Pa] outside the bodies by the direct solution alone."""
+        """Return the pressure [Pa] outside the bodies from the direct solution alone."""
         points = points_of(points, "points", least=0)
         projected, contact = project_contacts(self._mirrored.nodes, points)
         return self.direct.at(projected, contact, total)

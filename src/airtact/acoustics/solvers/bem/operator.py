@@ -180,7 +180,7 @@ def direct_right_side(
     positions: SourcePoints,
     strengths: Complex[np.ndarray, "sources excitations"],
 ) -> NodeValues:
-    """Return the right-hand side p_inc(x) − i p_inc(x') of monopoles, without their images."""
+    """Return the direct equation's right-hand side p_inc(x) − i p_inc(x') for monopoles."""
     collocation_points = np.concatenate([surface.nodes.points, surface.shifted])
     # The hundreds of sources of an array are far from the bodies, so float32 suffices for them.
     precision = "float64"

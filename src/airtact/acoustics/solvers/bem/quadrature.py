@@ -108,7 +108,7 @@ class Nodes:
         return _kernels.Panels(self.quadratic_triangles, self.contact)
 
     def single_layer(self, wavenumber: complex) -> SingleLayer:
-        """Area times −∂p/∂n divided by p, ikρc/Z [m]; empty if all panels are sound-hard."""
+        """Area times ikρc/Z, the ratio of −∂p/∂n to p [m]; empty if all panels are sound-hard."""
         if not self.admittance.any():
             return np.empty(0, dtype=np.complex128)
         return 1j * wavenumber * np.repeat(self.admittance, 6) * self.weights
@@ -153,7 +153,7 @@ def place_nodes(
 
 @cache
 def near_quadrature(angular: int, radial: int) -> _kernels.NearQuadrature:
-    """Return the Gauss-Legendre rules on [0, 1] with which near integrals start."""
+    """Return the Gauss-Legendre rules on [0, 1] from which near integrals are built."""
     largest = 40
     rules = [np.polynomial.legendre.leggauss(n) for n in range(1, largest + 1)]
     nodes = np.concatenate([0.5 * (x + 1) for x, _ in rules])
@@ -173,7 +173,7 @@ def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:
 def thickness(
     nodes: Nodes, largest: float, lower_bound: Float64[np.ndarray, "nodes"] | None = None
 ) -> Float64[np.ndarray, "nodes"]:
-    """Return the diameter of the largest inner ball that touches the surface at each node [m].
+    """Return the diameter [m] of the largest inner ball that touches the surface at each node.
 
     The diameter is limited to ``largest``. Nodes whose ``lower_bound`` reaches this limit are
     skipped.

@@ -87,7 +87,7 @@ class DirectSolution:
         return layer
 
     def near(self, points: Vectors, contact: Mask | None = None, total: bool = True) -> Pressures:
-        """Return the pressure on and near the surface [Pa], with panels refined there."""
+        """Return the pressure [Pa] at points on or near the surface, with smaller panels there."""
         if not len(points):
             return np.empty((0, self.pressure.shape[1]), dtype=np.complex128)
         if contact is None:

@@ -547,11 +547,11 @@ class BoundaryElement(Solver):
         }
 
     def panel_edge(self, wavelength: float) -> float:
-        """Return the edge length of equilateral panels away from sources [m], for hard bodies."""
+        """Return the edge length [m] of equilateral panels away from sources, for hard bodies."""
         return wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
 
     def _smallest_edge(self, scene: Scene) -> float:
-        """Edge length below which panels are not refined near a source [m]."""
+        """Edge length [m] below which panels are not refined near a source."""
         # The pressure varies faster on a yielding surface, which needs 1.28 times as many nodes.
         yielding = np.abs(admittances(scene)).max(initial=0.0) > 0.1
         return 0.5 * self.panel_edge(scene.wavelength) / math.sqrt(1.28 if yielding else 1.0)

@@ -33,7 +33,7 @@ TOUCHING = 0.04
 
 @dataclass(frozen=True, eq=False)
 class PointSources:
-    """Monopoles e^{ikr}/r, possibly none: their positions [λ] and strengths."""
+    """Positions [λ] and strengths of monopoles e^{ikr}/r; there may be none."""
 
     positions: SourcePoints
     strengths: Strengths
@@ -264,7 +264,7 @@ def solved_from_afar(system: System, scene: Scene, sources: Monopoles) -> Soluti
 
 
 def touching_warnings(scene: Scene, sources: Monopoles) -> tuple[str, ...]:
-    """Warn of sources that touch impedance or filled bodies, near which the error is large."""
+    """Return a warning if sources touch impedance or filled bodies, where the error is large."""
     gap = TOUCHING * scene.wavelength
     touching = _touching(scene, sources.positions, ("impedance", "filled"), gap)
     if not touching.any():

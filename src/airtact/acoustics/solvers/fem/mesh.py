@@ -101,7 +101,8 @@ class Tetrahedra:
         """Smallest ratio of a volume element to that of the straight tetrahedron, and its index.
 
         A tetrahedron with a ratio of 0 or less is folded. The samples lie 15 % inwards from corners
-        and midpoints, because between two faces on a smooth surface a ratio of 0 is harmless.
+        and midpoints, because a ratio of 0 is harmless where two faces of a tetrahedron meet on a
+        smooth surface.
         """
         midpoints = 0.5 * (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]])
         samples = 0.85 * np.concatenate([np.eye(4), midpoints]) + 0.15 / 4
@@ -114,7 +115,7 @@ class Tetrahedra:
         return float(smallest.min()), int(smallest.argmin())
 
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
-        """Return the tetrahedron of each point, or -1, and the barycentric coordinates there.
+        """Return the tetrahedron that contains each point, or -1, and the barycentric coordinates.
 
         The points are (P, 3) [λ]. The tetrahedra with the nearest centres are tried in turn, until
         one contains the point.

@@ -163,7 +163,7 @@ class SphereModes:
 
 @dataclass(frozen=True, eq=False)
 class _Tail:
-    """Sums of the static part of the terms, scale·x^n (A - B/(n+1)), and of the rest."""
+    """Sums over the static part of the terms, scale·x^n (A - B/(n+1)), and over the rest."""
 
     ratio: Pairs
     versine: Pairs
@@ -179,7 +179,7 @@ class _Tail:
         source_radii: Float64[np.ndarray, "sources"],
         versine: Pairs,
     ) -> "_Tail":
-        """Use x = a²/(r r0) outside and r/r0 inside, because high orders n approach scale·x^n."""
+        """Build the tail for the ratio x of successive terms: a²/(r r0) outside, r/r0 inside."""
         scale = np.broadcast_to((modes.radius / source_radii)[None, :], versine.shape)
         if inside:
             ratio = radii[:, None] / source_radii

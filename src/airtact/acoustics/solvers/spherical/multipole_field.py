@@ -151,7 +151,7 @@ class MultipoleField(RadiatedField):
         )
 
     def _expanded(self, points: Vectors) -> Mask:
-        """Return which points are before planes and, like their images, outside the spheres."""
+        """Return which points are outside the spheres and in front of planes, like their images."""
         planes = self.scene.planes
         offsets = images_in(planes, points) - self.spheres.centre
         outside = np.einsum("pd,pd->p", offsets, offsets) >= self.spheres.radius**2
@@ -344,7 +344,7 @@ def _table(
 
 
 def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, "points spread"]]:
-    """Return the first grid point for each angle, and the weights of the points from there on."""
+    """Return the first of the grid points used for each angle, and the weights of these points."""
     position = angles / step
     first = np.ceil(position - SPREAD / 2).astype(np.int64)
     off = (position - first)[:, None] - np.arange(SPREAD)

@@ -91,7 +91,7 @@ def regular_ratios(
 def _lowest_regular(
     arguments: Complex128[np.ndarray, "arguments"], quotients: Complex128[np.ndarray, "arguments"]
 ) -> Complex128[np.ndarray, "arguments"]:
-    """Return j_0(z), near its zeros as j_1 / (j_1/j_0) so that products keep their precision."""
+    """Return j_0(z); near its zeros, it is computed as j_1 / (j_1/j_0) to keep products precise."""
     safe = np.where(arguments == 0.0, 1.0, arguments)
     zeroth = np.where(arguments == 0.0, 1.0, np.sin(safe) / safe)
     first = np.where(arguments == 0.0, 0.0, (np.sin(safe) / safe - np.cos(safe)) / safe)
@@ -136,7 +136,7 @@ def legendre_polynomials(
 def image_sums(
     ratio: Float64[np.ndarray, "*shape"], versine: Float64[np.ndarray, "*shape"]
 ) -> tuple[Float64[np.ndarray, "*shape"], Float64[np.ndarray, "*shape"]]:
-    """Sum Σ x^n P_n(cos γ) and Σ x^n P_n(cos γ)/(n + 1) for a point and a line of images.
+    """Sum Σ x^n P_n(cos γ) and Σ x^n P_n(cos γ)/(n + 1), for a point image and a line of images.
 
     The sums are 1/√(1 - 2x cos γ + x²) and its mean over [0, x] (DLMF 18.12.11), for x in [0, 1]
     except x = 1 with γ = 0.

@@ -63,7 +63,7 @@ Matrix = Complex[np.ndarray, "_ _"] | RoundedMatrix
 
 
 def rounded(matrix: Complex[np.ndarray, "rows columns"], goal: float) -> Matrix:
-    """Round a single-precision matrix, unless the rounding error exceeds a fifth of ``goal``."""
+    """Round a single-precision matrix if the rounding error is at most a fifth of ``goal``."""
     if matrix.dtype != np.complex64:
         return matrix
     parts = np.ascontiguousarray(matrix).view(np.float32).reshape(*matrix.shape, 2)
@@ -77,7 +77,7 @@ def rounded(matrix: Complex[np.ndarray, "rows columns"], goal: float) -> Matrix:
 def product(
     matrix: Matrix, vectors: Num[np.ndarray, "vectors inner"], transposed: bool = False
 ) -> Complex[np.ndarray, "vectors outer"]:
-    """Multiply a matrix, or its transpose, by row vectors, in the matrix's precision."""
+    """Multiply a matrix, or its transpose, by row vectors, in the precision of the matrix."""
     if len(vectors) > MAX_COMPILED_VECTORS:
         full = matrix.as_complex() if isinstance(matrix, RoundedMatrix) else matrix
         return vectors.astype(full.dtype, copy=False) @ (full if transposed else full.T)
@@ -209,7 +209,7 @@ def _far_monopoles(
     tolerance: float,
     kind: type[np.complexfloating],
 ) -> FarMonopoles:
-    """Select a few of the rows' monopoles that radiate the same field beyond one wavelength."""
+    """Select a few monopoles of the rows that radiate the same field beyond one wavelength."""
     reach = 2 * np.pi / surface.wavenumber.real
     candidates = _row_points(surface, rows)
     points = _proxies(surface.nodes, tree, reach)
