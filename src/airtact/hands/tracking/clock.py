@@ -84,7 +84,8 @@ class FrameClock:
         if ended == begun or abs(last - first) < 0.05:
             return None
         pace = 1.0 - (last - first) / (ended - begun)
-        return f"the tracker's clock runs {pace:.2g} times as fast as the computer's"
+        cause = f"the tracker's clock runs {pace:.2g} times as fast as the computer's"
+        return cause if pace > 1.0 else f"{cause}, or its frames arrive later and later"
 
     @property
     def margin(self) -> float:
