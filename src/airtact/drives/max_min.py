@@ -275,7 +275,7 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
 
 
 def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
-    """Return the sources s for which the drive phase(Hᴴ s) has the strongest weakest focus.
+    """Return the sources s whose drive phase(Hᴴ s) has the highest pressure at the weakest focus.
 
     Each row of ``matrix`` is divided by the request of its focus.
     """

@@ -76,7 +76,7 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
 
 
 def _as_asked(matrix: FociRows, target: Target, drive: Drive) -> Drive:
-    """Adjust a drive to the exact request of each focus, including 0, if this costs little.
+    """Adjust a drive to the exact request of each focus, including 0, if little pressure is lost.
 
     The phases at the foci do not change.
     """

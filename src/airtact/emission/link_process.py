@@ -382,7 +382,7 @@ def _silenced(player: Player) -> bool:
 
 
 def guard(process: int, end: socket.socket, owner: int, rescue: Callable[[], bool]) -> int:
-    """Watch the link process until it ends, and silence the boards if it did not.
+    """Watch the link process until it ends; silence the boards if it has not done so.
 
     Parameters
     ----------

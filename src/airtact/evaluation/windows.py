@@ -81,7 +81,7 @@ def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
 def plane_through(
     foci: Real[np.ndarray, "foci 3"], bodies: Real[np.ndarray, "vertices 3"], wavelength: float
 ) -> Window:
-    """Return a window through the foci, turned to the bodies if the foci do not fix its plane.
+    """Return a window through the foci, turned to the bodies if the foci do not define a plane.
 
     If the foci are not in one plane, the best-fitting plane is used. The window extends three
     wavelengths past the outermost foci and contains at most about 20,000 points. Its sides are

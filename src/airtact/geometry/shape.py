@@ -65,7 +65,7 @@ class Shape(ABC):
         return np.zeros((0, 2), dtype=np.int64)
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
-        """Return the indices of two nested pieces, the depth and a point [m]; None without any."""
+        """Return the indices of an inner and an outer piece, the depth and a point [m], or None."""
         return None
 
     @abstractmethod

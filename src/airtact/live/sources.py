@@ -134,7 +134,7 @@ class RecordedHands(HandSource):
         self.ended = True
 
     def _repeated(self) -> Iterator[HandFrame]:
-        """Yield the frames again and again, with continuing times and sequence numbers."""
+        """Yield the frames repeatedly, with continuing times and sequence numbers."""
         frames = self.frames
         times = np.array([frame.time for frame in frames])
         # The first frame of a round follows the last one of the previous round after the median

@@ -144,7 +144,7 @@ def dump(message: object, pipe: IO[bytes]) -> None:
 
 
 def main() -> None:
-    """Perform the task that the first message of the standard input describes, until its end."""
+    """Perform the task described by the first message on standard input, until the input ends."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     # Output of libraries must not be mixed with the messages.
     with open(os.devnull, "wb") as nothing:

@@ -212,7 +212,10 @@ def load_echoes(path: str | Path) -> Echoes:
 
 
 def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
-    """Raise an error, in which ``name`` describes the echoes, if they belong to another array."""
+    """Raise an error if the echoes belong to another array.
+
+    ``name`` describes the echoes in the message.
+    """
     if len(echoes.codes) != len(array):
         raise InvalidInput(
             f"the {name} are of an array of {len(echoes.codes)} elements, but this array has "

@@ -136,7 +136,7 @@ class MethodComparison:
 
     @property
     def best(self) -> Contender:
-        """The method with the strongest weakest focus at full scale; the default among equals."""
+        """Method with the highest pressure at the weakest focus; the default one among equals."""
         return self.ranked[0]
 
     @property

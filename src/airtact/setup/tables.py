@@ -680,7 +680,7 @@ class UncertaintyTable(Table, frozen=True):
 
 
 class SceneFile(Table, frozen=True):
-    """The whole file.
+    """All tables of a scene file.
 
     Attributes
     ----------

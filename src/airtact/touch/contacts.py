@@ -36,7 +36,6 @@ class Contacts:
     found: ContactArrays
 
     def __len__(self) -> int:
-        """Return the number of contacts."""
         return len(self.found.depths)
 
     def __repr__(self) -> str:

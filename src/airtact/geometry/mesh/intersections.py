@@ -26,7 +26,7 @@ _EDGES = ([0, 1], [1, 2], [2, 0])
 
 
 def self_crossings(corners: Corners, triangles: Triangles) -> IndexPairs:
-    """Return the pairs of triangles that cross or touch beyond their shared corners, sorted."""
+    """Return the sorted pairs of triangles that cross or touch beyond their shared corners."""
     # Triangles touch if they are closer than the rounding of positions in a mesh of this extent.
     tolerance = 1e-9 * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     pairs = _pairs_within(corners, tolerance)

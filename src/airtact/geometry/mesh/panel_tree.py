@@ -28,7 +28,7 @@ class PanelTree:
 
     @cached_property
     def _near(self) -> float:
-        """A twentieth of the median size of the leaves [m]."""
+        """Radius [m] of the first search for the closest panel: 1/20 of the median leaf size."""
         leaves = len(self.lower) // 2
         return 0.05 * float(np.median((self.upper - self.lower)[leaves:].max(axis=1)))
 

@@ -42,7 +42,7 @@ def shape_gradients(points: References) -> tuple[NodeWeights, NodeWeights]:
 def points_at(
     panels: QuadraticTriangles, references: Real[np.ndarray, "panels 2"]
 ) -> tuple[PanelVectors, PanelVectors]:
-    """Return a point of each panel [m] and the outward normal there, of length twice the area."""
+    """Return a point of each panel [m], and the outward normal there times twice the area."""
     along_u, along_v = (
         np.einsum("tn,tnd->td", gradient, panels) for gradient in shape_gradients(references)
     )

@@ -45,7 +45,7 @@ class RidgedMesh:
 def coarsened(
     mesh: RidgedMesh, edge: float, wall: float = np.inf, fraction: float = 0.25
 ) -> RidgedMesh:
-    """Coarsen a mesh whose edges are on average shorter than a fraction of ``edge`` [m].
+    """Coarsen a mesh if its edges are on average shorter than ``fraction`` times ``edge`` [m].
 
     This removes the roughness of scans, which MMG would treat as bends. ``wall`` is the thickness
     of the thinnest wall [m], which limits the deviation so that the rim of the wall remains.

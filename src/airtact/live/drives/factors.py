@@ -276,7 +276,7 @@ class OpenAir:
         self._wavenumber = scene.wavenumber
 
     def rows(self, foci: Foci) -> Rows:
-        """Return the pressure at foci (F, 3) per unit drive (F, R) [Pa].
+        """Return the pressure (F, R) [Pa] at foci (F, 3) per unit drive of each source.
 
         The pressure is 0 behind a directional source. The result is in single precision, with a
         relative error below 1e-4.

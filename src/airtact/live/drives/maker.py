@@ -27,7 +27,7 @@ def solved_for(scene: LiveScene) -> list[Rule]:
 
 
 def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints] | None:
-    """Return the joints (25, 3) at a time [m] and their velocities [m/s]; None without a hand.
+    """Return the joints (25, 3) [m] at a time [s] and their velocities [m/s]; None if no hand.
 
     Raises
     ------

@@ -172,7 +172,7 @@ def _near_groups(
     precision: str,
     min_distance: float = 0.0,
 ) -> list[tuple[Mask, NearRows]]:
-    """Return the near rows of points off the panels, and of points on a panel.
+    """Return the near rows (``NearRows``) of points off the panels, and of points on a panel.
 
     Adjacent panels deviate from the true surface by different lengths. If a point on one panel
     counted as above or below an adjacent panel, the solid angle at their common corner would be

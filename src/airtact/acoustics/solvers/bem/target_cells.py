@@ -86,7 +86,7 @@ class Cells:
 
 
 def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
-    """Sort points into cells for sums with a relative error; return None if cells are slower."""
+    """Sort points into cells for sums of relative error ``error``; None if cells are slower."""
     grids = [(order, beyond) for left, order, beyond in GRIDS if left <= error]
     if not grids or len(points) < grids[0][0] ** 2 / MAX_GRID_SHARE:
         return None

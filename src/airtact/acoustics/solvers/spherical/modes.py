@@ -195,7 +195,7 @@ class _Tail:
         return self.scale * (self.images[0] * point - self.images[1] * line)
 
     def beyond(self, partial: ComplexPairs, recent: list[_Term], order: int) -> ComplexPairs:
-        """Estimate the complete sum from the partial sum up to order + 2, summing by parts twice.
+        """Estimate the complete sum from the partial sum up to order + 2, summing twice by parts.
 
         Multiplying a Legendre series of terms d_n by q = 1 - 2x cos γ + x² results in the series of
         (1 + x²) d_n - 2x [α_(n-1) d_(n-1) + β_(n+1) d_(n+1)] with α_n = (n+1)/(2n+1) and β_n =

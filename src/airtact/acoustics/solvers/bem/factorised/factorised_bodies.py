@@ -398,7 +398,10 @@ class FactorisedBodies(Solver):
 def _projected(
     scene: Scene, placed: Sequence[PlacedBody], sources: Monopoles
 ) -> tuple[Monopoles, Float64[np.ndarray, "sources"]]:
-    """Project sources that touch a surface onto a panel; the factor 2 accounts for their image."""
+    """Project sources that touch a surface onto a panel; return them and a factor for each.
+
+    The factor is 2 for these sources, because each coincides with its image, and 1 otherwise.
+    """
     positions = np.array(sources.positions)
     factors = np.ones(len(positions))
     limit = CONTACT_REACH * max(body.reduced.surface.nodes.contact.max() for body in placed)
