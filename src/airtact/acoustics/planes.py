@@ -51,7 +51,7 @@ class Plane:
         )
 
     def height(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Return the distance of points (P, 3) from the plane [m]; negative behind the plane."""
+        """Return the distance [m] of points (P, 3) from the plane; negative behind the plane."""
         return (points - self.point) @ self.normal
 
     def image(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:

@@ -234,7 +234,7 @@ class Scene:
         return self.medium.wavelength(self.frequency)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Return how deep each of P points (P, 3) lies inside the bodies [m].
+        """Return how deep [m] each of P points (P, 3) lies inside the bodies.
 
         The depth (P,) is negative outside all bodies, and -inf if there are no bodies. If a point
         is inside several bodies, the largest of its depths in them is returned.

@@ -70,7 +70,7 @@ class Window:
         return 1e3 * (points - self.origin) @ np.stack([self.right, self.up], axis=1)
 
     def height_of(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Return the distance of points (P, 3) from the plane [m]; positive toward the viewer."""
+        """Return the distance [m] of points (P, 3) from the plane; positive toward the viewer."""
         return (points - self.centre) @ self.normal
 
 

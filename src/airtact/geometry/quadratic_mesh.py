@@ -129,7 +129,7 @@ class QuadraticMesh:
         return total
 
     def depth(self, points: Points) -> PointLengths:
-        """Return the distance of points (P, 3) from the surface [m]; positive inside.
+        """Return the distance [m] of points (P, 3) from the surface; positive inside.
 
         The sign follows from the normal at the closest point. On edges and corners, it follows from
         the angle-weighted mean normal (J. A. Bærentzen, H. Aanæs, IEEE Trans. Vis. Comput. Graph.

@@ -70,7 +70,7 @@ class Shape(ABC):
 
     @abstractmethod
     def depth(self, points: Points) -> PointLengths:
-        """Return the distance of points (P, 3) from the surface [m]; positive inside the body."""
+        """Return the distance [m] of points (P, 3) from the surface; positive inside the body."""
 
     @abstractmethod
     def project(self, points: Points) -> PointVectors:
@@ -90,7 +90,7 @@ class Shape(ABC):
         return self.project(straight.reshape(-1, 3)).reshape(straight.shape)
 
     def off_triangles(self, points: Points) -> PointLengths:
-        """Return the distance of points from the defining triangles [m]; 0 for closed forms."""
+        """Return the distance [m] of points from the defining triangles; 0 for closed forms."""
         return np.zeros(len(points))
 
     @abstractmethod

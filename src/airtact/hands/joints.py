@@ -219,7 +219,7 @@ def radii_of(
 
 
 def hand_length(joints: Joints) -> float:
-    """Return the length [m] of a hand along its bones, from wrist to middle fingertip."""
+    """Return the length [m] of a hand along its bones, from the wrist to the middle fingertip."""
     return float(np.linalg.norm(np.diff(joints[[0, 11, 12, 13, 14]], axis=0), axis=1).sum())
 
 

@@ -105,7 +105,7 @@ class Calibrated:
 
     @property
     def shifts(self) -> Float64[np.ndarray, "boards 3"]:
-        """(B, 3) displacement of the centre of each board from its assumed position [m]."""
+        """(B, 3) displacement [m] of the centre of each board from its assumed position."""
         boards = len(self.motions)
         here = self.array.positions.reshape(boards, -1, 3).mean(axis=1)
         return here - self.believed.positions.reshape(boards, -1, 3).mean(axis=1)

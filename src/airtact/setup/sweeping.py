@@ -389,7 +389,7 @@ class ScenePoints:
         }
 
     def memory(self, points: Sequence[Mapping[str, Value]]) -> float:
-        """Estimate the memory of a solve from the first, middle and last point [bytes].
+        """Estimate the memory [bytes] of a solve from the first, middle and last point.
 
         An invalid path raises an error. If no point can be built, the method raises the first
         error.

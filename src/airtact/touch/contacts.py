@@ -62,7 +62,7 @@ class Contacts:
 
     @property
     def areas(self) -> Float64[np.ndarray, "contacts"]:
-        """(C,) area of skin inside the object [m²], accurate to one triangle at the border."""
+        """(C,) area [m²] of skin inside the object, accurate to one triangle at the border."""
         return self.found.areas
 
     @property

@@ -28,7 +28,7 @@ class Solid(ABC):
 
     @abstractmethod
     def depth(self, points: Points) -> PointLengths:
-        """Return the depth (P,) of points (P, 3) below the surface [m]; negative outside."""
+        """Return the depth (P,) [m] of points (P, 3) below the surface; negative outside."""
 
     def exact_depth(self, points: Points) -> PointLengths:
         """Return the same as ``depth``, but without interpolation."""

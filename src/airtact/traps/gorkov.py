@@ -51,7 +51,7 @@ class Bead:
         return 4.0 / 3.0 * np.pi * self.radius**3 * self.material.density
 
     def room(self, scene: Scene) -> float:
-        """Return the least allowed distance of the bead's centre from bodies and elements [m]."""
+        """Return the least allowed distance [m] of the bead's centre from bodies and elements."""
         # Small spheres amplify errors of the field in the derivatives. Near a ball, the stiffness
         # from boundary elements is off by 2.5 % at λ/16 and by 25 % at half of that.
         return max(self.radius, scene.wavelength / 16.0)
@@ -287,7 +287,7 @@ def derivatives_inside(
 def clearances(
     field: RadiatedField, points: Float64[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points"]:
-    """Return the distance of points from the nearest body, plane or source [m]; negative inside."""
+    """Return the distance [m] of points from the nearest body, plane or source; negative inside."""
     clearance, _ = KDTree(field.sources.positions).query(points)
     clearance = np.minimum(clearance, -field.scene.depth(points))
     for plane in field.scene.planes:

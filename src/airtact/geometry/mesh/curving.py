@@ -77,7 +77,7 @@ def _rises(
     flat: TriangleVectors,
     sharp: EdgeMask,
 ) -> EdgeVectors:
-    """Return the shift of each edge's midpoint onto an arc with the tangents at its ends [m]."""
+    """Return the shift [m] of each edge's midpoint onto an arc with the tangents at its ends."""
     along = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(along, axis=2, keepdims=True)
     along = along / length

@@ -91,7 +91,7 @@ def smooth_patches(twins: Twins, borders: EdgeMask) -> TriangleLabels:
 
 
 def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
-    """Return the signed volume between each triangle and the mean corner [m³].
+    """Return the signed volume [m³] between each triangle and the mean corner.
 
     The sum of these volumes is the volume of the body.
     """

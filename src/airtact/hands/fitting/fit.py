@@ -407,7 +407,7 @@ def _mean_offset(
     vertices: Float64[np.ndarray, "vertices 3"],
     normals: Float64[np.ndarray, "vertices 3"],
 ) -> Float64[np.ndarray, "vertices"]:
-    """Return the mean distance of the points from the body near each vertex of its skin [m].
+    """Return the mean distance [m] of the points from the body near each vertex of its skin.
 
     The kernel average (E. A. Nadaraya, Theory Probab. Appl. 9, 141 (1964)) includes only points
     with a similar normal. It also includes an offset of 0, with the weight of one point.

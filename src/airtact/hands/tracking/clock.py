@@ -101,7 +101,7 @@ class FrameClock:
         return 0.0 if self._offset is None else now - self._offset[0] + self.latency
 
     def restart(self, now: float) -> float:
-        """Return the time for the first frame of a restarted tracker [s].
+        """Return the time [s] for the first frame of a restarted tracker.
 
         Its clock is unknown, so the delay between image and arrival is assumed to be the shortest
         one so far.

@@ -111,6 +111,6 @@ def round_along(outlines: Sequence[Outline], frequency: float) -> Round:
 
 
 def _stations(curve: Points) -> Float64[np.ndarray, "points"]:
-    """Return the length along a curve from its start to each of its points [m]."""
+    """Return the length [m] along a curve from its start to each of its points."""
     steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])

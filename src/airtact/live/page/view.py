@@ -54,7 +54,7 @@ class Picture:
 
 
 class View:
-    """Composes the pictures for the page.
+    """Composer of the pictures that the page shows.
 
     Parameters
     ----------

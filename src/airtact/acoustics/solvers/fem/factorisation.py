@@ -239,7 +239,7 @@ def pardiso_library() -> str | None:
 def factorised(
     form: AssembledForm, free: Bool[np.ndarray, "unknowns"], order: int, method: str
 ) -> Factor:
-    """Factorise the matrix of elements of a given order by "pardiso" or "sparsecholesky"."""
+    """Factorise the matrix of elements of a given order with "pardiso" or "sparsecholesky"."""
     if method == "sparsecholesky":
         return SparseCholesky(form, free)
     # Largest residual after refinement, relative to the right-hand side.
