@@ -151,7 +151,7 @@ def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMes
 
 
 def _fault(hulls: Hulls, mesh: HandMesh) -> float:
-    """Return the largest relative excess over the limits for a good mesh, or at most 0 for one."""
+    """Return the largest relative excess over the limits for a good mesh; at most 0 if good."""
     ends = np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = ends[ends[:, 0] < ends[:, 1]]  # a closed mesh has each edge in both directions
     bulge = float(_middles(hulls, mesh, ends)[1].max())
