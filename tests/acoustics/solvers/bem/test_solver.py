@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import airtact as at
 from airtact.acoustics.solvers.bem import block_matrix
+from airtact.acoustics.solvers.bem.layer_potentials import NearRule, locate
+from airtact.acoustics.solvers.bem.quadrature import place_nodes
 from faults import raises_code
 from worlds import AIR, hard, one_each
 
@@ -129,3 +132,19 @@ def test_near_integrals_are_finite_whatever_the_processor(radius):
     exact = at.SphereSeries().radiate(scene, source).at(points)
     values = at.BoundaryElement(accuracy=0.1).radiate(scene, source).at(points)
     assert abs(values - exact) < 0.1 * abs(exact)
+
+
+def test_all_vertices_of_a_coarse_mesh_count_as_outside() -> None:
+    # At this accuracy, a panel of the finger passes 3 µm outside one of its vertices, further than
+    # the deviation measured at its probes.
+    finger = at.pinch().surfaces[0]
+    scene = hard(at.Surface(finger.vertices, finger.triangles))
+    panels = at.BoundaryElement(accuracy=0.01)._panels(scene, np.empty((0, 3)))
+    nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
+    located = locate(scene, nodes, finger.vertices, NearRule(1.6, (4, 4)))
+    assert located.outside.all()
+    assert np.linalg.norm(located.points - finger.vertices, axis=1).max() < 1e-4
+    # Points 0.3 mm below the vertices are inside.
+    mesh = trimesh.Trimesh(finger.vertices, finger.triangles, process=False)
+    below = finger.vertices - 3e-4 * mesh.vertex_normals
+    assert not locate(scene, nodes, below, NearRule(1.6, (4, 4))).outside.any()

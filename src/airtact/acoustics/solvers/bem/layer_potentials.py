@@ -333,6 +333,12 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
         doubtful = measured[(np.abs(depth) < touch[measured]) & ~contact[measured]]
         solid = double_layer_pressure(positions[doubtful], nodes, ones, 0j, near_rule, "float32")
         outside[doubtful] = np.real(solid[:, 0]) > -0.5
+        # A panel may deviate further between the points at which this was measured. Points on the
+        # true surface that are inside such a panel are projected onto it.
+        hidden = measured[(depth <= 0.0) & ~outside[measured]]
+        wide = replace(nodes, contact=CONTACT_REACH * nodes.contact)
+        positions[hidden], contact[hidden] = project_contacts(wide, positions[hidden])
+        outside[hidden] = contact[hidden]
     if scene.planes:
         outside[~before_planes(scene.planes, points)] = False
     return Located(positions, near, contact, outside)
