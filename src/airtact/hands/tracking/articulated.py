@@ -221,7 +221,7 @@ class ArticulatedHand:
         excess = (surprise**2 / np.diag(expected)).reshape(-1, 3).mean(axis=1) - 1.0
         of_groups = np.array([excess[GROUPS[seen] == group].mean() for group in range(6)])
         self._agilities *= np.exp(0.05 * np.minimum(of_groups, 4.0))
-        self._agilities = np.clip(self._agilities, agility, 5.0 * agility)
+        self._agilities = np.clip(self._agilities, agility, 10.0 * agility)
 
     def velocities(self) -> Joints:
         """Return the velocities of the joints [m/s]."""
