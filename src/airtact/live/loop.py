@@ -412,7 +412,7 @@ class _Loop:
         self.begun = now
         if on:
             moment = self._made(now)
-            fault = self.clock.fault or self._fault_of(moment)
+            fault = self._fault_of(moment) or self.clock.fault
             ready = time.monotonic()
             if fault is None and ready > self.acts + 0.05:
                 # The computer paused, and the hand has left the place since.
