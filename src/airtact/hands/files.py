@@ -62,7 +62,7 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
 
 
 def load_landmarks(path: str | Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | None]:
-    """Read inaccurate joint positions from a tracker.
+    """Read the inaccurate joint positions of a tracker from a file.
 
     Parameters
     ----------

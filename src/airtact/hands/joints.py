@@ -170,10 +170,10 @@ def _check_bone_lengths(joints: Joints, tolerance: float) -> None:
         advice = ": are these the first 25 of OpenXR's 26 joints? Omit the first joint, the palm."
     elif size > 1.8 or size < 0.5:
         fault = f"the bones are {size:.2g} times as long as those of a hand"
-        advice = ": are these coordinates in a picture, or in another unit? Use metres."
+        advice = ": are these image coordinates, or are they in another unit? Use metres."
         code = "not_in_metres"
     elif len(wrong) == 1:
-        advice = "; send those joints again."
+        advice = "; send these two joints again."
     else:
         more = counted(len(wrong) - 1, "more bone is", "more bones are")
         advice = f", and {more} out of range: are joints swapped or identical?"

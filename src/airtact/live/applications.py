@@ -108,7 +108,7 @@ class ApplicationServer(WebSocketReceiver):
 
 
 def take_text(text: bytes | str, source: str, stream: HandStream, world: World) -> None:
-    """Process a message that has a type; ``stream`` gets hands, and ``world`` all others.
+    """Process a message that has a type: pass hands to ``stream``, everything else to ``world``.
 
     Raises
     ------

@@ -170,19 +170,19 @@ def follow(
     Parameters
     ----------
     scene : the fixed part of the scene.
-    hands : source of the frames. This function starts and closes it.
-    maker : computes the drives. This function closes it.
-    output : receives the drives; by default, nothing is emitted.
+    hands : source of the frames, which this function starts and closes.
+    maker : object that computes the drives; closed by this function.
+    output : receiver of the drives; by default, nothing is emitted.
     seconds : duration [s]; by default, the run lasts until the frames end.
-    session : records the run. This function closes it.
+    session : writer that records the run; closed by this function.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s].
     cap : largest amplitude of an element, as a fraction of full scale. By default, the cap
         limits the level at a head 0.5 m from the array to 110 dB SPL wherever the foci are;
         without boards it is 1.
     controls : initial settings. If there is a page, its settings replace them.
-    page : shows every drive and can change the controls.
-    report : called twice a second with the status.
+    page : page that shows every drive and can change the controls.
+    report : function called twice a second with the status.
     world : objects and foci that applications can change. The loop reports its
         state to it. By default, the objects of the scene are used and do not
         change.
@@ -454,7 +454,7 @@ class _Loop:
             self._took(reached - now)
 
     def _took(self, seconds: float) -> None:
-        """Record how long a drive took, for which the next hands are predicted."""
+        """Record how long a drive took; later hands are predicted this far ahead."""
         self.durations.append(seconds)
         # One slow drive must not move the prediction so far ahead that the hand counts as lost.
         self.duration += 0.1 * (min(seconds, 0.1) - self.duration)

@@ -331,7 +331,7 @@ _answers: msgspec.json.Decoder[Answer] = msgspec.json.Decoder(Answer)
 
 
 def is_message(raw: bytes) -> bool:
-    """Return whether a text is a message of an application rather than a tracker's frame."""
+    """Return whether a text is an application's message rather than a tracker's frame."""
     if b'"type"' not in raw:  # true of most frames
         return False
     try:

@@ -31,8 +31,8 @@ class Output:
     words : description of the output.
     stopped : whether the emergency stop was pressed. After that, nothing is
         emitted.
-    levels : amplitudes and phases of the boards; None without boards.
-    lead : longest time that a drive may be sent before it takes effect [s]; 0 if drives take
+    levels : amplitude and phase levels that the boards can emit; None without boards.
+    lead : how far in advance of taking effect a drive may be sent, at most [s]; 0 if drives take
         effect on arrival.
     """
 

@@ -129,9 +129,9 @@ def register_tracker(
         ``elements_to_touch``.
     offset : distance of the fingertip's joint from a touched face [m]; by default, the
         radius of the scene's hand at this joint, or that of a generic hand.
-    fit_offset, fit_scale : whether to fit, in addition, the offset or a factor for all lengths
-        of the tracker.
-    report : called with the progress, up to ten times per second.
+    fit_offset, fit_scale : whether to fit the offset, or a factor for all of the tracker's lengths,
+        together with the pose.
+    report : function called with the progress, up to ten times per second.
 
     Returns
     -------

@@ -74,8 +74,8 @@ def run(
     page : port and host of the page; no page by default.
     certificate : PEM file with a certificate and its key, to serve the page over
         HTTPS.
-    report_step : called with each step of the start.
-    report : called twice a second with the status.
+    report_step : function called with each step of the start.
+    report : function called twice a second with the status.
 
     Returns
     -------
@@ -148,8 +148,8 @@ def record(
     source : "websocket" or "osc". Append ":PORT" for another port; port 0 selects a
         free one.
     seconds : duration [s]; by default, until Ctrl-C is pressed.
-    report_step : called with the address once it is open, and whenever frames begin to be rejected
-        or stop arriving.
+    report_step : function called with the address once it is open, and with a message whenever
+        frames begin to be rejected or stop arriving.
 
     Returns
     -------

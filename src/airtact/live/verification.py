@@ -52,7 +52,7 @@ def verify_session(
     session : session, as returned by ``read_session``.
     drives : number of drives to verify, spread evenly over those that are not silent. For each one,
         the field around the hand is solved with an error of 2 %.
-    report_step : called at the start of each drive.
+    report_step : function called at the start of each drive.
 
     Returns
     -------

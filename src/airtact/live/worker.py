@@ -76,7 +76,7 @@ class Worker:
         that receives the messages, a function that sends a result back from any thread,
         and ``arguments``.
     arguments : further arguments; they must be picklable.
-    receive : called in a thread with each result, and with None once the process has
+    receive : function called in a thread with each result, and with None once the process has
         ended.
     pause : shortest time between two messages to the process [s].
     """

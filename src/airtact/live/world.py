@@ -216,7 +216,7 @@ class World:
         return sentence if self._clock() - when < 3.0 else ""
 
     def show(self, moment: Moment | None, reason: str | None, scale: float = 1.0) -> None:
-        """Record the state of the loop, which calls this method in every pass.
+        """Record the state of the loop, which calls this method on every pass.
 
         Parameters
         ----------

@@ -53,13 +53,12 @@ def field(
 
     Parameters
     ----------
-    result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a
-        solver's field. The result of ``render`` is drawn with the amplitudes of its
-        drive.
-    target : the foci; only required for a solver's field that is not the field of
+    result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a field computed by a
+        solver. The result of ``render`` is drawn with the amplitudes of its drive.
+    target : the foci; only required for a field that a solver computed for sources other than
         beacons.
-    drive : name of a drive in a comparison, or index of an excitation in a solver's
-        field.
+    drive : name of a drive in a comparison, or index of an excitation in a field computed by a
+        solver.
     over : name of a second drive in a comparison; the plot then shows the level of ``drive``
         relative to it [dB].
     plane : "xy", "xz" or "yz" for a plane through the centre of the foci; by default, the plane

@@ -22,7 +22,7 @@ def write_report(
     result : a rendering, which is written to field.vtkhdf and report.html; or a comparison of all
         methods for a setup, which is written to methods.html.
     folder : folder for the files; created if it does not exist.
-    progress : called with a description of each step as it begins.
+    progress : function called with a description of each step as it begins.
 
     Returns
     -------

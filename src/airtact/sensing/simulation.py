@@ -97,8 +97,8 @@ def simulate_echoes(
 
     Parameters
     ----------
-    made_by : a solver, which solves for each code; or the scattering matrix of the scene, with
-        which the echoes take only milliseconds.
+    made_by : a solver, which solves for each code; or the scattering matrix of the scene, which
+        reduces the computation to milliseconds.
     scene : the bodies.
     array : the E transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
     codes : (E, M) codes, as in ``Echoes``.

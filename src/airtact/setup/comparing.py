@@ -247,7 +247,7 @@ def compare(
     array, target, solver : only used with a scene; see ``evaluation.compare``.
     drives : drives by name; required with a scene, optional with a setup.
     store : folder in which solved fields of a setup are stored and reused.
-    progress : called with a description of each step as it begins.
+    progress : function called with a description of each step as it begins.
 
     Returns
     -------

@@ -97,7 +97,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
 
     Parameters
     ----------
-    result : result of ``render``.
+    result : rendering, as returned by ``render``.
     kept : fraction of the attainable pressure that remained in a recorded session despite the error
         and the age of the tracked pose, such as the median of ``VerifiedSession.kept``. By default,
         tracking is not included.

@@ -236,7 +236,7 @@ def place(
     seed : seed of the search. The same arguments lead to the same result.
     refine : number of layouts to refine, 0 or more: the best ones that differ from each other
         by over 40 mm.
-    progress : called with a description of each step as it begins.
+    progress : function called with a description of each step as it begins.
     keep_out : boxes that must not contain any board, each given by two opposite corners [m].
     fixed : indices of boards of the setup's array that are part of every layout. They follow the
         placed boards.

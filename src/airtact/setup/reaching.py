@@ -153,7 +153,7 @@ def reach(
     points : number of points, from 1 to 5,000, spread evenly over the skin.
     accuracy : requested relative error if the solver is ``BoundaryElement``. Other solvers keep
         their own accuracy.
-    progress : called with a description of each step as it begins.
+    progress : function called with a description of each step as it begins.
 
     Returns
     -------

@@ -261,7 +261,7 @@ def render(
     ----------
     setup : scene, array, target and settings.
     store : folder in which solved fields are stored and reused.
-    progress : called with a description of each step as it begins.
+    progress : function called with a description of each step as it begins.
 
     Returns
     -------

@@ -346,7 +346,7 @@ def calibrate_from_files(
     drive_files : file of the drive emitted during each scan, or a single file for all scans. If
         ``elements`` is empty as well, the drive of the scene is used.
     microphone : microphone used for the scans.
-    progress : called with a description of each step as it begins.
+    progress : function called with a description of each step as it begins.
 
     Returns
     -------

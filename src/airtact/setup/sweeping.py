@@ -90,7 +90,7 @@ def sweep(
         its arguments and module, and the version of airtact. Stored points are not computed again,
         so an interrupted sweep can be resumed. Use another folder after changing other modules
         that the function uses.
-    progress : called with three numbers: completed points, all points and failed points.
+    progress : function called with three numbers: completed points, all points and failed points.
 
     Returns
     -------

@@ -309,7 +309,7 @@ class GratingTable(Table, frozen=True):
 
 
 class ObjectKeys(Table, frozen=True):
-    """The keys that virtual objects have both in scene files and in messages of applications.
+    """Keys of virtual objects, in scene files as well as in messages from applications.
 
     Attributes
     ----------

@@ -32,7 +32,8 @@ class TouchState:
     """Foci where moving skin touches virtual objects.
 
     A contact begins when skin enters an object, and ends when the skin is farther outside than
-    ``release``, so that noise does not make it flicker. Strengths rise and fall gradually.
+    ``release``, so that noise does not make it flicker. Strengths rise and fall gradually. Call
+    ``update`` with the skin in each frame.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ class Board:
     transducer : kind of transducer.
     radius : radius of a piston with the directivity of this transducer [m]; see
         ``piston``.
-    source : documents of the board's layout and of the format of the messages sent to it.
+    source : documents that describe the board's layout and the format of its messages.
     """
 
     name: str

@@ -162,7 +162,7 @@ def fit_hand(
     anatomy : sizes of the person's hand, from an earlier fit. They stay fixed if they were learned
         from 8 frames; otherwise they are initial values, and learning continues. By default, the
         anatomy of ``before``, or the sizes of the population if there is no previous frame.
-    progress : function that is called with a description of each step when the step begins.
+    progress : function called with a description of each step as it begins.
 
     Returns
     -------
@@ -262,7 +262,7 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
         raise InvalidInput(
             f"only {100 * explained:.0f} % of the {len(cloud)} points within "
             f"{1e3 * HAND_RADIUS:g} mm of the landmarks are within 6 mm of the fitted hand: is "
-            f"there a second hand or another body, or are the landmarks from another time{hint}?",
+            f"there a second hand or another body, or are the landmarks from another frame{hint}?",
             code="pose_not_found",
         )
     off = np.linalg.norm(fitted.hand.joints - seen.landmarks, axis=1)
@@ -271,8 +271,9 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
     worst = int(off.argmax())
     if off[worst] > 30e-3:
         raise InvalidInput(
-            f"the landmark {NAMES[worst]} is {millimetres(off[worst], 3)} from that joint of the "
-            f"fitted hand, more than 30 mm: are landmarks swapped{hint}?",
+            f"the landmark {NAMES[worst]} is {millimetres(off[worst], 3)} from the "
+            "corresponding joint of the fitted hand (at most 30 mm is allowed): are landmarks "
+            f"swapped{hint}?",
             seen.landmarks[worst],
             code="misplaced",
         )
@@ -341,7 +342,7 @@ def _checked_cloud(
         middle = np.median(cloud[elsewhere], axis=0)
         raise InvalidInput(
             f"{elsewhere.sum()} of {len(cloud)} points are more than {1e3 * HAND_RADIUS:g} mm "
-            f"from the landmarks, with their median at {in_mm(middle)}: is it a second hand or "
+            f"from the landmarks, with their median at {in_mm(middle)}: are they a second hand or "
             "the background? Remove these points.",
             middle,
             code="given_twice",

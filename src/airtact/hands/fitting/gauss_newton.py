@@ -87,7 +87,7 @@ class Observation:
     anatomy : prior of the sizes.
     camera : (3,) position of the camera [m], or None.
     silhouette : silhouette seen by the camera, or None.
-    each : number of points that each point represents.
+    each : number of measured points that each averaged point represents.
     """
 
     points: Points

@@ -3,9 +3,9 @@
 The state has 86 degrees of freedom: shift and turn of the palm, 7 turns of each finger's joints,
 and the shape. The shape consists of 15 bone lengths and 10 positions of joints in the palm. The
 shape hardly changes, so it is learned from the first second of frames, together with any constant
-error of the tracker's landmarks. The palm and the main turns also have rates and accelerations.
-The accelerations are random, and forgotten within 0.2 s. All other degrees of freedom are constant
-except for a slow random walk.
+error of the tracker's landmarks. The palm and the main turns also have rates and accelerations. The
+accelerations are random and decay within 0.2 s. All other degrees of freedom are
+constant except for a slow random walk.
 
 The state is stored as the 25 joints, the rates and the accelerations. The covariance describes
 small changes of the degrees of freedom from this state, about the present axes of the joints.
@@ -13,7 +13,7 @@ small changes of the degrees of freedom from this state, about the present axes 
 Sources
 -------
 - R. A. Singer, "Estimating optimal tracking filter performance for manned maneuvering targets",
-  IEEE Trans. Aerosp. Electron. Syst. AES-6, 473 (1970): accelerations that are forgotten.
+  IEEE Trans. Aerosp. Electron. Syst. AES-6, 473 (1970): random accelerations that decay.
 - Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and
   Navigation*, Wiley 2001: section 6.2.3, noise of an acceleration in short steps (equation
   6.2.3-9); section 10.3.2, the extended Kalman filter.
@@ -99,6 +99,8 @@ MOVED = _moved_joints()
 
 class ArticulatedHand:
     """Extended Kalman filter of a hand; a copy can be advanced to predict the hand.
+
+    For each frame, call ``advance`` with its time, then ``update`` with its landmarks.
 
     Parameters
     ----------

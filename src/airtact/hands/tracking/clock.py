@@ -19,6 +19,8 @@ def checked_latency(latency: float) -> float:
 class FrameClock:
     """Estimate of the tracker's clock from the times and arrivals of its frames.
 
+    Call ``saw`` with each frame's time and arrival; ``time`` then converts times to the clock.
+
     A tracker that uses a clock of this computer is recognised from its first frame. For any other
     clock, the offset is the smallest difference so far between the arrival and the time of a frame,
     minus ``latency``. The tracker's clock may drift by 0.1 %.
@@ -89,7 +91,7 @@ class FrameClock:
 
     @property
     def margin(self) -> float:
-        """Largest time by which a frame may be ahead of ``time(now)`` [s]."""
+        """How far the time of a frame may be ahead of ``time(now)``, at most [s]."""
         if self._shared is not None:
             return 0.01  # this computer may adjust its clocks
         return 0.08 if self._settled else MAX_LATENCY

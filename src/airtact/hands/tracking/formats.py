@@ -1,4 +1,4 @@
-"""Conversion of the messages and recordings of other programs to frames.
+"""Conversion of messages and recordings from other programs to frames.
 
 Sources
 -------
@@ -33,16 +33,16 @@ def foreign_format(values: Any) -> str:
     """Return the name of the format of parsed JSON, with a remedy; "" if it is unknown."""
     keys = set(values) if isinstance(values, dict) else set()
     if {"schema", "frames"} <= keys:
-        return "an action recording of IWER: load it as a file"
+        return "an action recording from IWER: load it as a file"
     if keys & {"left", "right", "left_fingers", "right_fingers"} and "side" not in keys:
         return (
-            "a message with the matrices of both hands, as of vuer or VisionProTeleop: send one "
-            "message per hand, with time, side, sequence, and its matrices as landmarks"
+            "a message with the matrices of both hands, as sent by vuer or VisionProTeleop: send "
+            "one message per hand, with time, side, sequence, and its matrices as landmarks"
         )
     if keys & {"worldLandmarks", "world_landmarks", "multiHandWorldLandmarks"}:
         return (
-            "a result of MediaPipe: send time, side, sequence, and its world landmarks, [x, y, z] "
-            "in metres, as landmarks"
+            "a result from MediaPipe: send time, side, sequence, and its world landmarks, [x, y, "
+            "z] in metres, as landmarks"
         )
     if "landmarks" in keys or "cloud" in keys:
         return ""
@@ -95,7 +95,7 @@ def frames_of_matrices(messages: Iterable[dict[str, Any]]) -> Iterator[Item]:
 
 
 def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
-    """Read an action recording of IWER, whose times are in milliseconds.
+    """Read an action recording written by IWER, with times in milliseconds.
 
     A frame is [time, 7 numbers of the head, inputs ...]. An input is [index, 7 numbers of its
     pointing ray, lists ...]. The list of a hand contains 8 numbers per joint, relative to the ray:
@@ -120,7 +120,7 @@ def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
 
 
 def frames_of_streamer(lines: Iterable[str]) -> Iterator[Item]:
-    """Read lines of hand-tracking-streamer, which have no times, at 70 frames per second.
+    """Read lines from hand-tracking-streamer, which have no times; assume 70 frames per second.
 
     A wrist line contains its position and quaternion. A landmark line contains 21 positions
     relative to the wrist, in the left-handed axes of Unity.

@@ -1,8 +1,8 @@
 """One frame of a tracked hand: its time, its side, and landmarks or points of its skin.
 
-The time is that of the tracker's clock when the image was taken; only differences matter. Landmarks
-and cloud are in the tracker's frame of reference, in metres; ``moved`` transforms them to the
-scene.
+The time is the reading of the tracker's clock when the image was taken; only differences matter.
+Landmarks and cloud are in the tracker's frame of reference, in metres; ``moved`` transforms them to
+the scene.
 """
 
 from collections.abc import Iterator, Mapping
@@ -59,7 +59,7 @@ class HandFrame:
 
     Attributes
     ----------
-    time : time of the tracker's clock [s].
+    time : time on the tracker's clock [s].
     side : ``"left"`` or ``"right"``, in upper or lower case.
     sequence : number of the frame, which increases by one for each frame of the same hand.
     landmarks : (25, 3) joints in WebXR order, (26, 3) in OpenXR order, of which the palm is

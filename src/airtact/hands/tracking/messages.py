@@ -54,7 +54,7 @@ def from_json(text: bytes | str) -> HandFrame:
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         reason = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
         if STREAMER_LINE.match(raw[:40].decode(errors="replace")):
-            reason = "it is a line of hand-tracking-streamer; forward it by quest_streamer.py"
+            reason = "it is a line from hand-tracking-streamer; send it through quest_streamer.py"
         raise FaultyFrame("unreadable", f"it is not a frame in JSON: {reason}.") from None
     side = message.side.lower()
     if side != "left" and side != "right":

@@ -22,7 +22,7 @@ AGILITY = 0.5
 
 
 class NoiseEstimate:
-    """Estimate of the white noise of a tracker from its frames.
+    """Estimate of the white noise of a tracker from its frames; pass their landmarks to ``take``.
 
     The third difference of four positions at even time steps is insensitive to the motion of a
     hand. At 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes 0.02 mm. White noise
@@ -62,6 +62,8 @@ class NoiseEstimate:
 
 class Predictor:
     """Prediction of the landmarks of one hand by a Kalman filter of an articulated hand.
+
+    Call ``take`` with each frame, then ``at`` with the time from which to predict.
 
     Parameters
     ----------
@@ -165,7 +167,8 @@ class Predictor:
 
         Parameters
         ----------
-        time : time of the tracker's clock [s]; a time before the latest frame counts as its time.
+        time : time on the tracker's clock [s]. Any time before the latest frame is replaced by the
+            time of that frame.
 
         Returns
         -------

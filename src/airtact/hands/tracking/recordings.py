@@ -1,4 +1,4 @@
-"""Recordings of hands as JSON lines or in formats of other programs, and their replay."""
+"""Recordings of hands, as JSON lines or in other programs' formats, and their replay."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -49,9 +49,9 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
 
     Parameters
     ----------
-    path : a file of JSON lines (``.jsonl``); an action recording of IWER (``.json``); matrices of
-        both hands from vuer or VisionProTeleop (``.json``); or lines of hand-tracking-streamer
-        (``.txt``).
+    path : a file of JSON lines (``.jsonl``); an action recording written by IWER (``.json``);
+        matrices of both hands from vuer or VisionProTeleop (``.json``); or lines from
+        hand-tracking-streamer (``.txt``).
     leave_out : whether faulty frames are omitted and counted, as in a stream. Otherwise a single
         faulty frame makes the file invalid.
 
@@ -110,7 +110,7 @@ def is_recording(path: Path) -> bool:
 
 
 def _of_other_program(path: Path) -> tuple[list[Item], str]:
-    """Read a recording of another program; also return a note on data that its format lacks."""
+    """Read another program's recording; also return a note on data that its format lacks."""
     text = text_of(path)
     try:
         if path.suffix == ".txt":
@@ -126,7 +126,8 @@ def _of_other_program(path: Path) -> tuple[list[Item], str]:
     except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
         problem = repr(error)
     raise InvalidInput(
-        f"it is not a recording of IWER, vuer or VisionProTeleop: {problem}.", code="unknown_format"
+        f"it is not a recording from IWER, vuer or VisionProTeleop: {problem}.",
+        code="unknown_format",
     )
 
 

@@ -208,6 +208,8 @@ def _fitted(
 class RestingFingertip:
     """Detector that finds when and where the tip of the index finger rests for a second.
 
+    Call ``take`` with each frame; it returns the position once the tip has rested.
+
     Attributes
     ----------
     share : fraction of the second for which the tip has rested so far.

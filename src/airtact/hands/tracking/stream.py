@@ -149,10 +149,12 @@ class _TrackedHand:
 class HandStream:
     """The latest valid frame of each hand.
 
+    Pass frames to ``feed`` or ``feed_json``, and read them with ``wait`` or ``latest``.
+
     Parameters
     ----------
     silence : time without frames after which a hand counts as lost [s].
-    on_frame : function that is called with every used frame, in order, in the receiving thread.
+    on_frame : function called with every used frame, in order, in the receiving thread.
     tracker : pose of the tracker in another frame of reference, to which frames are transformed.
     clock : function that returns the time [s]; by default ``time.monotonic``.
 
@@ -257,7 +259,7 @@ class HandStream:
                     hand.silent = True
 
     def latest(self, side: Side) -> HandFrame | None:
-        """Return the latest frame of a hand: a lost frame after silence, None before the first."""
+        """Return a hand's latest frame (a lost one after silence), or None before the first."""
         with self._changed:
             self._notice_silence()
             return self._hands[side].newest
@@ -289,7 +291,7 @@ class HandStream:
                 self._changed.wait(min(left, self._silence / 4))
 
     def _continued(self, frame: HandFrame, source: str) -> tuple[HandFrame, int]:
-        """Return a frame whose time continues from earlier frames, and the number skipped.
+        """Return a frame whose time continues from earlier frames, and the number of skipped ones.
 
         The method raises the frame's fault, if it has one.
         """
@@ -368,7 +370,8 @@ class HandStream:
             # The frame was already counted as skipped.
             self._counts["skipped"] = max(self._counts["skipped"] - 1, 0)
             raise FaultyFrame(
-                "out_of_order", f"{name} arrived after frame {newest.sequence}; send them in order."
+                "out_of_order",
+                f"{name} arrived after frame {newest.sequence}; send frames in order.",
             )
         if later:
             raise FaultyFrame(

@@ -102,6 +102,8 @@ def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
 class Library:
     """Solutions for one part in several poses; new solutions replace the oldest.
 
+    ``add`` stores a solution, and ``best`` returns the most suitable one for a pose.
+
     Parameters
     ----------
     part : solved part.

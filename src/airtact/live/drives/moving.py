@@ -17,7 +17,7 @@ Points = Float64[np.ndarray, "points 3"]
 
 
 class Rounds:
-    """Computation of the frames for successive rounds of the foci.
+    """Computation of the frames for successive rounds of the foci; call ``frames`` for each pose.
 
     Parameters
     ----------

@@ -122,7 +122,7 @@ class SkinFactors:
 
 
 class SkinSolver:
-    """Solver for beacons on the skin of one or two hands.
+    """Solver for beacons on the skin of one or two hands; call ``solved`` with a request.
 
     Parameters
     ----------

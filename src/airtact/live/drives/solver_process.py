@@ -56,7 +56,8 @@ class Request:
 class SolverProcess:
     """Low-priority process that solves for a part of the newest hand.
 
-    All methods return at once.
+    ``ask`` passes the newest hand to the process, and ``solutions`` returns the results so far. All
+    methods return at once.
 
     Parameters
     ----------

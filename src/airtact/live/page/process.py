@@ -103,7 +103,7 @@ class PageProcess:
         ``time.monotonic``, and those of hands tracked by a headset. Closing the page counts as
         losing these hands.
     controls : initial settings.
-    on_emergency : called in a separate thread when the emergency stop is pressed.
+    on_emergency : function called in a separate thread when the emergency stop is pressed.
     world : virtual objects, which the page can move; by default, those of the
         moments.
     certificate : PEM file with a certificate and its key, to serve the page over
@@ -171,7 +171,7 @@ class PageProcess:
         self.close()
 
     def show(self, moment: Moment) -> None:
-        """Show a moment unless a newer one replaces it; called in every pass of the loop."""
+        """Show a moment unless a newer one has arrived; called on every pass of the loop."""
         self._shown = replace(self._shown, moment=moment, drives=self._shown.drives + 1)
         self._put()
 

@@ -191,7 +191,7 @@ def _field_around(
 
 
 class SoundProcess:
-    """Process that computes the pressure of successive moments; ``ask`` returns at once.
+    """Process that computes the pressure of moments passed to ``ask``, which returns at once.
 
     Parameters
     ----------
