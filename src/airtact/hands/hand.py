@@ -69,8 +69,8 @@ class Hand:
     joints : (25, 3) positions of the joints in WebXR order [m].
     radii : (25,) radius of the skin around each joint [m].
     side : ``"right"`` or ``"left"``.
-    follows : keyframe of a sequence, or None. If the two poses are similar, the meshes of the
-        keyframe are deformed to this hand.
+    follows : keyframe that this hand follows in a sequence; None without one. If the two poses are
+        similar, the meshes of the keyframe are deformed to this hand.
     """
 
     joints: Joints
@@ -122,7 +122,9 @@ class Hand:
         return {name: self.position(name) for name in PLACES}
 
     def position(self, name: str) -> Place:
-        """Return the position (3,) [m] and normal (3,) of one of ``places``, even inside the body.
+        """Return the position (3,) [m] and normal (3,) of one of ``places``.
+
+        Unlike ``place``, this method also accepts positions inside the body.
 
         Raises
         ------

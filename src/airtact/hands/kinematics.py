@@ -1,4 +1,4 @@
-"""Bending of fingers: the axes of the joints, and opening two fingers to a gap."""
+"""Axes about which fingers bend, and opening of two fingers to a given gap."""
 
 import math
 from itertools import pairwise

@@ -37,7 +37,7 @@ class HandShape(Shape):
     ----------
     hulls : the body as built.
     pose : pose relative to the frame in which the body was built.
-    follows : the keyframe whose meshes are deformed to fit this shape, or None.
+    follows : the keyframe whose meshes are deformed to fit this shape; None without a keyframe.
     meshes : cached meshes of the body as built, by edge length [m].
     """
 

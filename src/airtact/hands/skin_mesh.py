@@ -128,7 +128,7 @@ def midpoints(hulls: Hulls, mesh: HandMesh) -> Float64[np.ndarray, "triangles 3 
 
 
 def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMesh]:
-    """Improve poor triangles, also where skins meet; return the ``_fault`` and the mesh."""
+    """Improve poor triangles, including where skins meet; return the ``_fault`` and the mesh."""
     best = mesh
     best_fault = _fault(hulls, mesh)
     for attempt in range(6):
@@ -167,7 +167,7 @@ def _fault(hulls: Hulls, mesh: HandMesh) -> float:
 
 
 def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
-    """Extract a closed mesh, without cavities and specks, from a grid of the distance."""
+    """Extract a closed mesh without cavities or specks from a grid of distances."""
     with extra("mesh", "the skin of a hand needs scikit-image"):
         from skimage.measure import marching_cubes
 

@@ -509,7 +509,7 @@ class _Loop:
             return None
 
     def _fault_of(self, moment: Moment | None) -> str | None:
-        """Return a short reason for silence, or None."""
+        """Return a short reason for silence; None if sound may be emitted."""
         if moment is not None and moment.foci is not None:
             faults = [
                 self.workspace.fault(joints, moment.foci)

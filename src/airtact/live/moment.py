@@ -41,21 +41,21 @@ class Moment:
         lost.
     foci : (F, 3) predicted foci at ``time`` [m]; None if no hand is seen.
     amplitudes : (E,) complex amplitudes, as fractions of full scale; zeros for silence.
-    pressures : (F,) predicted pressures at the foci [Pa], or None.
+    pressures : (F,) predicted pressures at the foci [Pa]; None if unknown.
     rule : how the drive was computed.
     shape_age : time from the solved pose to ``time`` [s]; None if no solution was
         used.
-    kept : expected fraction of the attainable pressure at the weakest focus, or None.
+    kept : expected fraction of the attainable pressure at the weakest focus; None if unknown.
     state : state of the loop.
     frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci
         move.
     rate : frames per second; 0 without frames.
-    other : (25, 3) predicted joints of the other hand [m], or None.
+    other : (25, 3) predicted joints of the other hand [m]; None if it is not seen.
     names : a name for each focus; empty if the foci are at the places of the scene.
     strengths : (F,) strengths of the foci, from 0 to 1; None if all are equal.
     contacts : (C, 3) points of the skin that touch an object [m]; None without
         objects.
-    depths : (C,) depths of these points in the objects [m], or None.
+    depths : (C,) depths of these points in the objects [m]; None without objects.
     touching : part of the hand and name of the object for each contact.
     objects : the virtual objects.
     rejected : reasons why requested foci receive no sound, by name of the focus.

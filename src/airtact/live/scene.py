@@ -136,7 +136,7 @@ class LiveScene:
     places : places on the hand, such as ``"thumb.pad"``, that carry the F foci.
     offsets : (F,) distances of the foci from the skin [m].
     method : name of the method that computes the drives.
-    modulation : amplitude modulation that makes the drive perceptible, or None.
+    modulation : amplitude modulation that makes the drive perceptible; None without modulation.
     moving : paths of the foci; None if they do not move relative to the hand.
     planes : a rigid plane, such as a table; none for open air.
     objects : virtual objects at the start of the run.

@@ -18,7 +18,7 @@ class Mailbox:
 
     Attributes
     ----------
-    newest : newest message, or None.
+    newest : newest message; None if there is none or it was taken.
     ended : whether no more messages will arrive.
     """
 

@@ -58,7 +58,7 @@ class WantedFocus:
         ``on`` [m].
     place : place on a hand, such as ``"right.index.pad"``; without a side, on the
         scene's hand.
-    on : name of the object that the point moves with, or None.
+    on : name of the object that the point moves with; None if the point is fixed in the scene.
     offset : distance from the skin [m]; only used with ``place``.
     modulation : frequency at which the strength varies between 0 and its full value [Hz], at most
         20; 0 keeps it constant.
@@ -221,7 +221,7 @@ class World:
         Parameters
         ----------
         moment : the newest drive; None before the first drive.
-        reason : reason for silence, or None.
+        reason : reason for silence; None if sound is emitted.
         scale : factor by which the amplitudes, and therefore the pressures, were scaled.
         """
         with self._lock:

@@ -137,7 +137,7 @@ class Search:
         return Pose(rotation, middle - rotation @ middle_of(self.single))
 
     def fits(self, pose: Pose) -> bool:
-        """Return whether a board is neither too near the hand, too far away, nor out of bounds."""
+        """Return whether a board is at an allowed distance from the hand and within bounds."""
         middle = pose.apply(middle_of(self.single))
         away = np.linalg.norm(middle - self.foci.mean(axis=0))
         if away > self.distance[1] + 1e-6 or self.spare(pose.rotation, middle) < 0.0:

@@ -74,7 +74,7 @@ class Rendering:
         if the focus runs through the points in turn.
     drives : the drives that were verified, each with its strongest element at full
         scale.
-    sequence : drives for moving foci, or None.
+    sequence : drives for moving foci; None if the foci do not move.
     robustness : pressures of the drive for samples of the uncertainty that were not used to
         compute the drive; None without uncertainty.
     traps : verdict on the equilibrium nearest to each trap.

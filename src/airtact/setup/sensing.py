@@ -82,8 +82,8 @@ class Sensed:
         for the scene file's pose and for the estimated pose.
     unexplained : (2, R) ratio of the residual to the echoes (both rms) at each receiver, for
         these two poses.
-    gap, true_gap : gap of the pinch in the scene file and of the simulated pinch [m], or None. The
-        estimated gap is ``located.opening``.
+    gap, true_gap : gap of the pinch in the scene file and of the simulated pinch [m]; None without
+        a pinch or a simulation. The estimated gap is ``located.opening``.
     seconds : wall time by step [s].
     """
 

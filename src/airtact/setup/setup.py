@@ -44,12 +44,12 @@ class Setup:
     levels : amplitudes and phases to which the drive is rounded.
     modulation : modulation that makes the drive perceptible; None for a constant
         drive.
-    uncertainty : uncertainty of the hand, the air and the transducers, or None.
+    uncertainty : uncertainty of the hand, the air and the transducers; None to ignore it.
     samples, seed : number of samples of the uncertainty from which the drive is computed, and
         their seed.
     bodies, foci : a name for each body and each focus.
     traps : traps, whose lobes are the first points of the target.
-    board : kind of the boards that make up the array, or None.
+    board : kind of the boards that make up the array; None for any other array.
     hands : hands that are bodies or provide named points, in the frame of the obstacles.
     riding : for each focus, the named point on which it lies and its distance from the surface
         [m]; None if it lies on none.

@@ -68,7 +68,7 @@ def solve_beacons(
 def transfer_to_array(
     setup: Setup, beacons: RadiatedField, clock: Clock
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Evaluate the beacons at the transducers, also for samples if there is an uncertainty.
+    """Evaluate the beacons at the transducers; if there is an uncertainty, for all its samples.
 
     Returns
     -------
@@ -208,7 +208,7 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 
 
 def verification_solver(setup: Setup) -> Solver:
-    """Return the solver with which to verify the drive of a setup, more accurate than the setup's.
+    """Return a solver, more accurate than the setup's, with which to verify its drive.
 
     For filled bodies, it uses finite elements of the next higher order. For other bodies, it uses
     boundary elements with at least 1.8 times as many unknowns, as far as memory and time allow, and

@@ -1,4 +1,4 @@
-"""Foci for contacts: one per contact and several on a long one, at most eight by default."""
+"""Foci for contacts: one for each, or several for a long one; by default, at most eight in all."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Gor'kov potential of a small bead, with its force and stiffness, also near bodies.
+"""Gor'kov potential of a small bead, and its force and stiffness, in open air or near bodies.
 
 Sources
 -------

@@ -70,7 +70,7 @@ class Trap:
 
     @property
     def phasing(self) -> Complex128[np.ndarray, "lobes"]:
-        """Weights (L,) with which the sum of the lobe pressures is largest at the trap's phases."""
+        """Weights (L,) that make the sum of the lobe pressures largest at the trap's phases."""
         count = 2 if self.kind == "twin" else 4
         return np.exp(-2j * np.pi * np.arange(count) / count) / count
 

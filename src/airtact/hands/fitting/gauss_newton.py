@@ -85,8 +85,8 @@ class Observation:
     spread : (25,) standard deviation of each coordinate of the landmarks [m].
     side : "right" or "left".
     anatomy : prior of the sizes.
-    camera : (3,) position of the camera [m], or None.
-    silhouette : silhouette seen by the camera, or None.
+    camera : (3,) position of the camera [m]; None if the points were seen from several directions.
+    silhouette : silhouette seen by the camera; None without a camera.
     each : number of measured points that each averaged point represents.
     """
 

@@ -68,7 +68,7 @@ class FrameClock:
 
     @property
     def fault(self) -> str | None:
-        """Reason why the times of frames cannot be used yet, or None.
+        """Reason why the times of frames cannot be used yet; None if they can.
 
         If the clock ran slower, the delay of its frames would seem to grow, and their hand would be
         predicted too far ahead.

@@ -64,7 +64,7 @@ class HandFrame:
     sequence : number of the frame, which increases by one for each frame of the same hand.
     landmarks : (25, 3) joints in WebXR order, (26, 3) in OpenXR order, of which the palm is
         dropped, or (21, 3) in MediaPipe and Leap order [m]; None if unknown.
-    cloud : (P, 3) points of the hand's skin [m], or None.
+    cloud : (P, 3) points of the hand's skin [m]; None if there are none.
 
     Raises
     ------

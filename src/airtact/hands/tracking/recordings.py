@@ -173,7 +173,7 @@ def replay(
 
     Yields
     ------
-    The frames, none before its time. Overdue frames are yielded immediately.
+    The frames, each no earlier than its recorded time. Overdue frames are yielded immediately.
 
     Raises
     ------

@@ -68,7 +68,7 @@ class HandFactors:
     __repr__ = in_short
 
     def at(self, scene: LiveScene, posed: PosedHand) -> Factors:
-        """Return the factors at the foci for a nearby pose; this solution keeps them constant."""
+        """Return the factors at the foci for a nearby pose, which are those of the solved pose."""
         return self.factors[: len(posed.foci)]
 
 

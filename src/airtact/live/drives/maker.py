@@ -79,7 +79,7 @@ class HandAware(SolvingMaker):
 
     Attributes
     ----------
-    fault : message about the last pose that could not be solved, or None.
+    fault : message about the last pose that could not be solved; None if all could.
     solutions : number of solutions so far.
     """
 

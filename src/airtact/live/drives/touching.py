@@ -108,7 +108,7 @@ class TouchAware(SolvingMaker):
 
     Attributes
     ----------
-    fault : message about the last pose that could not be used or solved, or None.
+    fault : message about the last pose that could not be used or solved; None if all could.
     solutions : number of solutions so far.
     """
 

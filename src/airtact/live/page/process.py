@@ -67,7 +67,7 @@ class PageSettings:
     ----------
     scene : the fixed part of the scene.
     port, host, certificate : see ``start_server``.
-    hand : (25, 3) initial joints of a hand that can be dragged [m], or None.
+    hand : (25, 3) initial joints of a hand that can be dragged [m]; None without such a hand.
     follows : whether the loop follows hands from the page.
     controls : initial settings of the loop.
     """

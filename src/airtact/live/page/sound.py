@@ -199,7 +199,7 @@ class SoundProcess:
 
     Attributes
     ----------
-    newest : newest result, or None.
+    newest : newest result; None before the first.
     """
 
     def __init__(self, scene: LiveScene) -> None:
