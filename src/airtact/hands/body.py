@@ -84,7 +84,7 @@ class Hulls:
     def look(
         self, points: Real[np.ndarray, "points 3"], carve: float = 0.0, reach: float = 0.0
     ) -> Look:
-        """Return the distance [m] of points (P, 3) from the skin, with gradient and surroundings.
+        """Return distances [m] of points (P, 3) from the skin, gradients, and the nearest hulls.
 
         Separate hulls are cut back until they are ``carve`` [m] apart. A hull is ignored if its
         distance exceeds that of the nearest hull by more than ``reach`` [m] plus the largest
@@ -205,7 +205,7 @@ def part_name(part: int) -> str:
 
 @cache
 def _open_hand_blend() -> HullPairs:
-    """Return the blend radii [m] of parts that are connected in every pose, for a generic hand."""
+    """Return a generic hand's blend radii [m] for parts that are connected in every pose."""
     count = len(PARTS)
     blend = np.zeros((count, count))
     balls = [set(part.tolist()) - {-1} for part in PARTS]
@@ -227,7 +227,7 @@ def _open_hand_blend() -> HullPairs:
 def _joined_skins(
     hulls: Hulls, apart: Bool[np.ndarray, "hulls hulls"]
 ) -> list[tuple[int, int, float, Point]]:
-    """Find phalanges whose skin merges with a separate hull, nearest pairs first.
+    """Find phalanges whose skin merges with a separate hull, sorted by the distance of the skins.
 
     Skins less than 0.3 mm apart merge. Hulls next to such a pair also merge if they are less than
     2 mm apart, because tiny tunnels would otherwise remain between them.

@@ -122,7 +122,7 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
 
     Returns
     -------
-    The hand in the rest pose of the mesh, in metres.
+    The hand, in metres, in the rest pose of the mesh.
 
     Raises
     ------

@@ -346,7 +346,7 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
     ------
     InvalidInput
         If a position is more than 10 mm from the surface or its normal deviates by more than 60
-        degrees. The joints then have other coordinates or another pose, or fingers touch there.
+        degrees. In that case, the joints are in another frame or pose, or fingers touch there.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as load_surface(path)")
     of_kind(hand, Hand, "the hand", "one Hand, such as load_rigged_hand(path)")

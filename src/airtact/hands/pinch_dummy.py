@@ -1,4 +1,4 @@
-"""The paper's model of a pinching hand, with two capsules for thumb and index finger.
+"""The paper's model of a pinching hand: two capsules that represent thumb and index finger.
 
 Source: Inoue, Makino and Shinoda (2014), section 4, with the simplifications that
 ``docs/architecture.md`` describes.

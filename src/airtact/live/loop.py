@@ -408,7 +408,7 @@ class _Loop:
         self.frames += 1
 
     def _emit(self, now: float, on: bool) -> None:
-        """Emit the newest drive, or fade out the last safe one."""
+        """Emit the newest drive if it is safe; otherwise, fade out the last safe one."""
         self.begun = now
         if on:
             moment = self._made(now)

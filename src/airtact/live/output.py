@@ -1,4 +1,4 @@
-"""Output of the live loop: boards, driven through an emission, or nothing."""
+"""Output of the live loop: nothing, or boards driven by an ``Emission``."""
 
 from pathlib import Path
 from typing import Any

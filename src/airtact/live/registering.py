@@ -213,7 +213,7 @@ def register_tracker(
 
 
 def _frames(source: str) -> Iterator[HandFrame | str]:
-    """Yield frames of a recording or tracker in its own axes, or reasons why one is missing."""
+    """Yield frames from a recording or tracker in its own axes; for a missing one, the reason."""
     hands = received(source)
     if hands is None:
         yield from load_recording(source, leave_out=True).frames

@@ -311,7 +311,7 @@ def output_to(
 
 
 def drive_at_rest(setup: Setup) -> DriveFile:
-    """Return a drive for the hand of the scene file without scattering, to find a safe level."""
+    """Return a drive without scattering for the scene's hand, to find a safe level."""
     scene = live_scene(setup)
     drive = focus_by_distance(scene.array, setup.target, scene.medium, scene.frequency)
     return DriveFile(

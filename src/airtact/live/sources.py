@@ -25,7 +25,7 @@ OnFrame = Callable[[HandFrame, float], None]
 
 
 class HandSource:
-    """Source of frames of hands in scene coordinates, from ``begin`` to ``close``.
+    """Source of frames of hands in scene coordinates; it runs from ``begin`` to ``close``.
 
     Other code may also feed ``stream``, as the page does for a hand that the user drags there.
 
@@ -87,7 +87,7 @@ class RecordedHands(HandSource):
     Parameters
     ----------
     recording : recording, as returned by ``load_recording``.
-    loop : whether the recording restarts at its end, with times that continue.
+    loop : whether the recording restarts at its end; the times of its frames then continue.
     world : see ``HandSource``.
 
     Raises

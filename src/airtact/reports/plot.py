@@ -283,7 +283,7 @@ def lowest_colour(result: ReachMap) -> float:
 
 
 def view_of_reach(result: ReachMap) -> View:
-    """Return a view from the array to the skin; in a box of boards, of the skin's broad side."""
+    """Return a view of the skin from the array; for a box of boards, of its broad side."""
     towards = -result.setup.array.normals.mean(axis=0)
     length = float(np.linalg.norm(towards))
     if length < 0.3:

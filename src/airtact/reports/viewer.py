@@ -101,7 +101,7 @@ def scene_view(
     ----------
     field : solved field; its first excitations are the drives.
     at_foci : pressure of the field at the foci [Pa].
-    drives : drives by name, as solved.
+    drives : drives by name, with the amplitudes for which the field was solved.
     scales : (D,) factor by which each drive is multiplied for the picture.
     window : plane of the foci.
     held_equal : quantity that these factors make equal for all drives, in words.

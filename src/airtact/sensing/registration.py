@@ -349,7 +349,7 @@ class _Fit:
     def misfit(
         self, pose: OptimizeResult, without: Int64[np.ndarray, "rows"] | None = None
     ) -> float:
-        """Return the ratio of the rms residual to the rms of the echoes, both minus the noise."""
+        """Return the rms of the residual relative to that of the echoes, both without the noise."""
         rows = np.delete(np.arange(len(self.measured)), [] if without is None else without)
         measured = self.measured[rows]
         of_noise = self.noise**2 * np.count_nonzero(measured)  # invalid pressures are 0
@@ -361,7 +361,7 @@ class _Fit:
         return self.misfit(pose, self.missing(pose)) <= MAX_MISFIT
 
     def missing(self, pose: OptimizeResult) -> Receivers:
-        """Return the rows of receivers that disagree with every pose, at most a fifth of all."""
+        """Return the rows of the receivers, at most a fifth, that disagree with every pose."""
         left = self.left(pose)
         residual, measured, expected = (
             np.sqrt(np.mean(np.abs(pressures) ** 2, axis=1))

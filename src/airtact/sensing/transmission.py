@@ -25,7 +25,7 @@ Pairs = Complex128[np.ndarray, "receivers emitters"]
 def transmission(
     receiving: PhasedArray, emitting: PhasedArray, wavenumber: complex
 ) -> tuple[Pairs, Complex128[np.ndarray, "13 receivers emitters"]]:
-    """Sum the direct sound over the faces of all elements of two boards, with derivatives.
+    """Sum the direct sound between the faces of all elements of two boards, and its derivatives.
 
     Returns
     -------

@@ -179,7 +179,7 @@ class Search:
         return any(self.clash(first, second) for first in poses for second in others)
 
     def clash(self, first: Pose, second: Pose) -> bool:
-        """Return whether two boards are within 10 mm, or one is between the other and a focus."""
+        """Return whether boards are under 10 mm apart, or one is between the other and a focus."""
         for pose, blocking in ((first, second), (second, first)):
             inverse = blocking.inverse()
             middle = middle_of(self.single)
@@ -197,7 +197,7 @@ class Search:
         return False
 
     def rows(self, pose: Pose) -> list[FociRows]:
-        """Return the result of ``HandPose.rows`` for one board, for each pose of the hand."""
+        """Return the rows (see ``HandPose.rows``) of one board for each pose of the hand."""
         board = self.single.moved(pose)
         return [hand.rows(board) for hand in self.hands]
 

@@ -126,7 +126,7 @@ class MethodComparison:
 
     @property
     def equally_good(self) -> list[Contender]:
-        """The methods within ``tolerance`` of the best, by the weakest focus at full scale."""
+        """Methods whose weakest focus, at full scale, is within ``tolerance`` of the best one."""
         largest = max(map(self.of_the_bound, self.contenders))
         return [
             contender

@@ -480,7 +480,7 @@ def _present(search: Search, array: PhasedArray) -> float:
 
 
 def _verified(setup: Setup, search: Search, array: PhasedArray) -> float:
-    """Return the pressure [Pa] at the weakest focus for the search's drives, by a finer solver."""
+    """Compute the pressure [Pa] at the weakest focus for the search's drives by a finer solver."""
     solver = setup.solver
     if isinstance(solver, BoundaryElement):
         solver = replace(solver, accuracy=min(solver.accuracy, 0.02))

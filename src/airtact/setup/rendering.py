@@ -65,8 +65,9 @@ class Rendering:
     beacons : report of the solve for the transfer matrix. If its solver did not estimate the error,
         this is the largest relative difference from the verification at a focus.
     drive : amplitude and phase of each transducer.
-    pressures : (F,) verified peak pressure at each focus [Pa]. If one focus runs through the
-        points in turn, they are those of the sequence while it is there, from the same matrix.
+    pressures : (F,) verified peak pressure at each focus [Pa]. If one focus runs through the points
+        in turn, each value applies while the focus is at that point, and is computed from the
+        transfer matrix.
     steepening : effect of real air on these pressures.
     verification : comparison of the drive with its control, a drive that the same method
         computes without the bodies. In open air there is no control.

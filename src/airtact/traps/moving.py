@@ -82,7 +82,7 @@ def path(
         corners = np.concatenate([corners, corners[-2::-1]])
 
     def field_of(points: Float64[np.ndarray, "points 3"]) -> tuple[list[Drive], RadiatedField]:
-        """Solve for a trap at each point, each with its own excitation."""
+        """Solve for a trap at each point; each trap is a separate excitation."""
         traps = [Trap(tuple(point), kind, axis) for point in points]
         lobes = np.array([trap.lobes(scene.wavelength) for trap in traps])
         target = Target(lobes.reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""Prediction of a hand at the time when the sound arrives, with noise reduction.
+"""Prediction of a hand at the time when the sound arrives, and reduction of tracker noise.
 
 The filter is ``ArticulatedHand``. The noise of the tracker is estimated from its frames.
 """

@@ -76,8 +76,8 @@ def register(
 
     Parameters
     ----------
-    touched : (T, 3) positions of the fingertip's joint in the tracker's frame [m], at least 3.
-    points : (T, 3) touched points in the scene [m], not in one line.
+    touched : (T, 3) at least 3 positions of the fingertip's joint in the tracker's frame [m].
+    points : (T, 3) touched points in the scene, not all on one line [m].
     normals : (T, 3) outward unit normals of the touched faces.
     offset : distance between the joint and a touched face [m]. None determines it from the touches,
         which requires faces in different directions.

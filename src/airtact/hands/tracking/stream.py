@@ -193,7 +193,7 @@ class HandStream:
 
     @property
     def idle(self) -> float:
-        """Time [s] since the last message, used or not, or since the stream was created."""
+        """Time [s] since the last message, used or not, or since construction if none came."""
         return self._clock() - self._received
 
     def remark(self) -> str:

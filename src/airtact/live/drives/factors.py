@@ -205,7 +205,7 @@ class RigidParts:
         self._solver = solver.factorised(air, refined=self._reference.foci)
 
     def solved(self, joints: Joints, time: float) -> HandFactors:
-        """Solve for another pose, with the parameters and errors of the function ``solved``."""
+        """Solve for another pose; parameters and errors are those of the function ``solved``."""
         scene = self._scene
         posed = pose_hand(scene, joints)
         # Running mean of the bone lengths, which ``outgrown`` compares with the bodies.
@@ -246,7 +246,7 @@ class PartSolver:
         self._rigid: RigidParts | None = None
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve for a part, with the parameters and errors of the function ``solved``."""
+        """Solve for a part; parameters and errors are those of the function ``solved``."""
         if part == "phalanges" and "palm" not in self._scene.places:  # the palm is too large
             with suppress(InvalidInput):  # bodies that touch are solved as one body instead
                 if self._rigid is None or self._rigid.outgrown:

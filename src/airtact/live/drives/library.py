@@ -127,7 +127,10 @@ class Library:
         self._oldest = 0
 
     def add(self, solution: HandFactors) -> None:
-        """Store a solution in place of that for a similar pose or, if full, of the oldest one."""
+        """Store a solution.
+
+        It replaces a solution for a similar pose or, if the library is full, the oldest solution.
+        """
         if not self._solutions:
             self._distances = np.empty((self._capacity, *solution.distances.shape))
             self._directions = np.empty((self._capacity, *solution.directions.shape))

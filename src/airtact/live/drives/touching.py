@@ -86,7 +86,7 @@ class _Foci:
 
 
 class TouchAware(SolvingMaker):
-    """Computes drives for contacts with virtual objects and for requested foci, on both hands.
+    """Computes drives for contacts of both hands with virtual objects and for requested foci.
 
     For each drive, contacts are found on the predicted hands. Their foci appear,
     move and fade as described in ``TouchState``; requested foci rise and fall at

@@ -1,4 +1,4 @@
-"""The pressure that the page shows on the skin and in a slice, with scattering by the hand.
+"""The pressure on the skin and in a slice that the page shows, including scattering by the hand.
 
 A low-priority process solves for the whole hand with the newest drive, on panels that
 bend with the hand. This takes most of a second, so the page displays the age of the
