@@ -93,7 +93,7 @@ class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
 
 
 class NotConverged(RuntimeError):  # noqa: N818
-    """Error of a solver that stopped above its tolerance; the message states residual and cause.
+    """Error raised by a solver that stopped above its tolerance; it states residual and cause.
 
     Attributes
     ----------
@@ -130,8 +130,8 @@ def extra(name: str, need: str) -> Iterator[None]:
     Parameters
     ----------
     name : name of the extra, as in ``airtact[fem]``.
-    need : beginning of the message, ending in the package, such as "finite elements
-        need NGSolve".
+    need : beginning of the message, up to and including the name of the package, such as "finite
+        elements need NGSolve".
     """
     try:
         yield
@@ -178,7 +178,7 @@ def millimetres(length: float, digits: int = 2) -> str:
 
 
 def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Value:
-    """Check that an object has the right type, and return it; ``instead`` names what to pass."""
+    """Check that an object has the right type, and return it; ``instead`` states what to pass."""
     if not isinstance(value, kind):
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         raise InvalidInput(
@@ -212,7 +212,7 @@ def check_choice(value: str, what: str, choices: Sequence[str]) -> None:
 
 
 def number(value: float, what: str, unit: str) -> float:
-    """Check that a value is a real number, which may be NaN or infinite; return it as a float."""
+    """Check that a value is a real number, possibly NaN or infinite, and return it as a float."""
     array = np.asarray(value if np.isscalar(value) or isinstance(value, np.ndarray) else None)
     if array.ndim != 0 or array.dtype.kind not in "iuf":
         in_unit = f", in {unit}" if unit else ""
@@ -282,7 +282,7 @@ def check_seed(seed: int) -> None:
 
 
 def fixed(array: Real[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:
-    """Copy an array to read-only float64, so that it cannot change after it was checked."""
+    """Copy an array to read-only float64, so that it cannot change after it has been checked."""
     copy = np.array(array, dtype=np.float64, order="C")
     copy.flags.writeable = False
     return copy
@@ -406,7 +406,7 @@ def _short(value: object) -> str:
 
 
 def one_line(self: object, *facts: str) -> str:
-    """Write an object as its type followed, in brackets, by the given facts that are not empty.
+    """Write an object as its type, followed in brackets by those facts that are not empty.
 
     Examples
     --------

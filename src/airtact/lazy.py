@@ -1,4 +1,4 @@
-"""Names of a package, imported on first use by one thread at a time."""
+"""Import of a package's names on first use, by one thread at a time."""
 
 import threading
 from collections.abc import Callable
@@ -13,7 +13,7 @@ _importing = threading.RLock()
 def attached(
     package: str, file: str
 ) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-    """Return ``__getattr__``, ``__dir__`` and ``__all__`` for a package, from its stub file."""
+    """Build ``__getattr__``, ``__dir__`` and ``__all__`` of a package from its stub file."""
     load, listed, names = lazy_loader.attach_stub(package, file)
 
     def first_use(name: str) -> object:

@@ -32,7 +32,7 @@ def text(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Return points (F, 3) along a text in Hershey's single-stroke letters of 1967 [m].
+    """Return points (F, 3) [m] along a text in Hershey's single-stroke font of 1967.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def text(
     spacing : largest distance between neighbours along a stroke [m].
     centre : (3,) middle of the text [m].
     normal : (3,) direction toward the reader.
-    up : (3,) direction in which the letters point up; by default y, or z if the normal is
+    up : (3,) upward direction of the letters; by default y, or z if the normal is
         nearly parallel to y.
 
     Raises
@@ -96,7 +96,7 @@ def svg_path(
     spacing : largest distance between neighbours along a line [m].
     centre : (3,) middle of the drawing [m].
     normal : (3,) direction toward the viewer.
-    up : (3,) direction in which the drawing's top points; by default y, or z if the normal is
+    up : (3,) upward direction of the drawing; by default y, or z if the normal is
         nearly parallel to y.
 
     Raises

@@ -129,7 +129,7 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 
 
 def filled(surface: Surface, medium: Medium) -> Obstacle:
-    """Build a fluid body, which sound can enter, from its closed surface and its fluid."""
+    """Build a fluid-filled body, which sound can enter, from its closed surface and its fluid."""
     return Obstacle(surface, "filled", medium=medium)
 
 

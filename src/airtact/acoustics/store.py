@@ -239,7 +239,7 @@ class Stored(Solver):
     def _keep(self, path: Path, key: str, field: RadiatedField, scene: Scene) -> None:
         if field.scene is not scene:
             # An entry is read with the scene of its key.
-            raise InvalidInput("its scene has no boards.", code="not_supported")
+            raise InvalidInput("its scene excludes the reflecting boards.", code="not_supported")
         content = packed(field, key)
         if len(content) > self.most_bytes:
             raise InvalidInput(

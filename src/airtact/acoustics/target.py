@@ -49,7 +49,7 @@ class Beacons(Monopoles):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Foci and suppression points, given in the obstacles' frame and so fixed to the hand.
+    """Foci and suppression points, given in the obstacles' frame and therefore fixed to the hand.
 
     Attributes
     ----------

@@ -2,8 +2,7 @@
 
 The exit code is 0 for success, 1 if a link to boards or the self-check fails, 2 for bad
 input or no convergence, and 130 for an interruption by Ctrl-C. An error message ends
-with its code in brackets. With ``--json``, the error is also written to the standard
-output as JSON.
+with its code in brackets. With ``--json``, the error is also written to standard output as JSON.
 """
 
 import gc
@@ -40,7 +39,7 @@ NAMES = (
 
 
 class Commands(click.Group):
-    """A group that only imports a command when it is run or listed."""
+    """A group that imports a command only when it is run or listed."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command; return None for an unknown name."""

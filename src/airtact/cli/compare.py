@@ -1,4 +1,4 @@
-"""``airtact compare``: compare the drives of all methods or of other programs for a scene."""
+"""``airtact compare``: compare drives from all methods or from other programs for a scene."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,10 +47,10 @@ def compare(
 
     All drives are computed from the same transfer matrix and verified by a more accurate solve.
 
-    With --drive, evaluate the drive of another program and compare it with the best drive and with
+    With --drive, evaluate a drive from another program, and compare it with the best drive and with
     the corrected drive, which is the nearest drive that reaches 95 % of the upper bound. Files:
     .h5; .csv or .txt with phases; .csv and .holo from AcousTools; .xml from Ultraino; .npy; .bin
-    with the messages of boards.
+    with messages to boards.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -48,7 +48,7 @@ class Terminal(Console):
 
 
 def say(text: str) -> None:
-    """Print a line to the standard error, without control characters."""
+    """Print a line to standard error, without control characters."""
     click.echo(printable(text), err=True)
 
 
@@ -128,9 +128,8 @@ def show(
 ) -> None:
     """Print a headline, tables, warnings, and lines such as the names of written files.
 
-    With ``--quiet``, only the warnings are printed. With ``--json``, the standard
-    output is the record with the warnings and the version; everything else is printed
-    on the standard error.
+    With ``--quiet``, only the warnings are printed. With ``--json``, the record, the warnings and
+    the version are printed to standard output, and everything else to standard error.
     """
     from airtact.errors import one_sentence  # importing NumPy here does not delay --help
 
@@ -158,7 +157,7 @@ def show(
 
 
 def open_page(page: Path) -> None:
-    """Show a page in the browser; if there is none, print the path of the page."""
+    """Show a page in the browser; if no browser is found, print the path of the page."""
     import webbrowser
 
     if not webbrowser.open(page.resolve().as_uri()):

@@ -54,7 +54,7 @@ def hand(
     landmarks: Path | None,
     camera: tuple[float, float, float] | None,
 ) -> None:
-    """Compute the closed skin of a hand from its joints: 25 of WebXR, or 21 of MediaPipe or Leap.
+    """Compute the closed skin of a hand from its joints: 25 (WebXR) or 21 (MediaPipe, Leap).
 
     A pose is a .json file. The skin is written as flat triangles in metres to a .ply, .stl or .glb
     file, or as curved triangles to a .vtkhdf file for ParaView. A picture (.png) is written next to

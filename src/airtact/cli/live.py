@@ -42,7 +42,7 @@ from airtact.cli.options import (
     "--record",
     "recording",
     type=OUT_FILE,
-    help="Record the frames of --from websocket or osc to a .jsonl file, without drives.",
+    help="Record the frames received by --from websocket or osc to a .jsonl file, without drives.",
 )
 @click.option(
     "--verify",
@@ -111,7 +111,7 @@ def live(
     a metre from the array is limited to 110 dB. Ctrl-C ends the run and silences the
     boards.
 
-    --record writes the frames of trackers to a recording and does not read SCENE.
+    --record writes the frames from trackers to a recording and does not read SCENE.
     --verify solves for the hand of a session at the times of some of its drives, and
     compares these drives with the best ones.
     """

@@ -25,7 +25,7 @@ class InputFile(click.ParamType):
     name = "file"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the file, or print a note and return the example with this name."""
+        """Return a file that exists; otherwise print a note and return the example of that name."""
         from airtact.setup.examples import file_or_example
 
         file = file_or_example(value)
@@ -38,7 +38,7 @@ INPUT = InputFile()
 
 
 class Names(click.Choice):
-    """Click parameter type for names in a registry, which is only imported when needed.
+    """Click parameter type for names in a registry, which is imported only when needed.
 
     Parameters
     ----------

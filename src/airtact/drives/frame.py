@@ -20,7 +20,7 @@ class Frame:
         eight bits, 255 is full scale.
     phase : (E,) uint8 phase level of each element in the phasor Re[d e^{−iωt}]. With eight bits,
         256 levels are a full turn, and +64 delays the wave by a quarter of a period.
-    levels : the amplitudes and phases that the levels represent.
+    levels : table of the amplitudes and phases that the boards' integer levels represent.
 
     Raises
     ------

@@ -90,7 +90,7 @@ def alternating_projections(
     Parameters
     ----------
     matrix : pressure at all points per unit drive.
-    sets : rows of the matrix that are the foci of each set.
+    sets : indices of the matrix rows that belong to the foci of each set.
     requests : requested pressures; only their ratios matter.
     sources : initial sources; their magnitudes are the initial weights.
     iterations : number of weighted Gerchberg-Saxton iterations; the best one is returned.

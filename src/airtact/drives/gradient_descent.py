@@ -23,7 +23,7 @@ Suppressed = Complex128[np.ndarray, "suppressed elements"]
 def gradient(
     transfer: TransferMatrix, target: Target, *, loss: float = 0.1, iterations: int = 500
 ) -> Drive:
-    """Improve the drive of ``max_min``, and reduce the pressure at the suppression points.
+    """Improve the drive from ``max_min``, and reduce the pressure at the suppression points.
 
     The pressure of each focus is divided by its request. Without suppression points the method
     maximises the power mean of these ratios with exponent −200, which is close to the smallest

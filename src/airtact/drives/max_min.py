@@ -41,7 +41,8 @@ class UpperBound:
     worst : √Σ_e y_e, an upper bound on the smallest fraction of the requested pressures. If the
         target requests shares or nothing, it bounds the smallest ratio of pressure to share
         [Pa].
-    relaxed : value reached by the relaxation; no choice of multipliers makes ``worst`` smaller.
+    relaxed : value reached by the relaxation; no choice of multipliers makes ``worst`` smaller than
+        this.
     multipliers : (F,) μ_f; 0 for foci without a request.
     elements : (E,) y_e.
     """

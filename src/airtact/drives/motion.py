@@ -221,14 +221,14 @@ def moving_foci(
     target : these points, in the same order.
     foci : number of foci in one frame.
     turns : rounds per second [Hz].
-    method : computes the drive of each frame from its rows of the matrix.
+    method : function that computes the drive of each frame from its rows of the matrix.
     clock : frequency of the sound [Hz]. Each frame lasts a whole number of periods, as boards
         require.
 
     Returns
     -------
-    A sequence of at least 4 frames. Because each frame lasts a whole number of periods, its
-    rounds per second are as close to ``turns`` as possible.
+    A sequence of at least 4 frames. Because each frame lasts a whole number of periods, the rounds
+    per second may differ slightly from ``turns``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The drive closest to another drive that produces most of the attainable pressure at the foci."""
+"""Smallest change of a drive that yields most of the attainable pressure at the foci."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -28,7 +28,7 @@ def nearest_drive(
     ----------
     transfer : (F, E) transfer matrix, for example with the hand in place.
     target : the F foci.
-    drive : the drive to change, for example from another program.
+    drive : the drive to change, for example one from another program.
     share : fraction of the bound that the weakest focus must reach, from 0 to 1.
 
     Returns

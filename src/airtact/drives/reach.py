@@ -39,7 +39,7 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
         if apart.max() > 1e-6:  # metres
             raise InvalidInput(
                 f"focus {int(apart.argmax())} of the target is {millimetres(apart.max(), 3)} from "
-                "that focus in the transfer matrix. Use the target for which the matrix was "
+                "the corresponding focus of the matrix. Use the target for which the matrix was "
                 "computed, in the obstacles' frame.",
                 code="sizes_differ",
             )
@@ -64,7 +64,7 @@ def asked_rows(
 def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     """Return the rows at the foci, after checking that a drive can separate and reach all foci.
 
-    Methods that balance the foci would diverge otherwise. The function raises ``InvalidInput``:
+    Otherwise, methods that balance the foci would diverge. The function raises ``InvalidInput``:
 
     - under the conditions of ``check_foci``;
     - if there are more foci than elements;
@@ -112,7 +112,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
         rest = np.median(np.delete(attainable, worst))
         raise InvalidInput(
             f"focus {asked[worst]} at {in_mm(point)} is shadowed: the pressure there can reach at "
-            f"most {attainable[worst]:.3g} Pa, while the median of the other foci is {rest:.3g} "
+            f"most {attainable[worst]:.3g} Pa, while the median for the other foci is {rest:.3g} "
             "Pa. Move it, remove it or request less pressure there.",
             point,
             code="foci_unreachable",

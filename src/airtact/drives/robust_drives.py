@@ -76,7 +76,7 @@ def robust(
     *,
     limit: Limit = "energy",
 ) -> Drive:
-    """Compute the best drive over all samples of an ensemble, for an uncertain hand.
+    """Compute the drive for an uncertain hand that is best over all samples of an ensemble.
 
     The search ignores the random gains of single elements, because adapting to them would not help
     with new samples; ``goal_value`` includes them. The method chooses the phases at the foci and
@@ -84,8 +84,8 @@ def robust(
 
     Parameters
     ----------
-    ensemble : the samples, from ``ensemble``. A plain transfer matrix counts as free of
-        uncertainty.
+    ensemble : the samples, from ``ensemble``. A plain transfer matrix is treated as a single sample
+        without uncertainty.
     target : the foci and their requested pressures.
     goal : "lowest tenth", the pressure that the weakest focus exceeds in 9 out
         of 10 samples; "mean", its mean over the samples; or "worst", its

@@ -1,9 +1,10 @@
 """Sequences of drives, which make the ultrasound perceptible to the skin.
 
 Ultrasound itself is too fast to be felt; skin feels changes at a few to a few hundred hertz. Such
-changes come from varying the amplitude (amplitude modulation), from moving a focus back and forth
-(lateral modulation; R. Takahashi, K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 13, 334, 2020), or
-from moving it along a path (spatiotemporal modulation; W. Frier et al., EuroHaptics 2018).
+changes are produced by varying the amplitude (amplitude modulation), by moving a focus back and
+forth (lateral modulation; R. Takahashi, K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 13, 334,
+2020), or by moving it along a path (spatiotemporal modulation; W. Frier et al., EuroHaptics
+2018).
 """
 
 from collections.abc import Mapping
@@ -75,7 +76,7 @@ class Sequence:
         return len(self.drives) / self.rate
 
     def drive(self, index: int) -> Drive:
-        """Return the frame with this index, from 0; raise ``InvalidInput`` if it does not exist."""
+        """Return a frame by its index, from 0; raise ``InvalidInput`` if there is no such frame."""
         if not 0 <= index < len(self):
             raise InvalidInput(
                 f"there is no frame {index}. The sequence has frames 0 to {len(self) - 1}.",

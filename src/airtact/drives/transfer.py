@@ -235,7 +235,7 @@ def _means_on_faces(
 
 
 def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> TransferMatrix:
-    """Build the transfer matrix without the bodies, in closed form, for comparison.
+    """Build the transfer matrix of the array without the bodies, in closed form.
 
     To find the benefit of modelling the bodies, compute one drive from this matrix and one from
     ``transfer_matrix`` with the same method. Compare them with the bodies present, at equal peak or
@@ -267,7 +267,7 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
 def focus_by_distance(
     array: PhasedArray, target: Target, medium: Medium, frequency: float
 ) -> Drive:
-    """Compute a drive only from the distances between elements and foci, for comparison.
+    """Compute a drive from the distances between elements and foci alone.
 
     The drive is d_e = Σ_f e^{−ik r_ef} (equations 5 and 11 of the paper), scaled to a largest
     amplitude of 1. All foci have the same weight, whatever their requests. k is the real part of

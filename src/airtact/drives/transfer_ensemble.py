@@ -1,11 +1,12 @@
 """Transfer matrices of sampled hands (``ensemble``), from a single solve if the hands move rigidly.
 
-Warmer air scales the wavenumber by s. The solved field is then evaluated with all lengths scaled by
-s about the middle of the foci. As an approximation, this also scales the bodies and the distances
-between foci, by 0.2 % per kelvin, and neglects the change of absorption. Compared with solves of a
-pinch in air that is 2 K (5 K) warmer, the error of the matrix is 1.3 % (3.2 %) in a box and 0.9 %
-(2.3 %) in front of flat boards. Without scaling it is 24 to 138 %. The pressure of a drive at the
-weakest focus is within 0.2 % (0.4 %) (``benchmarks/robust.py warmer``).
+In warmer air, the wavenumber is multiplied by a factor s below 1. The solved field is then
+evaluated with all lengths scaled by s about the middle of the foci. As an approximation, this also
+scales the bodies and the distances between foci, by 0.2 % per kelvin, and neglects the change of
+absorption. Compared with solves of a pinch in air that is 2 K (5 K) warmer, the error of the matrix
+is 1.3 % (3.2 %) in a box and 0.9 % (2.3 %) in front of flat boards. Without scaling, it is 24 to
+138 %. The pressure of a drive at the weakest focus is within 0.2 % (0.4 %) (``benchmarks/robust.py
+warmer``).
 
 The pressure on an element is computed as the pressure at its centre times its directivity towards
 each focus, plus the remainder of the nominal matrix. Compared with the mean over the faces, for
@@ -144,15 +145,15 @@ def ensemble(
     *,
     solver: Solver | None = None,
 ) -> TransferEnsemble:
-    """Compute transfer matrices for random poses of the hand, air and transducers.
+    """Compute transfer matrices for random deviations of the hand, the air and the transducers.
 
     A rigid motion of the hand requires no new solve: the multipole expansion of the beacons' field
     is evaluated at the elements' positions relative to the moved hand. If bodies move
     independently or foci move along the skin, each focus is evaluated as if all bodies moved with
     it. With ``solver``, each such sample is solved instead; ``BoundaryElement().factorised(scene,
-    refined=target.points)`` takes milliseconds for each. Warmer air scales the wavenumber. In
-    front of a rigid plane, one solve covers all motions along the plane, and ``solver`` solves the
-    other samples.
+    refined=target.points)`` takes milliseconds for each. A change of the air's temperature or
+    humidity scales the wavenumber. In front of a rigid plane, one solve covers all motions along
+    the plane, and ``solver`` solves the other samples.
 
     Parameters
     ----------
@@ -223,11 +224,11 @@ def matrices_at(
 ) -> Iterator[FociRows | None]:
     """Yield the transfer matrix (F, E) [Pa] of a hand, moved rigidly by each pose.
 
-    ``slower`` scales the wavenumber, for warmer air. If an element is inside a body, or if a body
-    or a focus is behind a face, the pose is impossible and None is yielded. In front of a plane,
-    ``solver`` solves each pose that changes the position relative to the plane. Without it, such a
-    pose raises an error with the code "not_converged". Otherwise, the function raises the same
-    errors as ``transfer_matrix``.
+    The wavenumber is multiplied by ``slower``, which is below 1 in warmer air. If an element is
+    inside a body, or if a body or a focus is behind a face, the pose is impossible and None is
+    yielded. In front of a plane, ``solver`` solves each pose that changes the position relative to
+    the plane. Without it, such a pose raises an error with the code "not_converged". Otherwise, the
+    function raises the same errors as ``transfer_matrix``.
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
@@ -308,7 +309,7 @@ class _Sampler:
         of_kind(solver, Solver | None, "the solver", "BoundaryElement()")
         scene = beacons.scene
         foci = beacons.sources.positions
-        check_no_boards(scene, "an ensemble, whose hands move against it,")
+        check_no_boards(scene, "an ensemble of moving hands")
         if scene.planes and not scene.obstacles:
             solver = FreeField()
         independent = uncertainty.own_position or uncertainty.own_rotation
@@ -360,7 +361,7 @@ class _Sampler:
         return sines, np.real(self.array.element.far_pattern(directions, wavenumber))
 
     def draw(self, samples: int, seed: int) -> Iterator[Draw]:
-        """Draw samples in which each body, or each group of foci without a solver, moves alone."""
+        """Draw samples in which each body moves alone or, without a solver, each group of foci."""
         foci = self.field.sources.positions
         obstacles = self.field.scene.obstacles
         if self.solver is None or not obstacles:
@@ -545,7 +546,7 @@ class _Sampler:
         return transfer_matrix(field, self.array.seen_from(draw.hand)).matrix
 
     def _check(self, pose: Pose, foci: Real[np.ndarray, "group 3"]) -> None:
-        """Check the placement of the array if a body or plane is near enough to fail the check."""
+        """Check the placement of the array if a body or plane is near enough to matter."""
         array = self.array
         spheres = pose.apply(foci)
         radii = np.zeros(len(foci))
@@ -568,7 +569,7 @@ def _expanded(field: RadiatedField) -> RadiatedField:
 
 
 def _plane_seen(plane: Plane, hand: Pose) -> Plane:
-    """Return a plane in the frame of a moved hand; the same object if the hand has not moved."""
+    """Return a plane in the frame of a hand, or the plane itself if the hand has not moved."""
     return plane if plane.kept_by(hand) else plane.moved(hand.inverse())
 
 

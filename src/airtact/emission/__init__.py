@@ -1,4 +1,4 @@
-"""Emission of drives: messages of boards, links to boards, and safe shutdown."""
+"""Emission of drives: messages to boards, links to boards, and safe shutdown."""
 
 from airtact.lazy import attached
 

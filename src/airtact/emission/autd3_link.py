@@ -1,4 +1,4 @@
-"""AUTD3 boards, and a link to boards with older firmware through pyautd3 or its emulator Audit."""
+"""Base class of links to AUTD3 boards, and a link to older firmware through pyautd3."""
 
 import ctypes
 import importlib.metadata
@@ -93,7 +93,7 @@ class AUTD3Boards(Link):
 
 
 class AUTD3Link(AUTD3Boards):
-    """Link to a chain of AUTD3 boards with firmware before 0.10, on EtherCAT.
+    """EtherCAT link to a chain of AUTD3 boards with firmware older than 0.10.
 
     Drives already contain all phases, so the frames do not depend on the speed of sound set in
     pyautd3; only simulators use this speed.
@@ -221,7 +221,7 @@ class AUTD3Link(AUTD3Boards):
         return remote.Remote(address) if self.name == "remote" else simulator.Simulator(address)
 
     def _note(self, board: int, status: object) -> None:
-        """Store the EtherCAT report of a board for the next frame; called from another thread."""
+        """Store a board's EtherCAT report until the next frame is sent; runs in another thread."""
         self._lost = f"board {board}: {status}"
 
     def _transmit(self, frame: Frame) -> None:

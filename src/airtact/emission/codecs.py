@@ -1,4 +1,4 @@
-"""Messages of boards: frames in each board's levels, channels and phase convention.
+"""Messages to boards: frames in each board's levels, channels and phase convention.
 
 On all of these boards, a larger phase number delays the pulse of an element, like the phase of a
 drive d in Re[d e^{−iωt}]. Therefore no codec conjugates the drive. The evidence is as follows.
@@ -26,14 +26,14 @@ Bytes = UInt8[np.ndarray, "..."]
 
 @dataclass(frozen=True, eq=False)
 class Codec:
-    """The messages of one kind of board.
+    """Encoder and decoder of the messages to one kind of board.
 
     Attributes
     ----------
     board : the board.
     levels : amplitudes and phases that the board can emit.
     encoded : function that writes the message of a frame; see ``encode``.
-    decoded : function that reads the phase and amplitude of each channel from the messages of a
+    decoded : function that reads the phase and amplitude of each channel from the messages to a
         number of boards; it returns None for incomplete frames.
     baud : speed of the board's serial line [bit/s]; None without a serial line.
     echo : bytes that the board sends back for a frame; empty if it does not answer.
@@ -51,7 +51,7 @@ class Codec:
         return self.encoded(self, frame)
 
     def decode(self, message: bytes, boards: int = 1) -> list[Frame]:
-        """Return the frames in the messages of some boards; none if a frame is incomplete."""
+        """Return the frames in messages to some boards; an empty list if one is incomplete."""
         channels = self.decoded(np.frombuffer(message, dtype=np.uint8), boards)
         if channels is None:
             return []

@@ -75,7 +75,7 @@ class Emission:
     Attributes
     ----------
     cap : largest amplitude, as above; it may be changed during the emission.
-    process : id of the process that opened the link; None if it is this one, or before opening.
+    process : id of the process that opened the link; None before opening, or if it is this process.
     share : fraction of the latest drive's amplitude that the boards played when it was sent;
         below 1 during a ramp.
 
@@ -217,8 +217,8 @@ class Emission:
         drive : amplitude of every element.
         wait : whether to wait for the end of the ramp; otherwise ``share`` shows its progress.
         at : time at which the drive takes effect, on the clock of ``time.monotonic`` [s]. It may be
-            at most the link's ``lead`` from now. During a ramp, and on links without a lead, the
-            drive takes effect at once.
+            at most the link's ``lead`` in the future. During a ramp, and on links without a lead,
+            the drive takes effect at once.
 
         Returns
         -------
@@ -253,7 +253,7 @@ class Emission:
         self._play(sequence.drives, np.ones(len(sequence)), sequence.rate, wait)
 
     def play(self, sequence: Sequence, seconds: float) -> Played:
-        """Repeat a sequence as in ``cycle``, and keep playing it for some time after the ramp.
+        """Repeat a sequence as in ``cycle``, and keep playing it for ``seconds`` after the ramp.
 
         Parameters
         ----------
@@ -486,7 +486,7 @@ class Emission:
             self._obey()
 
     def _obey(self) -> None:
-        """Handle a pending signal between two calls, in the main thread only: end the emission."""
+        """End the emission if a signal is pending. Only the main thread handles signals."""
         if self._signal is None or threading.current_thread() is not threading.main_thread():
             return
         kind = self._signal

@@ -1,4 +1,4 @@
-"""Files of frames, for boards without a link or for inspection, and the function to read drives."""
+"""Files of frames for boards without a link or for inspection, and functions that read drives."""
 
 from pathlib import Path
 
@@ -32,23 +32,23 @@ def load_drive(
     board: str | None = None,
     elements: int | None = None,
 ) -> Drive | Sequence:
-    """Read a drive or a sequence from a file of airtact or another program.
+    """Read a drive or a sequence from a file written by airtact or another program.
 
     The function reads .h5 files that ``Drive.save``, ``Sequence.save`` or ``write_frames``
     wrote, and .csv tables of a drive, whose rows it sorts by the column ``index``. The
     amplitudes and phases that ``save`` wrote are returned to within 1e-15 (1e-9 from tables);
     those of ``write_frames`` are rounded to the levels of the boards.
 
-    It also reads the following files of other programs:
+    It also reads the following files from other programs:
 
     - tables of phases (.csv, .txt), in radians, or in degrees if the column is named
-      ``phase_degrees`` or the numbers exceed a turn in radians;
-    - .csv and .holo files of AcousTools, in the order of OpenMPD's boards;
-    - simulations of Ultraino (.xml, .xml.gz);
+      ``phase_degrees`` or the numbers exceed 2π;
+    - .csv and .holo files from AcousTools, in the order of OpenMPD's boards;
+    - simulations from Ultraino (.xml, .xml.gz);
     - NumPy arrays (.npy) of shape (elements,) or (frames, elements), with complex amplitudes or
       phases; or with a last axis of two uint8 numbers, phase and intensity, as in AUTD3's
       buffers;
-    - the bytes of messages to boards (.bin).
+    - .bin files with the bytes of messages to boards.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def load_drive(
 
 
 def drive_in(path: Path, board: str | None = None, elements: int | None = None) -> DriveFile:
-    """Read the contents of any program's drive file; raise the same errors as ``load_drive``."""
+    """Read a drive file written by any program; raise the same errors as ``load_drive``."""
     own = path.suffix.lower() == ".h5"
     if path.suffix.lower() == ".csv":
         first = text_of(path).lstrip().partition("\n")[0].lower()
@@ -86,7 +86,7 @@ def drive_in(path: Path, board: str | None = None, elements: int | None = None) 
 
 
 def drive_for(array: PhasedArray, path: Path, board: str | None = None) -> Drive:
-    """Read the first drive in a file of any program, and check that it fits an array.
+    """Read the first drive in a file written by any program, and check that it fits an array.
 
     If the file contains positions, its elements are matched with those of the array. The array may
     have moved since then, if the order of the elements is the same.

@@ -22,7 +22,7 @@ from airtact.transducers.levels import Levels
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
-    """Error of an open link. Its message describes the last frame sent.
+    """Error raised by an open link. Its message describes the last frame sent.
 
     Attributes
     ----------
@@ -46,14 +46,14 @@ class Link(ABC):
 
     Attributes
     ----------
-    codec : messages of the boards.
+    codec : encoder and decoder of the messages to the boards.
     name : name of the link in commands.
     boards, elements : number of boards, and total number of elements.
     poses : poses of the boards, from the board's frame to the array's frame; None if unknown.
     plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves;
         otherwise every frame must be sent in time.
     fastest : largest rate of the link [frames/s].
-    lead : longest time that a frame may be sent before it takes effect [s]; 0 if frames take
+    lead : how far in advance of taking effect a frame may be sent, at most [s]; 0 if frames take
         effect when they arrive.
     last : last frame sent; None before the first.
     sent : number of frames sent since the link was opened.
@@ -144,7 +144,7 @@ class Link(ABC):
         ------
         InvalidInput
             If the frame has a different number of elements or different levels, the link is not
-            open, or the time is more than ``lead`` from now.
+            open, or the time is more than ``lead`` in the future.
         LinkFailed
             If the link fails.
         """
@@ -387,7 +387,7 @@ class RecordingLink(Link):
             self._seconds += seconds
 
     def recorded(self, first: int) -> tuple[list[Frame], list[float]]:
-        """Return up to 64 frames from frame ``first`` on, and the times they were sent [s]."""
+        """Return up to 64 frames, starting with frame ``first``, and their times of sending [s]."""
         # There are at most 64 because a long message would delay the watchdog.
         return self._frames[first : first + 64], self._seconds[first : first + 64]
 

@@ -1,4 +1,4 @@
-"""The process that runs a link, its guard, and the code of their owner, which starts them.
+"""The process that runs a link, its guard, and the code with which their owner starts them.
 
 The owner starts the guard, which forks the link process. The link process plays the owner's drives,
 and silences the boards when the owner, the guard or the connection ends. The guard has a copy of
@@ -67,7 +67,7 @@ class Channel:
         self._socket.sendall(self.LENGTH.pack(len(data)) + data)
 
     def receive(self, seconds: float) -> tuple[Any, ...] | None:
-        """Return the next message, or None after the timeout; raise EOFError at the end."""
+        """Return the next message, or None after the timeout; raise EOFError if the peer closed."""
         end = time.monotonic() + seconds
         while (message := self._complete()) is None:
             self._socket.settimeout(max(end - time.monotonic(), 0.0))

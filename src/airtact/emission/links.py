@@ -18,7 +18,7 @@ LINKS: dict[str, tuple[str, ...]] = {
 
 
 def links_of(board: str) -> Sequence[str]:
-    """Return the values of ``--link`` for a kind of board; "file" only writes the frames."""
+    """Return the values of ``--link`` for a kind of board; "file" only writes frames to a file."""
     return [*(name for name, boards in LINKS.items() if board in boards), "file"]
 
 

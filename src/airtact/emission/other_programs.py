@@ -34,7 +34,7 @@ ENDINGS = (".csv", ".txt", ".holo", ".xml", ".xml.gz", ".npy", ".bin")
 
 
 def read_other(path: Path, board: str | None = None, elements: int | None = None) -> DriveFile:
-    """Read the drives from a file of another program.
+    """Read the drives from a file written by another program.
 
     Parameters
     ----------
@@ -206,13 +206,13 @@ def _holograms(path: Path) -> Drives:
     """Read a .holo file of 5-byte numbers, with phases and amplitudes in 32 levels.
 
     The number 63 separates the frames. AcousTools orders the elements of a board by x, then y. The
-    result is in the order of OpenMPD's boards, as in the .csv files of AcousTools: the first 256
+    result is in the order of OpenMPD's boards, as in the .csv files from AcousTools: the first 256
     elements are the upper board.
     """
     packed = bytes_of(path)
     data = _unpacked(path, lambda size: zlib.decompressobj().decompress(packed, size))
     if len(data) % 5 or not data:
-        raise _unreadable(path, "is not a file of holograms by AcousTools")
+        raise _unreadable(path, "is not a file of holograms written by AcousTools")
     rows = np.frombuffer(data, dtype=np.uint8).reshape(-1, 5)
     numbers = np.where(rows[:, :4].any(axis=1), 64, rows[:, 4]).astype(np.int64)
     ends = np.flatnonzero(numbers == 63)
@@ -221,7 +221,7 @@ def _holograms(path: Path) -> Drives:
     parts = [parts[0], *(part[1:] for part in parts[1:])]
     lengths = {len(part) for part in parts[:-1]}
     if len(parts) % 2 == 0 or len(parts[-1]) or len(lengths) != 1 or numbers.max() > 63:
-        raise _unreadable(path, "is not a file of holograms by AcousTools")
+        raise _unreadable(path, "is not a file of holograms written by AcousTools")
     levels = np.array(parts[:-1]).reshape(-1, 2, lengths.pop())
     if levels.max() > 32:
         raise _unreadable(path, "has levels above 32")
@@ -261,7 +261,7 @@ def _ultraino(path: Path, data: bytes) -> DriveFile:
         if node.get("class", "").endswith(".Transducer") and node.get("id")
     ]
     if not transducers:
-        raise _unreadable(path, "has no transducers of Ultraino")
+        raise _unreadable(path, "contains no Ultraino transducers")
     transducers.sort(key=lambda node: _property(node, "orderNumber", 0.0))
     drives = []
     positions = []
@@ -286,7 +286,7 @@ def _ultraino(path: Path, data: bytes) -> DriveFile:
 
 
 def _fields(root: ElementTree.Element) -> dict[tuple[str, str], float]:
-    """Return the numbers that are set, by the names of the object and its field."""
+    """Return the numbers that are set, keyed by the names of the object and its field."""
     fields = {}
     for entry in root.iter("void"):
         setting = entry.find("void[@method='set']")

@@ -54,7 +54,7 @@ class Cycle:
 
 
 class Player:
-    """Player that works on a link in steps. Every command returns at once.
+    """Playback on a link in small steps. Every command returns at once.
 
     ``Emission`` calls the methods without an underscore by name. ``step`` does the work that is
     due. If a step fails, its error is raised by the next command that resets the watchdog.
@@ -62,7 +62,7 @@ class Player:
     Parameters
     ----------
     link, settings : a link that is not open yet, and the settings of the playback.
-    alive : called before each piece of work with the time that it may take [s].
+    alive : function called before each piece of work with the longest time that it may take [s].
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Player:
     ) -> tuple[Frame, float, float]:
         """Repeat drives, or one drive multiplied by several factors, from now on.
 
-        A rate [frames/s] ends a modulation. If the number of frames stays the same, playback
+        A ``rate`` above 0 ends any modulation. If the number of frames stays the same, playback
         continues at the same position.
 
         Parameters

@@ -36,7 +36,8 @@ class SerialLink(Link):
     port : name of the serial device, such as /dev/ttyUSB0 or COM3.
     board : "sonicsurface" or "nano16".
     boards : number of boards; the first is the primary and the second the secondary.
-    boot : time limit for the first answer [s], because a Nano16 restarts when its port is opened.
+    boot : time limit for the first answer [s]. A Nano16 answers late, because opening its port
+        restarts it.
     """
 
     name = "serial"

@@ -1,4 +1,4 @@
-"""Link to AUTD3 boards with firmware 0.12 over UDP, through the manufacturer's package autd3."""
+"""UDP link to AUTD3 boards with firmware 0.12, through the manufacturer's package autd3."""
 
 import asyncio
 import importlib.metadata
@@ -16,7 +16,7 @@ from airtact.geometry.pose import Pose
 
 
 class UDPLink(AUTD3Boards):
-    """Link to a chain of AUTD3 boards with firmware 0.12.
+    """UDP link to a chain of AUTD3 boards with firmware 0.12.
 
     The boards silence themselves half a second after the last call of ``send``,
     ``play`` or ``probe``; an ``Emission`` calls ``probe`` often enough. A frame
@@ -96,8 +96,8 @@ class UDPLink(AUTD3Boards):
                 raise
             raise InvalidInput(
                 f"{self.boards} AUTD3 boards cannot be opened through udp: "
-                f"{str(error).rstrip('.')}. Boards with firmware before 0.10 need another link, "
-                "such as ethercrab.",
+                f"{str(error).rstrip('.')}. Boards with firmware older than 0.10 need "
+                "another link, such as ethercrab.",
                 code="link_failed",
             ) from None
         self._silence()
@@ -153,7 +153,7 @@ class UDPLink(AUTD3Boards):
         self._answer = self._done(lambda: self._client.send_frame_at(frames, sdk.ExecAt.At(acts)))
 
     def _prepare(self) -> None:
-        """Make the boards play the current modulation, and check the last frame sent ahead."""
+        """Make the boards play the current modulation, and check the last frame sent in advance."""
         answer = self._answer
         if answer is not None:
             self._answer = None
@@ -253,7 +253,7 @@ class UDPLink(AUTD3Boards):
         return phases, IntensityBuffer.from_array(of_boards(frame.amplitude))
 
     def _next_bank(self) -> Any:
-        """Return the bank that is not playing, so that no incomplete frame sounds."""
+        """Return the bank that is not playing, so that no incomplete frame is played."""
         banks = self._sdk.value.PatternBank
         self._bank = 1 - self._bank
         return (banks.B0, banks.B1)[self._bank]

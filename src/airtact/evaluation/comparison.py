@@ -78,7 +78,7 @@ class Comparison:
         return steepening(field.scene, field.sources, self.target.points, pressures, column)
 
     def column(self, name: str, phase_only: bool = False) -> int:
-        """Return the index of a drive's excitation in ``field``, or of its phases alone.
+        """Return the index of a drive's excitation in ``field``, or that of its phases alone.
 
         The method raises ``InvalidInput`` if no drive has that name.
         """
@@ -97,7 +97,8 @@ class Comparison:
 
         Returns
         -------
-        The complex total pressure (P,) [Pa] for the name of each drive; NaN inside bodies.
+        A dict from the name of each drive to its complex total pressure (P,) [Pa]; NaN inside
+        bodies.
         """
         pressures = self.field.at(points)
         return {name: pressures[:, self.column(name)] for name in self.names}
@@ -217,7 +218,7 @@ def compare(
     solver: Solver,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Compare the pressures of several drives at the foci, from one solve.
+    """Compare the pressures of several drives at the foci by one solve.
 
     The pressures are stated at equal peak, at equal energy, and for the phases of the drives alone.
 

@@ -12,7 +12,7 @@ from airtact.evaluation.metrics import pascals
 
 
 def body_word(bodies: Sequence[str]) -> str:
-    """Return "hand" or "object", the word for bodies of these names."""
+    """Return "hand" or "object" as the word for bodies with these names."""
     parts = ("hand", "finger", "thumb", "palm")
     return "hand" if any(part in name.lower() for name in bodies for part in parts) else "object"
 

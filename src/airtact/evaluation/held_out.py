@@ -1,4 +1,4 @@
-"""Pressure of drives when hand, air and transducers deviate, on samples held out from synthesis."""
+"""Pressure of drives on held-out samples, in which hand, air and transducers deviate."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
 
     Parameters
     ----------
-    samples : samples with a different seed from those with which the drives were computed.
+    samples : samples drawn with a different seed from those used to compute the drives.
     target : the foci; those without a request are ignored.
     drives : drives by name.
 

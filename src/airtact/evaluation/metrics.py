@@ -53,7 +53,7 @@ def pascals(pressure: float) -> str:
 def in_real_air(
     pressures: Num[np.ndarray, "foci"], steepening: Steepening | None
 ) -> tuple[str, ...]:
-    """State the pressure in real air at the focus with the strongest steepening, if noticeable.
+    """State the real-air pressure at the focus with the strongest steepening, if it is noticeable.
 
     Parameters
     ----------

@@ -225,14 +225,15 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
 def best_shift(
     scan: Scan, read: Callable[[Float64[np.ndarray, "points 3"]], Complex128[np.ndarray, "points"]]
 ) -> tuple[Float64[np.ndarray, "3"], float]:
-    """Find the shift of a scan that fits the prediction best.
+    """Find the shift with which a scan fits the prediction best.
 
     The search covers ±9 mm along each axis.
 
     Parameters
     ----------
     scan : the measurement.
-    read : returns the prediction (N,) at positions (N, 3) [m], NaN where there is none.
+    read : function that returns the prediction (N,) at positions (N, 3) [m], NaN where there is
+        none.
 
     Returns
     -------

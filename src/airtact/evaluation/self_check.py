@@ -29,8 +29,8 @@ class KnownField:
 
     Attributes
     ----------
-    name : the bodies and the location of the points.
-    truth : the reference.
+    name : description of the bodies and of the location of the points.
+    truth : method by which the reference was computed.
     error : norm of the difference over all sources and points, relative to the reference.
     reference_error : estimated error of the reference.
     """

@@ -60,7 +60,7 @@ def slices_around(
 
     Parameters
     ----------
-    field : field of a solver.
+    field : field computed by a solver.
     columns : the S excitations to show.
     foci : (F, 3) positions of the foci [m].
     window : a window through the foci.
@@ -172,7 +172,7 @@ def window_pressure(
 
     Parameters
     ----------
-    field : field of a solver.
+    field : field computed by a solver.
     window : the points of a picture.
 
     Returns
@@ -263,7 +263,7 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
 
     Parameters
     ----------
-    field : field of a solver.
+    field : field computed by a solver.
     columns : the S excitations to show.
     """
     if not field.scene.obstacles:

@@ -61,7 +61,7 @@ class Verification:
     ----------
     evaluation : the pressure at each of the F foci.
     quantised : the pressures at the foci for the drive rounded to the levels of a board.
-    levels : the levels of the board.
+    levels : amplitude and phase levels of the board.
     attainable : (F,) pressure at each focus at full scale if it were the only focus [Pa].
     skin : sound on the surfaces of the bodies; None in open air.
     forces : (F,) force in real air on the skin within 5 mm of each focus [N]; NaN for foci away
@@ -167,7 +167,7 @@ def verify(
     transfer : transfer matrix of the foci, for the attainable maximum; None to compute it with
         ``solver``.
     head : (3,) or (N, 3) points of a head at which the level is evaluated [m].
-    levels : levels of a board; the drive rounded to them is also verified.
+    levels : amplitude and phase levels of a board; the drive rounded to them is also verified.
 
     Returns
     -------

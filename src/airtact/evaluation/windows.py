@@ -81,7 +81,7 @@ def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
 def plane_through(
     foci: Real[np.ndarray, "foci 3"], bodies: Real[np.ndarray, "vertices 3"], wavelength: float
 ) -> Window:
-    """Return a window through the foci, turned to the bodies if the foci do not define a plane.
+    """Return a window through the foci that faces the bodies if the foci do not define a plane.
 
     If the foci are not in one plane, the best-fitting plane is used. The window extends three
     wavelengths past the outermost foci and contains at most about 20,000 points. Its sides are
@@ -167,7 +167,7 @@ class Box:
 def box_around(
     foci: Real[np.ndarray, "foci 3"], wavelength: float, max_points: int = 60_000
 ) -> Box:
-    """Return a box up to 1.5 wavelengths past the foci, with up to 8 points per wavelength."""
+    """Return a box reaching 1.5 wavelengths past the foci, with up to 8 points per wavelength."""
     lowest = foci.min(axis=0) - 1.5 * wavelength
     size = foci.max(axis=0) + 1.5 * wavelength - lowest
     step = float(max(wavelength / 8, np.cbrt(np.prod(size) / max_points)))

@@ -1,4 +1,4 @@
-"""Triangle meshes, point clouds and node positions from files, in units of the file.
+"""Triangle meshes, point clouds and node positions from files, in the files' units.
 
 trimesh reads PLY and GLB. STL and OBJ are read here, because trimesh skips solids that end in
 "end solid" and is slow with many materials. Materials, textures, normals and colours are ignored.

@@ -49,9 +49,10 @@ def load_surface(
         spacing of 1/256 of the body's length. Edges are rounded on the scale of
         the grid, and edges that turn by more than 30 degrees stay sharp.
     smallest : width below which bores and gaps are filled, and walls and ribs are removed [m]; at
-        least 1/64 of the body's length. The new surface lies within about half of it and has as few
-        triangles as possible. Edges that turn by more than 25 degrees stay sharp. ``repairs``
-        states the deviation and the volume. It includes ``union``.
+        least 1/64 of the body's length. The new surface deviates by at most about half of this
+        width and has as few triangles as possible. Edges that turn by more than 25 degrees stay
+        sharp. ``repairs`` states the deviation and the volume. This option includes the effect of
+        ``union``.
     progress : function that is called with a description of each step when the step begins.
 
     Returns

@@ -1,4 +1,4 @@
-"""The shape of a closed mesh at a pose, and its cover of panels of a given size."""
+"""The shape of a closed mesh at a pose, and its covering by panels of a given size."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -45,7 +45,7 @@ from airtact.geometry.shape import BEND, Shape
 class MeshShape(Shape):
     """A mesh of quadratic triangles at a pose.
 
-    ``cached`` contains panels of the mesh at rest, by the settings with which they were made.
+    ``cached`` maps settings to the panels that were made with them for the mesh at rest.
     """
 
     mesh: QuadraticMesh

@@ -189,7 +189,7 @@ def _refined(
 def _allowed(
     panels: QuadraticTriangles, edges: PanelSizes, points: Points, factor: float
 ) -> PanelSizes:
-    """Return the longest edge [m] allowed by each panel's distance from points; inf if any."""
+    """Return the longest edge [m] allowed by each panel's distance from points; inf if no limit."""
     limit = float(edges.max()) * 1.001 / factor
     return factor * _kernels.panel_distances(panels, points, limit)
 

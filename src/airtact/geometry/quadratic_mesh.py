@@ -100,7 +100,7 @@ class QuadraticMesh:
 
     @cached_property
     def ridges(self) -> Float64[np.ndarray, "ridges 3 3"]:
-        """(K, 3, 3) start, middle and end of each sharp edge [m], with each edge once."""
+        """(K, 3, 3) start, middle and end of each sharp edge, listed once [m]."""
         triangle, edge = np.nonzero(self.sharp)
         once = 3 * triangle + edge < self._twins[triangle, edge]
         triangle = triangle[once]

@@ -42,7 +42,7 @@ class Shape(ABC):
 
     @property
     def thinnest(self) -> float:
-        """Diameter of the largest inner ball [m] if equal at all surface points, otherwise 0."""
+        """Diameter of the largest inner ball [m] if it is the same everywhere, otherwise 0."""
         return 0.0
 
     @property

@@ -31,7 +31,7 @@ FLAT_TOLERANCE = 10e-6
 
 
 def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
-    """Merge bodies that overlap, touch or are less than a gap apart into one body.
+    """Merge bodies that overlap, touch or are at most ``gap`` apart into one body.
 
     The air between two bodies is filled with balls wherever the distances to both bodies add up
     to at most the gap and their surfaces face each other. The diameter of the balls is 0.6 mm,
@@ -158,7 +158,7 @@ def _bridge(first: Surface, second: Surface, near: Approach, gap: float) -> Flat
 
 
 def _filling(first: Surface, second: Surface, near: Approach, gap: float) -> Points:
-    """Return points to fill between two bodies that face each other, on a grid of half a gap."""
+    """Return the points to fill between facing bodies, on a grid with a spacing of half a gap."""
     edge = gap / 2.0
     low = np.maximum(first.vertices.min(axis=0), second.vertices.min(axis=0)) - 2.0 * gap
     high = np.minimum(first.vertices.max(axis=0), second.vertices.max(axis=0)) + 2.0 * gap

@@ -1,4 +1,4 @@
-"""GMRES for several right-hand sides at once, with one product by the matrix per iteration.
+"""GMRES for several right-hand sides at once, with one matrix product per iteration.
 
 Each right-hand side has its own Krylov space (Saad & Schultz, SIAM J. Sci. Stat. Comput. 7 (1986)
 856). Most of the time is spent on reading the matrix, and SciPy's solver, which accepts only one

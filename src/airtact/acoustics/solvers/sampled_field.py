@@ -172,8 +172,8 @@ def load_samples(
 
     Parameters
     ----------
-    path : the file.
-    scene : the scene of the field.
+    path : the file with the table.
+    scene : the scene for which the field was computed.
     sources : the monopoles that emit the sound, with one excitation for each pressure column.
     time_sign : "e^{-iωt}" as in airtact, or "e^{+jωt}" as in COMSOL, whose pressures are
         conjugated.

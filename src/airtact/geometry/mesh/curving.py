@@ -167,7 +167,7 @@ def _corner_normals(
 
 
 def _sectors(triangles: Triangles, twins: Twins, sharp: EdgeMask) -> Int64[np.ndarray, "corners"]:
-    """Give corners 3 t + c one label if they share a vertex that no sharp edge divides there."""
+    """Label corners 3 t + c; corners at a vertex share a label if no sharp edge separates them."""
     if not sharp.any():
         return triangles.ravel()
     # Edge c of a triangle starts at its corner c, and the twin of that edge ends there.

@@ -33,7 +33,8 @@ def without_details(
     Raises
     ------
     InvalidInput
-        If ``smallest`` is under 1/64 of the body's length, or the whole body is thinner than it.
+        If ``smallest`` is under 1/64 of the body's length, or the whole body is thinner than this
+        width.
     """
     with extra("mesh", "removing details needs scikit-image"):
         from skimage.measure import marching_cubes

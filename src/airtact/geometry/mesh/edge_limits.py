@@ -26,7 +26,7 @@ MAX_EDGE_TO_WALL = 3.0
 def bend_sizes(
     vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, factor: float = 1.0
 ) -> VertexSizes:
-    """Return the edge length [m] over which the surface turns by 1 rad, at each vertex.
+    """Return, at each vertex, the edge length [m] over which the surface turns by 1 rad.
 
     The radius of a bend is estimated from pairs of triangles whose normals differ by 75 to 150
     degrees and that lie on a common arc. Pairs across a sharp edge (``ridges``) are ignored.
@@ -85,7 +85,7 @@ def bend_sizes(
 def tip_sizes(
     vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, turn: float
 ) -> VertexSizes:
-    """Return the edge length [m] over which a rounded tip turns by ``turn``, at each vertex.
+    """Return, at each vertex, the edge length [m] over which a rounded tip turns by ``turn``.
 
     The radius of a tip follows from its Gaussian curvature: the sum of the angle defects 2π − Σ
     angles of its vertices, divided by its area. Coarse triangles keep the sum of the defects

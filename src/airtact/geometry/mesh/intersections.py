@@ -59,7 +59,7 @@ def _same_corners(
 def _turned(
     corners: Corners, members: Int64[np.ndarray, "n"], shared: Bool[np.ndarray, "n 3"]
 ) -> PairedCorners:
-    """Return triangles' corners from the shared corner on, or from the third if two are shared."""
+    """Return triangles' corners, starting at the shared one, or at the third if two are shared."""
     front = np.where(
         np.count_nonzero(shared, axis=1) == 2, shared.argmin(axis=1), shared.argmax(axis=1)
     )

@@ -60,7 +60,7 @@ def coarsened(
 def remeshed(
     mesh: RidgedMesh, sizes: VertexSizes, edge: float, expected: float, wall: float = np.inf
 ) -> RidgedMesh:
-    """Remesh a closed surface with triangles of the size of equilateral ones with edge ``edge``.
+    """Remesh a closed surface with triangles as large as equilateral ones of edge length ``edge``.
 
     The vertices of the result are near the curved surface but not on it.
 

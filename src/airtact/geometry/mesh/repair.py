@@ -163,7 +163,7 @@ def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[st
 def _with_merged_vertices(
     vertices: Vertices, triangles: Triangles, near: float, notes: list[str]
 ) -> FlatMesh:
-    """Merge vertices closer together than ``near`` [m] into the first of them, which stays."""
+    """Merge vertices closer than ``near`` [m] into the first of them, which stays in place."""
     # Exact copies are not reported, because some formats repeat the vertices for every triangle.
     order = np.lexsort(vertices.T)
     ranked = vertices[order]

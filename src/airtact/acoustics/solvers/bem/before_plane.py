@@ -35,7 +35,7 @@ from airtact.errors import in_short
 
 @dataclass(frozen=True, eq=False)
 class BodiesBeforePlane:
-    """Bodies and sources that do not move relative to each other, in front of a moving plane.
+    """A fixed arrangement of bodies and sources in front of a moving plane.
 
     The sound that the plane reflects onto the bodies is weaker than the sound of the sources, so it
     is solved with twice the relative error.

@@ -181,7 +181,7 @@ def eliminate(
     right: Complex128[np.ndarray, "nodes excitations"],
     transposed: bool,
 ) -> GmresResult:
-    """Solve for the sum of some matrices, without low-rank blocks, by Gaussian elimination.
+    """Solve by Gaussian elimination for the sum of some matrices, which have no low-rank blocks.
 
     The reported residual is that of the sum of all right-hand sides, because computing it takes
     only one product with the matrix.

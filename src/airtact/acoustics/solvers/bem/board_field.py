@@ -54,7 +54,7 @@ class BoardField(RadiatedField):
         return pressure
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report, with the error estimated around the bodies if that is larger."""
+        """Return the report, with its error raised to at least that around the bodies."""
         report = self.around.report_at(points)
         warnings = dict.fromkeys((*self.report.warnings, *report.warnings))  # without duplicates
         return replace(
@@ -71,7 +71,7 @@ def in_boards(scene: Scene, sources: Monopoles) -> Bool[np.ndarray, "sources"]:
 
 
 def elements_and_boards(solved: BoundaryField) -> Monopoles:
-    """Return the sources of a field, and the monopoles that radiate its boards' scattering."""
+    """Return the sources of a field, and the monopoles that radiate what its boards scatter."""
     transposed = solved.without_images.transposed
     nodes = np.isin(transposed.surface.nodes.body, solved.scene.boards)
     of_boards = np.concatenate([nodes, nodes[:: _kernels.sharing]])

@@ -128,7 +128,7 @@ def double_layer_pressure(
 
     Parameters
     ----------
-    cells : the points sorted into cells, if they are; no point may then be on a panel.
+    cells : the points sorted into cells, or None. With cells, no point may be on a panel.
     nodal : whether all points are on panels and away from their edges, as nodes are. The near
         integrals then need only the working precision.
     contact : mask of the points that were projected onto a panel.

@@ -88,7 +88,7 @@ Equation = Literal["transposed", "direct"]
 
 @dataclass(frozen=True)
 class BoundaryElement(Solver):
-    """Boundary element method for sound-hard and impedance bodies, without interior resonances.
+    """Boundary element method without interior resonances, for sound-hard and impedance bodies.
 
     The dual-surface equation is discretised by a discontinuous quadratic Nyström method on
     curved six-node panels. GMRES solves it in two forms. The transposed form is accurate away
@@ -110,7 +110,7 @@ class BoundaryElement(Solver):
         correlation with the exact drives was 0.995, while pressures had errors of up to 8 %.
     enough : relative error above which the report contains a warning; by default equal to
         ``accuracy``.
-    progress : callback that receives the name of each step as it begins, such as ``print``.
+    progress : callback, such as ``print``, that receives the name of each step as it begins.
 
     Raises
     ------
@@ -404,11 +404,11 @@ class BoundaryElement(Solver):
         )
 
     def moving_panels(self, scene: Scene, refined: Points) -> "at.acoustics.MovingPanels":
-        """Cover one body with panels for the caller to move and solve, in single precision.
+        """Cover one body with panels that the caller can move and solve in single precision.
 
         Parameters
         ----------
-        scene : scene with the body.
+        scene : scene with only this body.
         refined : (P, 3) points [m], such as foci, near which the panels are smaller.
 
         Returns
@@ -547,7 +547,7 @@ class BoundaryElement(Solver):
         }
 
     def panel_edge(self, wavelength: float) -> float:
-        """Return the edge length [m] of equilateral panels away from sources, for hard bodies."""
+        """Return the edge length [m] of equilateral panels on hard bodies away from sources."""
         return wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
 
     def _smallest_edge(self, scene: Scene) -> float:

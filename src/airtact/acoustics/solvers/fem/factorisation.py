@@ -32,7 +32,8 @@ COARSE_ORDER = 5
 class Factor(ABC):
     """A factorised matrix from which the unknowns inside tetrahedra are eliminated.
 
-    ``free`` marks the unknowns shared by tetrahedra that are solved for; the others are 0.
+    ``free`` marks the unknowns, among those shared by tetrahedra, that are solved for. The others
+    are 0.
     """
 
     def __init__(self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> None:

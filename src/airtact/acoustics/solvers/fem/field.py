@@ -63,7 +63,7 @@ class Solution:
     Attributes
     ----------
     system : the equation that was solved.
-    outer : monopoles whose free field is added.
+    outer : monopoles whose open-air field is added.
     coefficients : (unknowns, S) coefficients of the finite elements.
     """
 

@@ -28,7 +28,7 @@ MARGIN = 0.3
 
 @dataclass(frozen=True)
 class FiniteElement(Solver):
-    """Finite element method for sound-hard, impedance and filled bodies, with absorption.
+    """Finite element method for sound-hard, impedance and filled bodies in absorbing media.
 
     Curved tetrahedra of high order fill a tight box around the bodies. A perfectly matched layer
     (PML) around the box absorbs outgoing sound. Outside the box, the pressure is computed from the

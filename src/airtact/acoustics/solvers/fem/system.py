@@ -53,8 +53,8 @@ class System:
     panels : the meshed surfaces of the bodies [λ].
     mesh, space, form : NGSolve's mesh, its unknowns, and the assembled matrix, from which the
         unknowns inside tetrahedra are eliminated.
-    surface, interior : quadrature points of right-hand sides, on the surfaces and inside the filled
-        bodies.
+    surface, interior : quadrature points for right-hand sides, on the surfaces and inside the
+        filled bodies.
     coarse_surface : fewer quadrature points on the surfaces, enough for points a wavelength away.
     weights : (3, bodies) weights w_d, w_s and w_v of the weak form.
     method : solver that factorises the matrix, "pardiso" or "sparsecholesky".

@@ -1,4 +1,4 @@
-"""Closed-form sound around one sphere: sound-hard, with an impedance, or filled with a fluid."""
+"""Closed-form sound field of one sphere: sound-hard, with an impedance, or filled with a fluid."""
 
 from dataclasses import dataclass
 
@@ -139,7 +139,7 @@ class SphereField(RadiatedField):
 
 @dataclass(frozen=True)
 class SphereSeries(Solver):
-    """Solver for a single sphere by separation of variables, also used as the reference for others.
+    """Separation-of-variables solver for one sphere; it serves as a reference for other solvers.
 
     The sphere is sound-hard, has an impedance, or is filled. Sources lie outside or on the sphere.
     """

@@ -233,7 +233,7 @@ class FactorisedField(RadiatedField):
     def _scattering(
         self, points: Vectors
     ) -> tuple[Float64[np.ndarray, "sources 3"], Complex[np.ndarray, "sources excitations"]]:
-        """Return monopoles that radiate to the points: the skeletons, or fewer for far points."""
+        """Return the monopoles of the scattered field: the skeletons, or fewer for far points."""
         positions = []
         strengths = []
         begin = 0
@@ -254,7 +254,7 @@ class FactorisedField(RadiatedField):
 
 @dataclass(frozen=True, eq=False)
 class FactorisedBodies(Solver):
-    """Solver for bodies that were factorised separately, at any poses of these bodies.
+    """Solver for bodies that were factorised separately and may be at any poses.
 
     Attributes
     ----------

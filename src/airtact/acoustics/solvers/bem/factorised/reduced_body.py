@@ -89,13 +89,13 @@ def product(
 
 @dataclass(frozen=True, eq=False)
 class FarMonopoles:
-    """A few monopoles that radiate the same field to distant points as the skeleton of the rows.
+    """A few monopoles that radiate to distant points the same field as the row skeleton.
 
     Attributes
     ----------
     reach : distance from all nodes beyond which the monopoles are valid [m].
     positions : positions of the monopoles [m].
-    combinations : matrix from the densities on the skeleton to the strengths of the monopoles.
+    combinations : matrix that maps the densities on the skeleton to the strengths of the monopoles.
     error : relative error at a distance of about ``reach``.
     """
 
@@ -117,8 +117,9 @@ class ReducedBody:
     reach : distance from all nodes beyond which the skeletons are valid [m].
     rows : nodes of the matrix's rows, where incident fields are evaluated.
     columns : nodes of the matrix's columns, from which the scattered field is radiated.
-    solved : matrix from the right-hand side at all nodes to the transposed solution on ``rows``.
-    scattering : scattering matrix: from the right-hand side at ``columns`` to the same solution.
+    solved : matrix that maps the right-hand side at all nodes to the transposed solution on
+        ``rows``.
+    scattering : scattering matrix, which maps the right-hand side at ``columns`` to this solution.
     error : relative error of the scattering, compared with that of all nodes. It is measured at a
         distance of about ``reach``, both for sources at that distance and for sources close to the
         surface.
