@@ -66,7 +66,7 @@ def load_landmarks(path: str | Path) -> tuple[Float64[np.ndarray, "joints 3"], S
 
     Parameters
     ----------
-    path : a JSON file of a pose, as in ``load_hand``; its radii are ignored.
+    path : a JSON file that contains a pose, as in ``load_hand``; its radii are ignored.
 
     Returns
     -------

@@ -150,7 +150,7 @@ class Client:
             self._connection.send(written(message).decode())
         except ConnectionClosed:
             raise InvalidInput(
-                "the loop has closed the connection; start it again.", code="link_failed"
+                "the loop has closed the connection; start the loop again.", code="link_failed"
             ) from None
 
     def _receive(self) -> None:

@@ -153,7 +153,7 @@ class OscServer:
             (port,) = _checked(kind, values)
             if not (isinstance(port, int) and 0 < port < 65536):
                 raise InvalidInput(
-                    f"{port!r} is not a valid port for answers; use 1 to 65535.",
+                    f"{port!r} is not a valid port for replies; use 1 to 65535.",
                     code="out_of_range",
                 )
             if len(self._ports) < 64:

@@ -218,7 +218,7 @@ def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
     """
     if len(echoes.codes) != len(array):
         raise InvalidInput(
-            f"the {name} are of an array of {len(echoes.codes)} elements, but this array has "
+            f"the {name} come from an array of {len(echoes.codes)} elements, but this array has "
             f"{len(array)}. Pass the array with which they were measured.",
             code="sizes_differ",
         )

@@ -111,7 +111,7 @@ def scattering_matrix(
     ------
     InvalidInput
         If there are no bodies, ``accuracy`` is out of range, the bodies need orders above 80, or
-        the solver has no field around them; or under the conditions listed in the solver.
+        the solver has no field around them; or under the conditions listed for the solver.
 
     Examples
     --------

@@ -232,7 +232,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
 def _advice(causes: list[Cause]) -> str:
     """State which removable cause reduces the pressure at the weakest focus most.
 
-    Causes without a remedy, such as the level limit at a head, are passed over.
+    Causes without a remedy, such as the level limit at a head, are ignored.
     """
     weakest = int(causes[-1].pressures.argmin())
     best_gain = 1.1

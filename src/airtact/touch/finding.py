@@ -74,7 +74,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
     ----------
     skin : points of the skin, with their normals, areas and neighbours.
     objects : virtual objects, already checked.
-    gap : distance outside an object up to which skin still counts as a contact [m].
+    gap : largest distance from an object at which skin still counts as a contact [m].
     """
     near = _within_reach(skin, objects, gap)
     # One row of depths per object, then one node for each point inside an object.
@@ -267,7 +267,7 @@ def _summits(
     frames : their tangents and normals.
     depths : depths there [m].
     reach : unit of the coordinates of each fit [m]; no point moves by more than 1.4 units.
-    fit : coefficients of ``_terms`` in the depth and in the height of the skin.
+    fit : coefficients of ``_terms`` for the depth and for the height of the skin.
     """
     slope_u, slope_v, bend_uu, bend_uv, bend_vv = fit[:, :, 0].T
     determinant = bend_uu * bend_vv - bend_uv * bend_uv

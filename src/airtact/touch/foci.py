@@ -90,7 +90,7 @@ def chosen_foci(
     Each contact gets a focus at its deepest point, unless a deeper focus is within 0.8
     wavelengths on the same patch of skin. If there are too many foci, each of the
     weakest is merged with a focus of the same object within a wavelength, or dropped.
-    If there are fewer than allowed, long contacts get more foci at least 0.8
+    If there are fewer foci than allowed, long contacts get more foci at least 0.8
     wavelengths apart. A contact is long if the part of it that is deeper than half of
     its largest depth extends over more than a wavelength.
     """

@@ -31,9 +31,9 @@ class _Focus:
 class TouchState:
     """Foci where moving skin touches virtual objects.
 
-    A contact begins when skin enters an object, and ends when the skin is farther outside than
-    ``release``, so that noise does not make it flicker. Strengths rise and fall gradually. Call
-    ``update`` with the skin in each frame.
+    A contact begins when skin enters an object, and ends when the skin is farther from the object
+    than ``release``, so that noise does not make it flicker. Strengths rise and fall gradually.
+    Call ``update`` with the skin in each frame.
 
     Parameters
     ----------
@@ -42,8 +42,7 @@ class TouchState:
     most : largest number of foci, including those that are fading; 8 by default. The weakest
         contacts beyond it are merged with stronger neighbours or get no focus.
     wavelength : wavelength of the sound [m]; by default, that of 40 kHz in air at 20 °C.
-    release : distance of the skin outside an object at which a contact ends [m]; 1 mm by
-        default.
+    release : distance of the skin from an object at which a contact ends [m]; 1 mm by default.
     ramp : shortest time in which a strength changes between 0 and 1 [s]; 20 ms by default.
 
     Attributes

@@ -86,7 +86,7 @@ class FittedHand:
     points : (N, 3) points of the cloud near the hand, averaged in cells [m].
     distances : (N,) distances of these points from the skin [m], positive outside.
     outliers : (N,) mask of the points that had no weight in the fit.
-    misfit : root mean square distance from the skin of all points that are not outliers [m].
+    misfit : root mean square distance of the points, without outliers, from the skin [m].
     """
 
     hand: Hand
@@ -306,7 +306,7 @@ def _checked_cloud(
     if len(cloud) < MIN_POINTS:
         raise InvalidInput(
             f"the cloud has {counted(len(cloud), 'point', 'points')}; use at least {MIN_POINTS} "
-            "of a hand.",
+            "points of a hand.",
             code="too_few",
         )
     largest = np.abs(cloud).max(axis=1)

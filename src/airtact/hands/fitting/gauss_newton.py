@@ -143,7 +143,7 @@ class NormalEquations:
     residuals : residuals of the points.
     weights : (N,) weights of the points; 0 for outliers.
     scale : (2,) scale of the misfit at the fingers and at the palm [m].
-    each : number of points that each point represents.
+    each : number of measured points that each averaged point represents.
     """
 
     unknowns: Unknowns

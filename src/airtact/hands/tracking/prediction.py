@@ -236,7 +236,7 @@ class Predictor:
     def _state(self) -> tuple[HandFrame, Points, ArticulatedHand]:
         if self._newest is None:
             raise InvalidInput(
-                "no frame with landmarks was taken yet; call take() before a prediction.",
+                "no frame with landmarks has been processed yet; call take() first.",
                 code="empty",
             )
         return self._newest

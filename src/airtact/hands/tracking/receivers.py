@@ -57,7 +57,7 @@ class WebSocketReceiver:
 
     Parameters
     ----------
-    stream : stream that gets the frames; by default a new one.
+    stream : stream that receives the frames; by default a new one.
     port : port to listen on; 0 selects a free port, which is stored in the attribute ``port``.
     host : address to listen on.
 

@@ -27,7 +27,8 @@ class Registration:
     Attributes
     ----------
     tracker : pose of the tracker in the scene.
-    scale : factor by which the tracker's lengths are multiplied before the pose; 1 unless fitted.
+    scale : factor by which the tracker's lengths are multiplied before the pose is applied; 1
+        unless fitted.
     offset : distance of the joint in the fingertip from a touched face [m].
     residuals : (T,) distance of each touch from its point [m].
     position_error : standard deviation of the position at the middle of the touched points, in the

@@ -109,7 +109,7 @@ class _TrackedHand:
 
     Attributes
     ----------
-    clock : clock of the times of used frames.
+    clock : estimate of the clock to which the times of used frames refer.
     source : connection that sends the frames.
     newest : latest frame, the time of its arrival, and whether a reader has fetched it.
     seen : latest frame with landmarks.

@@ -128,7 +128,7 @@ class HandAware(SolvingMaker):
         self._rejected = {focus.name: reason for focus in foci}
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive whose sound will be in the air at a time [s]; zeros without a hand.
+        """Compute the drive whose sound will be in the air at a time [s]; zero if no hand is seen.
 
         The cap, the modulation and ``playing`` are applied by the loop.
         """

@@ -85,8 +85,8 @@ class View:
         shown : data from the loop.
         across : axis normal to the slice of the field.
         offset : offset of the slice from the foci along that axis [m].
-        joints : (25, 3) joints of a hand that is being dragged on the page [m], or
-            None.
+        joints : (25, 3) joints of a hand that is being dragged on the page [m]; None if no hand is
+            dragged.
         """
         moment = shown.moment
         # Map phases from -π to π to 0 to 254; 255 represents silence.

@@ -13,7 +13,7 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
 
     Parameters
     ----------
-    name : name of a scene, such as "pinch", or of another file with its ending, such as
+    name : name of a scene, such as "pinch", or of another file including its ending, such as
         "relaxed.json".
     endings : file name endings that are accepted.
 
