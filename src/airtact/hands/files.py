@@ -161,7 +161,8 @@ def load_cloud(path: str | Path) -> Points:
     suffix = path.suffix.lower()
     if suffix not in CLOUD_ENDINGS:
         raise InvalidInput(
-            f"{path} ends in {path.suffix!r}, but clouds are read from {', '.join(CLOUD_ENDINGS)}.",
+            f"{path} ends in {path.suffix!r}, but a point cloud must end in "
+            f"{' or '.join(CLOUD_ENDINGS)}.",
             code="unknown_format",
         )
     points = read_vertices(path) if suffix == ".ply" else _points_in_text(path)

@@ -360,9 +360,9 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
     for index, name in enumerate(hand.places):
         # In four scanned hands in five poses, all places are within 5 mm and 12 degrees.
         if distances[index] > 10e-3:
-            fault = f"{millimetres(distances[index], 3)} from the surface, more than 10 mm"
+            fault = f"{millimetres(distances[index], 3)} from the surface (10 mm is allowed)"
         elif angles[index] > 60.0:
-            fault = f"turned from the surface by {angles[index]:.0f} degrees, more than 60"
+            fault = f"turned from the surface by {angles[index]:.0f} degrees (60 are allowed)"
         else:
             continue
         raise InvalidInput(

@@ -295,8 +295,8 @@ def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
     if steps[worst] < -slack:
         raise InvalidInput(
             f"the knuckle of the {FINGERS[worst + 2]} finger is {millimetres(-steps[worst], 3)} "
-            f"nearer to the index finger than that of the {FINGERS[worst + 1]} finger: are fingers "
-            "swapped?",
+            f"nearer to the index finger than the knuckle of the {FINGERS[worst + 1]} finger: are "
+            "fingers swapped?",
             joints[knuckles[worst]],
             code="hand_implausible",
         )

@@ -130,7 +130,7 @@ class Followed:
             facts.append(("frame to drive", f"95 % within {1e3 * self.delay:.1f} ms"))
             facts.append(("latency to the sound", f"{1e3 * self.age:.1f} ms, {oldest}"))
         if np.isfinite(self.kept):
-            facts.append(("pressure expected", f"{self.kept:.0%} of the attainable"))
+            facts.append(("pressure expected", f"{self.kept:.0%} of the attainable pressure"))
         if self.faded:
             reasons = [f"{count} x {reason}" for reason, count in self.faded.items()]
             facts.append(("faded", ", ".join(reasons)))
@@ -378,7 +378,7 @@ class _Loop:
         side = self.scene.side
         if frame.side != side and not self.scene.both:
             if self.fault is not None and self.last_good == -np.inf:
-                self.fault = f"waiting for the {side} hand, but the frames are of the {frame.side}"
+                self.fault = f"waiting for the {side} hand, but the frames show the {frame.side}"
             return
         hand = hand_of(frame, self.scene)
         self.hands.pop(frame.side, None)

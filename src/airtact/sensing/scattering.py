@@ -200,8 +200,8 @@ def _order(reach: float, accuracy: float) -> int:
     order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
     if order > 80:  # 6,561 waves need 0.7 GB
         raise InvalidInput(
-            f"the bodies require waves up to order {order}, more than 80; use smaller bodies, "
-            "such as the fingers without the hand, or a lower accuracy.",
+            f"the bodies require waves up to order {order}, but 80 is the limit; use smaller "
+            "bodies, such as the fingers without the hand, or a lower accuracy.",
             code="too_many",
         )
     return order
@@ -420,7 +420,7 @@ def scattering_family(
     shift = 0.5 * (high - low) * family.effect
     if shift < 1e-7:
         raise InvalidInput(
-            f"from {low:g} to {high:g} the bodies hardly change, as little as in a translation by "
+            f"from {low:g} to {high:g} the bodies change no more than in a translation by "
             f"{1e3 * shift:.1g} mm; scene_of must use its argument.",
             code="all_zero",
         )

@@ -54,7 +54,7 @@ def check_placement(
         height = 1e3 * float(plane.height(array.positions).min())
         raise InvalidInput(
             f"the plane is {height:.3g} mm behind the elements, which only radiate forward. No "
-            "sound reaches it: remove it.",
+            "sound reaches it: remove the plane.",
             code="behind_faces",
         )
     for index, obstacle in enumerate(scene.obstacles):

@@ -84,7 +84,7 @@ def _message(raw: bytes) -> Message:
     if isinstance(values, dict):
         if not {"time", "side", "sequence", "landmarks", "cloud"} & values.keys():
             raise ValueError(
-                "it has none of the keys time, side, sequence and landmarks; a message of an "
+                "it has none of the keys time, side, sequence and landmarks; a message from an "
                 "application needs the keys type and version"
             )
         points = points_of_matrices(values.get("landmarks"))
