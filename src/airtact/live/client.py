@@ -43,7 +43,7 @@ class Client:
 
     Parameters
     ----------
-    address : address of the loop.
+    address : websocket address at which the loop listens.
     timeout : longest time to wait for the loop to accept the connection [s].
 
     Attributes

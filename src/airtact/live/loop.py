@@ -94,7 +94,7 @@ class Followed:
     kept : median of the expected fraction of the attainable pressure; NaN if unknown.
     faded : number of fades to silence for each reason.
     dropped : number of rows missing from the session because the disk was too slow.
-    health : health of the stream of frames.
+    health : counts of received frames and of their faults.
     stopped : whether the emergency stop was pressed.
     state : final state, with the reason for silence.
     processes : processes that ended during the run; empty if none.

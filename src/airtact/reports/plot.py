@@ -257,7 +257,7 @@ def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
 
     Parameters
     ----------
-    result : result of ``reach``.
+    result : map, as returned by ``reach``.
     ax : axes with ``projection="3d"`` to draw into; by default, those of a new figure, with the
         skin seen from the side of the array.
     """

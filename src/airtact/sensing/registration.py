@@ -130,7 +130,7 @@ def locate(
     scattering : scattering matrix of the scene. By default the solver computes it in the first call
         with the scene, and later calls reuse it. Omit it for a family, which contains its own
         matrices.
-    solver : solver of the scattering matrix; by default
+    solver : solver that computes the scattering matrix; by default
         ``BoundaryElement(accuracy=0.005, estimate=False)``.
 
     Returns

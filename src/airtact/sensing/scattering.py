@@ -52,7 +52,7 @@ class ScatteringMatrix:
         outside the ball.
     scene : the bodies, their medium and the frequency.
     asymmetry : relative difference between the matrix and its transpose before symmetrisation.
-    report : the solver's report of the solve.
+    report : report that the solver returned.
     """
 
     matrix: Complex128[np.ndarray, "waves waves"]
@@ -96,7 +96,7 @@ def scattering_matrix(
 
     Parameters
     ----------
-    solver : solver of the bodies, such as ``BoundaryElement(accuracy=0.01, estimate=False)``.
+    solver : solver for the bodies, such as ``BoundaryElement(accuracy=0.01, estimate=False)``.
     scene : the bodies, in their own frame.
     accuracy : relative error due to the truncation of the waves, 0.0001 to 0.1; it determines the
         highest order.

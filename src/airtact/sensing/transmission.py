@@ -143,7 +143,7 @@ def simulate_transmissions(
 
     Parameters
     ----------
-    array : array with the emission gains.
+    array : array, whose gains apply to emission.
     medium : the air.
     codes : (E, M) codes, as in ``Echoes``.
     boards : number of boards. All have the same number of elements, and the array lists them

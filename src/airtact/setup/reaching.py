@@ -41,7 +41,7 @@ class ReachMap:
     places : name of the part of the skin at each of these points, such as "index", "palm" or a
         body's name.
     transfer : transfer matrix for these points.
-    report : report of the solve.
+    report : report that the solver returned.
     """
 
     setup: Setup

@@ -165,7 +165,7 @@ class ComputedDrive:
     Attributes
     ----------
     setup, transfer, beacons, drive, sequence : as in ``Rendering``.
-    field : field of the beacons.
+    field : field radiated by the beacons.
     notes : warnings of the method.
     """
 

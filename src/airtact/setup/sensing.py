@@ -137,7 +137,7 @@ def sense(
 
     Parameters
     ----------
-    setup : setup of a scene file.
+    setup : setup that was read from a scene file.
     echoes : measured echoes, or a description of the hand to simulate.
     store : folder in which solved fields are stored and reused.
 

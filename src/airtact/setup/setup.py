@@ -35,7 +35,7 @@ class Setup:
     scene : the medium and the bodies in it.
     array : transducers in the frame of the obstacles.
     target : the foci.
-    solver : solver for the fields; by default, boundary elements, or the closed form in
+    solver : solver that computes the fields; by default, boundary elements, or the closed form in
         open air.
     accuracy : requested relative error; by default, that of the solver if it has one,
         else 0.01.

@@ -30,7 +30,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
 
     Parameters
     ----------
-    path : path of the file.
+    path : .csv file with these columns.
     elements : number of elements of the array.
 
     Returns

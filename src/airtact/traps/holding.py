@@ -163,7 +163,7 @@ def hold(
     foci : (F, 3) additional foci on the skin [m]; none by default.
     focus_share : ratio of the pressure at the foci to that at the lobes of the
         traps.
-    solver : solver for the field, as for ``force``.
+    solver : solver that computes the field, as for ``force``.
 
     Returns
     -------

@@ -46,7 +46,7 @@ def body_force(
         light solid, such as expanded polystyrene.
     about : (3,) reference point of the torque [m]; by default, the centre of the
         body.
-    solver : solver for the field; by default, boundary elements with an error of 1 %.
+    solver : solver that computes the field; by default, boundary elements with an error of 1 %.
         For filled bodies, the default is the series solution if there is only one
         sphere in open air, and finite elements otherwise.
 

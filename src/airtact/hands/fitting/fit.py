@@ -80,7 +80,7 @@ class FittedHand:
 
     Attributes
     ----------
-    hand : the hand.
+    hand : the fitted hand.
     anatomy : sizes of the person's hand, learned from the frames so far.
     joint_errors : (25,) standard deviation of the position of each joint [m].
     points : (N, 3) points of the cloud near the hand, averaged in cells [m].

@@ -177,7 +177,7 @@ class Rules(NamedTuple):
 
     Attributes
     ----------
-    residuals : (R,) residuals.
+    residuals : (R,) residuals of the rules, divided by their standard deviations.
     gradients : (R, 137) derivatives with respect to joints [1/m] and logarithms of sizes.
     """
 

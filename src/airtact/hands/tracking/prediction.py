@@ -109,7 +109,7 @@ class Predictor:
 
         Parameters
         ----------
-        frame : frame of the tracker.
+        frame : next frame from the tracker.
 
         Raises
         ------

@@ -90,7 +90,7 @@ def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
 
     Parameters
     ----------
-    parts : solved parts.
+    parts : parts of the hand to solve.
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
     foci : number of foci.
     """
@@ -106,7 +106,7 @@ class Library:
 
     Parameters
     ----------
-    part : solved part.
+    part : part of the hand for which the solutions are computed.
     scene : scene of the live loop.
     """
 
