@@ -206,8 +206,8 @@ def _check_curves(numbers: int, name: str) -> None:
     """
     if numbers // 6 > MAX_CURVES:
         raise InvalidInput(
-            f"{name} has about {numbers // 6:,} curves, more than {MAX_CURVES:,}; simplify the "
-            "drawing.",
+            f"{name} has about {numbers // 6:,} curves, but at most {MAX_CURVES:,} are allowed; "
+            "simplify the drawing.",
             code="too_many",
         )
 

@@ -140,7 +140,7 @@ class Scene:
     Attributes
     ----------
     medium : fluid around the bodies.
-    obstacles : the bodies, which must not touch; empty for a free field.
+    obstacles : the bodies, which must not touch each other; empty for a free field.
     frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
     planes : list of at most one rigid plane, such as a table (see ``plane``); empty for open air.
 
@@ -195,9 +195,9 @@ class Scene:
         extent = max((obstacle.surface.extent for obstacle in self.obstacles), default=np.inf)
         if extent < self.wavelength / 50.0:  # smaller bodies hardly change the field
             raise InvalidInput(
-                f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength "
-                f"of {self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in "
-                "kHz? Use hertz.",
+                f"the largest body spans {extent * 1e3:.3g} mm, which is less than 1/50 of the "
+                f"wavelength of {self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the "
+                "frequency in kHz? Use hertz.",
                 code="out_of_range",
             )
         for index, obstacle in enumerate(self.obstacles):
@@ -205,8 +205,8 @@ class Scene:
             distance = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
             if distance > 10.0:
                 raise InvalidInput(
-                    f"body {index} is {distance:.4g} m from the origin, more than 10 m: is it "
-                    "in millimetres? Use metres.",
+                    f"body {index} is {distance:.4g} m from the origin, but at most 10 m is "
+                    "allowed: is it in millimetres? Use metres.",
                     code="not_in_metres",
                 )
         decay = self.medium.absorption * self.wavelength

@@ -249,7 +249,8 @@ def _check_near_origin(points: Float64[np.ndarray, "points 3"], name: str) -> No
         worst = int(distance.argmax())
         raise InvalidInput(
             f"{name} {worst} at {in_mm(points[worst])} is {distance[worst]:.4g} m from the origin "
-            "of the obstacles' frame, more than 2 m: is this in millimetres? Use metres.",
+            "of the obstacles' frame, but at most 2 m is allowed: is it in millimetres? Use "
+            "metres.",
             points[worst],
             code="not_in_metres",
         )

@@ -304,8 +304,8 @@ def frame_of(
     upwards = direction - (direction @ towards) * towards
     if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(direction):
         raise InvalidInput(
-            f"up is {direction.tolist()}, parallel to the normal {towards.tolist()}; use another "
-            "direction.",
+            f"up is {direction.tolist()}, which is parallel to the normal {towards.tolist()}; use "
+            "another direction.",
             code="all_zero",
         )
     upwards /= np.linalg.norm(upwards)
@@ -316,9 +316,9 @@ def check_count(count: float, spacing: float) -> None:
     """Raise an error if a spacing [m] results in more than ``MOST_POINTS`` points."""
     if count > MOST_POINTS:
         raise InvalidInput(
-            f"a spacing of {1e3 * spacing:.3g} mm results in {count:.0f} points, more than "
-            f"{MOST_POINTS}: are the other lengths in millimetres? Use metres, and at 40 kHz a "
-            "spacing of 2e-3 to 4e-3.",
+            f"a spacing of {1e3 * spacing:.3g} mm results in {count:.0f} points, but at "
+            f"most {MOST_POINTS} are allowed: are the other lengths in millimetres? Use metres, "
+            "and at 40 kHz a spacing of 2e-3 to 4e-3.",
             code="too_many",
         )
 

@@ -106,9 +106,9 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None
     warnings = []
     if farthest > wavelength / 20.0:
         warnings.append(
-            f"the panels lie up to {1e3 * farthest:.2g} mm from the triangles, more than 1/20 of "
-            f"the wavelength of {1e3 * wavelength:.3g} mm. The triangles are too coarse for a "
-            "curved surface: use smaller ones, or --sharp 0 if the body is faceted."
+            f"the panels lie up to {1e3 * farthest:.2g} mm from the triangles, which is more than "
+            f"1/20 of the wavelength of {1e3 * wavelength:.3g} mm. The triangles are too coarse "
+            "for a curved surface: use smaller ones, or --sharp 0 if the body is faceted."
         )
     show(
         sizes,
@@ -145,8 +145,8 @@ def _checked_edge(edge: float, surface: "Surface") -> float:
     # More panels would take minutes to compute, and solvers cannot use even a tenth of them.
     if count > 300_000:
         raise at.InvalidInput(
-            f"edge is {edge:g} m, which would create {count:.2g} panels, more than 300000: use a "
-            "larger edge.",
+            f"edge is {edge:g} m, which would create {count:.2g} panels, but at most 300,000 "
+            "are allowed: use a larger edge.",
             code="too_many",
         )
     return edge

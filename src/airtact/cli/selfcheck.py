@@ -32,9 +32,9 @@ def selfcheck() -> None:
         error = f"{100 * field.error:.2f} %"
         table.add_row(field.name, error, field.truth, f"{100 * field.reference_error:.1g} %")
     warnings = [
-        f"{field.name}: the error is {100 * field.error:.2g} %, more than {100 * checked.asked:g} "
-        "%. Do not trust solutions on this machine. Reinstall airtact, and report the instruction "
-        "set if that does not help."
+        f"{field.name}: the error is {100 * field.error:.2g} %, above the limit of "
+        f"{100 * checked.asked:g} %. Do not trust solutions on this machine. Reinstall airtact, "
+        "and report the instruction set if that does not help."
         for field in checked.failed
     ]
     record = {

@@ -171,7 +171,8 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
     total = prod(map(len, axes.values()))
     if total > MAX_POINTS:
         raise at.InvalidInput(
-            f"the grid has {total:,} points, more than {MAX_POINTS:,}.", code="out_of_range"
+            f"the grid has {total:,} points, but at most {MAX_POINTS:,} are allowed.",
+            code="out_of_range",
         )
     return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
 

@@ -113,7 +113,7 @@ class Drive:
 
         Parameters
         ----------
-        reference : the other drive.
+        reference : the drive to match.
         held_equal : quantity to match: "energy", Σ|d|², or "peak", the largest amplitude of an
             element.
 

@@ -92,8 +92,8 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
         first, second = divmod(int(np.argmin(np.where(near, apart, np.inf))), len(points))
         raise InvalidInput(
             f"foci {first} and {second} are {millimetres(apart[first, second], 3)} apart, at "
-            f"{in_mm(points[first])} and {in_mm(points[second])}, too close to be separated. "
-            "Remove one, or move them at least a tenth of the wavelength apart.",
+            f"{in_mm(points[first])} and {in_mm(points[second])}, which is too close to separate "
+            "them. Remove one, or move them at least a tenth of the wavelength apart.",
             points[first],
             code="foci_unreachable",
         )

@@ -160,7 +160,7 @@ def ensemble(
     beacons : field of unit beacons at the foci, ``solver.radiate(scene, target.beacons())``.
     array : the transducers in the obstacles' frame.
     uncertainty : standard deviations of the motions, the air and the gains.
-    samples : number of samples, 1 to 10 000. Powers of 2 sample the distributions most evenly.
+    samples : number of samples, 1 to 10,000. Powers of 2 sample the distributions most evenly.
     seed : seed of the random numbers, 0 or more.
     solver : solver for the samples if bodies move independently, foci move along the skin, or there
         is a plane.
@@ -273,11 +273,11 @@ class _Sampler:
     ----------
     field : field of the beacons, as a multipole expansion if there are bodies.
     array : the transducers.
-    uncertainty : the distributions.
+    uncertainty : the distributions from which the samples are drawn.
     solver : solver for bodies that move independently and for hands that move toward a plane, or
         None.
-    groups : indices of the foci that move together.
-    bodies : (F,) the body nearest to each focus; 0 in open air.
+    groups : for each group of foci that move together, the indices of these foci.
+    bodies : (F,) index of the body nearest to each focus; 0 in open air.
     middle : (3,) middle of the foci [m]; the hand turns about it.
     ball : centre and radius of a ball around the bodies [m], or None.
     remainder : (F, E) difference between the nominal matrix and the product of centre pressure and

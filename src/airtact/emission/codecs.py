@@ -30,7 +30,7 @@ class Codec:
 
     Attributes
     ----------
-    board : the board.
+    board : the kind of board that the messages are for.
     levels : amplitudes and phases that the board can emit.
     encoded : function that writes the message of a frame; see ``encode``.
     decoded : function that reads the phase and amplitude of each channel from the messages to a

@@ -69,7 +69,7 @@ class Emission:
     patience : time without a call after which the boards are silenced [s].
     log : file to which the link process writes one line per event: the time in seconds on the
         clock of ``time.monotonic``, and the event.
-    resumes : whether the emission continues after the boards were silenced because no call was
+    resumes : whether the emission continues after the boards have been silenced because no call was
         made in time. The next drive then rises over a ramp. Otherwise the emission ends.
 
     Attributes

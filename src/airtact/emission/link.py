@@ -47,7 +47,7 @@ class Link(ABC):
     Attributes
     ----------
     codec : encoder and decoder of the messages to the boards.
-    name : name of the link in commands.
+    name : name of the link on the command line.
     boards, elements : number of boards, and total number of elements.
     poses : poses of the boards, from the board's frame to the array's frame; None if unknown.
     plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves;

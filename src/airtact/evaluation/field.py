@@ -23,7 +23,7 @@ def drive_sources(
 
     Parameters
     ----------
-    array : the transducers, E elements of Q face points.
+    array : the transducers: E elements with Q face points each.
     drives : S drives of E elements each.
     scene : the scene; needed if it has reflecting boards, because elements in the face of such a
         board have half the strength.

@@ -89,7 +89,7 @@ class Evaluation:
     ----------
     target : the foci and their requested pressures.
     pressures : (F,) complex peak pressure at each focus [Pa].
-    report : report of the solver that evaluated them.
+    report : report of the solver that computed the pressures.
     field : the field of the drive alone; None if several drives were solved together.
     steepening : effect of real air at the foci; None if it was not estimated.
     """

@@ -38,8 +38,8 @@ class Microphone:
         # A diameter of over two wavelengths at 40 kHz is probably in millimetres.
         if positive(self.diameter, "the diameter of a microphone", "m") > 0.02:
             raise InvalidInput(
-                f"the diameter of a microphone is {self.diameter:g} m, more than 20 mm. Use "
-                "metres.",
+                f"the diameter of a microphone is {self.diameter:g} m, but at most 20 mm "
+                "is allowed. Use metres.",
                 code="out_of_range",
             )
         if not 0.0 <= number(self.housing, "the housing of a microphone", "m") <= 1.0:

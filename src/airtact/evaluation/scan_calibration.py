@@ -54,7 +54,8 @@ class ScanCalibration:
     gain_deviations : (E,) relative standard deviation of the gains, and of their phases [rad].
     determined : (E,) whether the scans determine an element's gain: its uncertainty is then
         less than half of the spread of the gains. Without phases, no gain is determined.
-    pose : motion from the positions in the scans to the true positions of the microphone.
+    pose : rigid motion that maps the positions in the scans to the true positions of the
+        microphone.
     misalignment : (6,) rotation vector of ``pose`` [rad], and shift of the middle of the scans [m].
     misalignment_deviation : (6,) standard deviations of ``misalignment``.
     errors : relative error of each scan after the fit, including noise.
@@ -111,7 +112,7 @@ class _Readings:
     Attributes
     ----------
     points : (N, 3) stated positions [m].
-    measured : (N,) readings relative to their rms, real if not phased.
+    measured : (N,) readings relative to their rms; real if phases are not used.
     phased : whether phases are used.
     drives : (N, D) amplitudes of the D elements that emit in any scan.
     array : an array of only these elements.

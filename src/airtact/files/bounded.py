@@ -36,7 +36,8 @@ def check_file(path: Path, largest: int = LARGEST_DATA) -> None:
         )
     if status.st_size > largest:
         raise InvalidInput(
-            f"{path.name} has {status.st_size:,} bytes, more than {largest:,}; make it smaller.",
+            f"{path.name} has {status.st_size:,} bytes, but at most {largest:,} are allowed; make "
+            "it smaller.",
             code="file_too_large",
         )
 
@@ -96,9 +97,9 @@ def datasets_of(
     Parameters
     ----------
     path : the file.
-    layout : kind and axes by name, such as ``{"drives/time": "real drives"}``. The name of an
-        attribute of the file begins with ``@``, and the kind of an optional value with
-        ``optional``. Kinds are real (float64), complex, whole (int64) and text. An axis is a
+    layout : kind and axes of each value by its name, such as ``{"drives/time": "real drives"}``.
+        The name of an attribute of the file begins with ``@``, and the kind of an optional value
+        with ``optional``. Kinds are real (float64), complex, whole (int64) and text. An axis is a
         number, a name, which stands for the same length everywhere, or ``*`` for any length. An
         axis in brackets is optional.
     newest : newest ``format_version`` that can be read.
@@ -143,8 +144,8 @@ def datasets_of(
             size += item.dtype.itemsize * max(math.prod(shape), chunk)
             if size > largest:
                 raise InvalidInput(
-                    f"its arrays take {size:,} bytes, more than {largest:,}; store fewer or "
-                    "smaller arrays.",
+                    f"its arrays take {size:,} bytes, but at most {largest:,} are allowed; "
+                    "store fewer or smaller arrays.",
                     code="file_too_large",
                 )
             raw = file.attrs[name] if entry.startswith("@") else item[()]

@@ -126,8 +126,8 @@ def _describing_damage(path: Path) -> Iterator[None]:
 def _check_triangles(count: int) -> None:
     if count > MAX_FILE_TRIANGLES:
         raise InvalidInput(
-            f"it has {count:,} triangles, more than {MAX_FILE_TRIANGLES:,}; simplify it, for "
-            "example with MeshLab: edges of 1 mm are fine enough for 40 kHz.",
+            f"it has {count:,} triangles, but at most {MAX_FILE_TRIANGLES:,} are allowed; simplify "
+            "it, for example with MeshLab: edges of 1 mm are fine enough for 40 kHz.",
             code="too_many",
         )
 

@@ -46,9 +46,9 @@ def check_surface(surface: Surface) -> None:
         if part is not None:
             thickness, where = part
             raise InvalidInput(
-                f"the body is {thickness * 1e3:.3g} mm thick near {in_mm(where)}, less than "
-                f"{THINNEST * 1e3:g} mm; make it thicker there, or load it with smallest=2e-3, "
-                "which removes thinner parts.",
+                f"the body is {thickness * 1e3:.3g} mm thick near {in_mm(where)}, but must be at "
+                f"least {THINNEST * 1e3:g} mm thick; make it thicker there, or load it with "
+                "smallest=2e-3, which removes thinner parts.",
                 where,
                 code="out_of_range",
             )
@@ -169,7 +169,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
             fault = f"overlap or touch: {max(-near.gap, 0.0) * 1e3:.3g} mm deep near {where}"
         else:
             apart = f"{near.gap * 1e3:.3g} mm apart near {where}"
-            fault = f"are {apart}, less than {NEAREST * 1e3:g} mm"
+            fault = f"are {apart}, but must be at least {NEAREST * 1e3:g} mm apart"
         raise InvalidInput(
             f"bodies {i} and {j} {fault}; move them apart, or merge them: "
             "airtact.geometry.merged([first, second]), or merge_bodies = true in a scene file.",

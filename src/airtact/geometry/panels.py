@@ -111,11 +111,11 @@ def covers(
     edge : edge length of the equilateral triangles [m].
     near : points near which panels are smaller [m].
     smallest : edge length below which panels are not divided near points [m]. In gaps and thin
-        walls, the limit is a quarter of it.
+        walls, the limit is a quarter of this length.
     bend : largest angle between a panel's normals at opposite edges, on a round surface [rad].
     away : largest root mean square distance of panels from a smooth mesh [m].
     image : function that mirrors points in a plane. If it is given, gaps between bodies and
-        their mirror images count as gaps.
+        their mirror images are also treated as gaps.
     walls : indices of bodies whose flat faces get smaller panels if they face each other.
     close : gap [m] between bodies, or between bodies and their mirror images, below which
         panels have edges 0.8 times as long, because sound is scattered back and forth in such

@@ -113,8 +113,8 @@ class Pose:
         angle = number(angle, "the angle of a rotation", "rad")
         if math.isfinite(angle) and abs(angle) > 2.0 * math.pi * (1.0 + 1e-9):
             raise InvalidInput(
-                f"the angle of a rotation is {angle:g} rad, more than 2π: is it in degrees? Use "
-                f"np.radians({angle:g}).",
+                f"the angle of a rotation is {angle:g} rad, but at most 2π is allowed: is it in "
+                f"degrees? Use np.radians({angle:g}).",
                 code="out_of_range",
             )
         if along.shape != (3,):

@@ -169,8 +169,8 @@ class Capsule(Shape):
             if count > 2_000_000:  # a length is probably in a wrong unit
                 raise InvalidInput(
                     f"a capsule of {1e3 * self.radius:.4g} mm radius and "
-                    f"{1e3 * self.length:.4g} mm length needs {count:,} triangles, more than "
-                    "2,000,000; use all lengths in metres.",
+                    f"{1e3 * self.length:.4g} mm length needs {count:,} triangles, but at "
+                    "most 2,000,000 are allowed; use all lengths in metres.",
                     self.pose.translation,
                     code="too_many",
                 )

@@ -126,8 +126,8 @@ def _links(
         distance, where = near[first, second]
         raise InvalidInput(
             f"bodies {first} and {second} are {distance * 1e3:.3g} mm apart near {in_mm(where)}, "
-            f"more than the largest gap that is bridged, {gap * 1e3:.3g} mm; move them closer, "
-            "remove one, or use a larger gap.",
+            f"but only gaps of up to {gap * 1e3:.3g} mm are bridged; move them closer, remove one, "
+            "or use a larger gap.",
             where,
             code="misplaced",
         )

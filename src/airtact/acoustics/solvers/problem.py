@@ -38,7 +38,7 @@ class SolveReport:
     ----------
     solver : name of the method.
     residual : largest relative residual of the linear systems; 0 for closed forms.
-    iterations : number of iterations of the slowest right-hand side.
+    iterations : number of iterations until the slowest right-hand side converged.
     nodes : number of unknowns.
     nodes_per_square_wavelength : unknowns per λ² of the bodies' surfaces; infinite for closed
         forms.

@@ -215,7 +215,7 @@ def load_samples(
         if pressures.shape[1] != excitations:
             raise InvalidInput(
                 f"it has {counted(pressures.shape[1], 'pressure', 'pressures')} per row "
-                f"({'; '.join(names)}), and the sources have "
+                f"({'; '.join(names)}), but the sources have "
                 f"{counted(excitations, 'excitation', 'excitations')}; keep one pressure for each "
                 "excitation.",
                 code="sizes_differ",
@@ -267,7 +267,7 @@ def _of_frequency(names: Sequence[str], frequency: float) -> list[str]:
         listed = ", ".join(f"{value:g} Hz" for value in sorted(set(stated.values())))
         raise InvalidInput(
             f"its pressures are for {listed}, but the scene is at {frequency:g} Hz; export the "
-            "pressure at that frequency.",
+            "pressure at the scene's frequency.",
             code="does_not_match",
         )
     return chosen

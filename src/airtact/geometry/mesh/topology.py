@@ -105,14 +105,14 @@ def check_size(extent: float) -> None:
     smallest = 0.5e-3
     if extent > largest * (1.0 + 1e-9):
         raise InvalidInput(
-            f"the surface spans {extent:.4g} m, more than {largest:g} m: is this in millimetres? "
-            "Use metres, or scale it by 1e-3.",
+            f"the surface spans {extent:.4g} m, but at most {largest:g} m is allowed: is it in "
+            "millimetres? Use metres, or scale it by 1e-3.",
             code="not_in_metres",
         )
     if extent < smallest * (1.0 - 1e-9):
         raise InvalidInput(
-            f"the surface spans {extent * 1e3:.4g} mm, less than {smallest * 1e3:g} mm: was it "
-            "converted from millimetres twice? Check the scale.",
+            f"the surface spans {extent * 1e3:.4g} mm, but at least {smallest * 1e3:g} mm is "
+            "required: was it converted from millimetres twice? Check the scale.",
             code="not_in_metres",
         )
 

@@ -42,8 +42,8 @@ class BodiesBeforePlane:
 
     Attributes
     ----------
-    solver : solver of the reflected sound.
-    sources : the sources.
+    solver : solver for the reflected sound.
+    sources : the monopoles that emit the sound.
     surface, matrix, density : panels of the bodies, their matrix, and the solution in open air.
     factors : factor by which each source's strength is multiplied: 2 on a body and 1 elsewhere.
     """

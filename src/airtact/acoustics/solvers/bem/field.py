@@ -345,8 +345,8 @@ class BoundaryField(RadiatedField):
             warnings = (
                 *warnings,
                 f"near {in_mm(points[errors.argmax()])} the pressure has an estimated error of "
-                f"{100 * error:.1f} %, more than {100 * self.max_error:.1f} %: points in a "
-                "shadow, a narrow gap or a cavity need a smaller value of accuracy, such as "
+                f"{100 * error:.1f} %, above the limit of {100 * self.max_error:.1f} %: points "
+                "in a shadow, a narrow gap or a cavity need a smaller value of accuracy, such as "
                 f"{self.max_error / 3:.2g}.",
             )
         return replace(

@@ -315,9 +315,10 @@ class BoundaryElement(Solver):
         report = replace(report, estimated_error=estimate)
         if estimate > 1.5 * self.max_error:
             warning = (
-                f"{OF_THE_DIRECT} has an estimated error of {100 * estimate:.1f} %, more than "
-                f"{100 * self.max_error:.1f} %. Possible causes are uneven triangles, a narrow "
-                "gap, or a source on the surface. A transfer matrix is more accurate."
+                f"{OF_THE_DIRECT} has an estimated error of {100 * estimate:.1f} %, above "
+                f"the limit of {100 * self.max_error:.1f} %. Possible causes are uneven "
+                "triangles, a narrow gap, or a source on the surface. A transfer matrix is more "
+                "accurate."
             )
             report = replace(report, warnings=(warning, *report.warnings))
         return replace(solved_field, report=report)
@@ -382,9 +383,9 @@ class BoundaryElement(Solver):
             scene, panels, [body.surface.nodes for body in bodies], tolerance, clock
         )
         inaccurate = [
-            f"the reduced model of body {index} has an error of {100 * body.error:.1f} %, more "
-            f"than {100 * goal:.1f} %: the body has a narrow cavity, or precision 'float32' is "
-            "not enough for the accuracy"
+            f"the reduced model of body {index} has an error of {100 * body.error:.1f} %, above "
+            f"the goal of {100 * goal:.1f} %: the body has a narrow cavity, or precision "
+            "'float32' is not enough for the accuracy"
             for index, body in enumerate(bodies)
             if body.error > 1.5 * goal
         ]
@@ -444,8 +445,8 @@ class BoundaryElement(Solver):
         area = float(sum(part.weights.sum() for part in nodes))
         coarse = [
             f"the panels of body {body} deviate from its triangles by up to "
-            f"{1e3 * farthest:.2g} mm ({1e3 * mean:.2g} mm on average), more than 1/20 of the "
-            "wavelength. The triangles are too coarse for a curved surface: use a mesh with "
+            f"{1e3 * farthest:.2g} mm ({1e3 * mean:.2g} mm on average), which is more than 1/20 of "
+            "the wavelength. The triangles are too coarse for a curved surface: use a mesh with "
             "shorter edges, or sharp_degrees = 0 for a faceted body."
             for body, (farthest, mean) in enumerate(
                 zip(panels.farthest, panels.mean_distance, strict=True)

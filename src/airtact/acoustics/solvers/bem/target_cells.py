@@ -40,7 +40,8 @@ class Cells:
     centres : centres of the cells [m].
     reach : distance from a cell's centre within which sources are near [m].
     grids : Chebyshev points of all cells [m], ordered by cell.
-    weights : weights of a cell's grid points for each point, along each axis of the cell.
+    weights : interpolation weights of a cell's grid points for each point, along each axis of the
+        cell.
     """
 
     points: Float64[np.ndarray, "points 3"]

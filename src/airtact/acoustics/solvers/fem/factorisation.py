@@ -152,8 +152,9 @@ class Pardiso(Factor):
                 return solution
         raise NotConverged(
             f"Pardiso leaves a residual of {worst:.2g} of the right-hand side after "
-            f"{MAX_REFINEMENTS} refinements, more than {self._residual:.2g}: the matrix is nearly "
-            "singular; use another order, or uninstall mkl to factorise in double precision.",
+            f"{MAX_REFINEMENTS} refinements, above the limit of {self._residual:.2g}: the matrix "
+            "is nearly singular; use another order, or uninstall mkl to factorise in double "
+            "precision.",
             code="not_converged",
         )
 

@@ -366,7 +366,7 @@ class FactorisedBodies(Solver):
         if scene.medium != self.scene.medium or scene.frequency != self.scene.frequency:
             raise InvalidInput(
                 f"the bodies were factorised for {self.scene.frequency:g} Hz in "
-                f"{self.scene.medium}, but the scene has {scene.frequency:g} Hz in "
+                f"{self.scene.medium}, but the scene is at {scene.frequency:g} Hz in "
                 f"{scene.medium}; factorise the bodies for this scene.",
                 code="not_supported",
             )

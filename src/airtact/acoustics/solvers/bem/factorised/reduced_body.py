@@ -113,7 +113,7 @@ class ReducedBody:
 
     Attributes
     ----------
-    surface : the collocation points.
+    surface : the collocation points of the body.
     reach : distance from all nodes beyond which the skeletons are valid [m].
     rows : nodes of the matrix's rows, where incident fields are evaluated.
     columns : nodes of the matrix's columns, from which the scattered field is radiated.
@@ -123,7 +123,7 @@ class ReducedBody:
     error : relative error of the scattering, compared with that of all nodes. It is measured at a
         distance of about ``reach``, both for sources at that distance and for sources close to the
         surface.
-    tree : search tree of the nodes, for distances.
+    tree : search tree of the nodes, used to compute distances.
     far : a smaller set of monopoles, for points farther away.
     """
 
