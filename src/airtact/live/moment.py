@@ -142,7 +142,7 @@ class DriveMaker(ABC):
 
     @abstractmethod
     def take(self, frame: HandFrame) -> None:
-        """Process the tracker's newest frame, in scene coordinates."""
+        """Process the tracker's newest frame, which is in scene coordinates."""
 
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:

@@ -172,7 +172,7 @@ class OscServer:
 
 
 def message_of(kind: str, values: Sequence[Any]) -> Message:
-    """Return the message for an OSC address, without its prefix /airtact/, and its arguments.
+    """Convert an OSC address (without its prefix /airtact/) and its arguments to a message.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def _checked(kind: str, values: Sequence[Any]) -> list[Any]:
 
 
 def _bundle(lines: Sequence[tuple[str, Sequence[Any]]]) -> bytes:
-    """Encode OSC addresses, without their prefix /airtact/, and their arguments as one packet."""
+    """Encode OSC addresses (without their prefix /airtact/) and their arguments as one packet."""
     from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
     from pythonosc.osc_message_builder import OscMessageBuilder
 

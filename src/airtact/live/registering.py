@@ -305,7 +305,7 @@ def with_tracker(text: str, pose: Pose) -> str:
 
 
 def write_tracker(scene: str | Path, pose: Pose, copy: str | Path | None = None) -> None:
-    """Write a table ``[tracker]`` to a scene file or to a copy, without any other change.
+    """Write a table ``[tracker]`` to a scene file or a copy, leaving everything else unchanged.
 
     Parameters
     ----------

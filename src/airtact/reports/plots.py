@@ -42,7 +42,7 @@ def draw_bars(
 def draw_shares(
     pressures: Mapping[str, Float64[np.ndarray, "samples"]], expected: Mapping[str, float]
 ) -> Figure:
-    """Draw the fraction of samples below each pressure [Pa] for each drive, and expected values."""
+    """For each drive, draw the fraction of samples below each pressure [Pa] and the expectation."""
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()
     for colour, (name, samples) in zip(COLOURS_OF_DRIVES, pressures.items(), strict=False):

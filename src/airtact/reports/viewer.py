@@ -141,7 +141,7 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
 
 
 def embedded(facts: dict[str, Any], numbers: bytes) -> dict[str, Any]:
-    """Return the values for a template that contains facts, numbers and three.js."""
+    """Return template values that contain facts, numbers and three.js."""
     three = three_js()
     return {
         # A "<" could end the script that contains the facts.

@@ -36,7 +36,7 @@ class HandPose:
 
     @cached_property
     def shares(self) -> Float64[np.ndarray, "asked"]:
-        """Requests of all foci that have one, scaled so that the largest is 1."""
+        """Requests of the foci that have one, scaled so that the largest is 1."""
         weights = self.target.weights
         return weights[weights > 0.0] / weights.max()
 

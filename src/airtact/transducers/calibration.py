@@ -77,7 +77,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
 
 
 def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
-    """Apply the gains in a calibration file to an array, and the deviations if it contains any.
+    """Apply the gains, and any deviations, in a calibration file to an array.
 
     Parameters
     ----------
