@@ -64,8 +64,8 @@ def emit(
     if they can.
 
     --link file writes the frames to the file --out, at full scale and without confirmation. It
-    writes one frame of a drive, one period of a modulated drive, one round of a sequence, or
-    --seconds of any of them.
+    writes one frame of a drive, one period of a modulated drive, or one round of a sequence;
+    --seconds sets another duration.
     """
     from airtact.drives.head_level import NO_SAFETY_ASSESSMENT
     from airtact.emission.links import link_to

@@ -75,7 +75,7 @@ class Frame:
         )
 
     def drive(self) -> "airtact.Drive":
-        """Return the drive of these levels; for eight bits, amplitude/255 · exp(2πi phase/256)."""
+        """Return the frame as a drive; for eight bits, amplitude/255 · exp(2πi phase/256)."""
         # Imported here because this module is also imported by the process that drives the boards,
         # which must start quickly.
         from airtact.drives.drive import Drive

@@ -106,7 +106,7 @@ class Motion:
             )
 
     def through_points(self, foci: int) -> bool:
-        """Return whether one focus moves through all points of a target with this many points."""
+        """Return whether one focus moves through all points of a target with ``foci`` points."""
         return self.path == "points" or (self.kind == "stm" and self.path is None and foci > 1)
 
     def paths(self, scene: Scene, target: Target, array_middle: Real[np.ndarray, "3"]) -> Paths:

@@ -1,4 +1,4 @@
-"""Smallest change of a drive that yields most of the attainable pressure at the foci."""
+"""Smallest change to a drive that yields most of the attainable pressure at the foci."""
 
 import numpy as np
 from jaxtyping import Float64

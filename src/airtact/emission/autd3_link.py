@@ -1,4 +1,4 @@
-"""Base class of links to AUTD3 boards, and a link to older firmware through pyautd3."""
+"""Base class of links to AUTD3 boards, and a link through pyautd3 to boards with old firmware."""
 
 import ctypes
 import importlib.metadata

@@ -131,7 +131,7 @@ def write_frames(
     seconds: float | None = None,
     cap: float = 1.0,
 ) -> tuple[int, float | None]:
-    """Write a drive or a sequence to a file, rounded to the levels of boards.
+    """Write a drive or a sequence, rounded to the levels of the boards, to a file.
 
     Parameters
     ----------

@@ -285,7 +285,7 @@ class Player:
             self.finish(why)
 
     def _check_suspend(self) -> None:
-        """Silence the boards after the computer was suspended, because they kept playing."""
+        """Silence the boards if the computer was suspended, because they kept playing meanwhile."""
         now = suspended()
         if self._emitting and now - self._suspended > 0.1:
             self._starve("the computer was suspended")

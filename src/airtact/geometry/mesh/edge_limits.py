@@ -131,7 +131,7 @@ def is_smooth(vertices: Vertices, triangles: Triangles, ridges: Ridges) -> bool:
 def _angle_defects(
     vertices: Vertices, triangles: Triangles, ridges: Ridges
 ) -> tuple[VertexSizes, VertexSizes]:
-    """Return the angle defect 2π − Σ angles (0 on ridges) and a third of the area by vertex."""
+    """Return each vertex's angle defect 2π − Σ angles (0 on ridges) and its share of the area."""
     corners = vertices[triangles]
     along = unit(np.roll(corners, -1, axis=1) - corners)
     start = triangles.ravel()

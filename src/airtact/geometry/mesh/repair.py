@@ -335,7 +335,8 @@ def _oriented(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Tri
 
     The graph has two nodes for each triangle, one for each orientation. Every node is linked to the
     consistent nodes of its neighbours, so an orientable piece has two mirrored components.
-    One-sided pieces and edges of more than two triangles remain for ``check_closed`` to reject.
+    One-sided pieces and edges that more than two triangles share remain for ``check_closed`` to
+    reject.
     """
     count = len(triangles)
     keys = edge_keys(triangles).ravel()

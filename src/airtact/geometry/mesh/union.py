@@ -1,8 +1,8 @@
 """The union of the overlapping parts of a mesh, from winding numbers on a grid.
 
-CAD programs export unions whose parts still cross each other, and edges of three triangles. The
-topology of such a mesh does not define its inside, but the winding number does: it counts how many
-times the surface encloses a point. The body is the region where this number is positive.
+CAD programs export unions whose parts still cross each other, and edges that three triangles share.
+The topology of such a mesh does not define its inside, but the winding number does: it counts how
+many times the surface encloses a point. The body is the region where this number is positive.
 """
 
 import numpy as np
@@ -18,9 +18,9 @@ def united_parts(
     """Return the surface of the union of all parts of a mesh, and a note on its precision.
 
     The winding number is counted along the lines of a grid in three directions, and the majority of
-    the three decides. A hole or an edge of three triangles therefore only corrupts single lines.
-    Faces keep their position, but edges are rounded on the scale of a grid cell, and walls thinner
-    than two cells disappear.
+    the three decides. A hole or an edge that three triangles share therefore only corrupts single
+    lines. Faces keep their position, but edges are rounded on the scale of a grid cell, and walls
+    thinner than two cells disappear.
 
     Parameters
     ----------

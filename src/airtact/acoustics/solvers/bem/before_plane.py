@@ -37,8 +37,8 @@ from airtact.errors import in_short
 class BodiesBeforePlane:
     """A fixed arrangement of bodies and sources in front of a moving plane.
 
-    The sound that the plane reflects onto the bodies is weaker than the sound of the sources, so it
-    is solved with twice the relative error.
+    The sound that the plane reflects onto the bodies is weaker than the sound of the sources, so
+    twice the relative error is allowed for it.
 
     Attributes
     ----------

@@ -316,7 +316,7 @@ class BoundaryField(RadiatedField):
         return points, touching
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report, with its error raised to at least the largest one at the points.
+        """Return the report, with an error of at least the largest one estimated at the points.
 
         Points inside bodies are ignored. The error is relative to the pressure at the point, or to
         a tenth of the strongest pressure if that is larger. If an error exceeds 1.25 times

@@ -174,7 +174,7 @@ def _near_groups(
 ) -> list[tuple[Mask, NearRows]]:
     """Return the near rows (``NearRows``) of points off the panels, and of points on a panel.
 
-    Adjacent panels deviate from the true surface by different lengths. If a point on one panel
+    Adjacent panels deviate from the true surface by different amounts. If a point on one panel
     counted as above or below an adjacent panel, the solid angle at their common corner would be
     halved or doubled. A point on one panel is therefore also treated as touching the adjacent panel
     if its distance is within the sum of both contact lengths.
