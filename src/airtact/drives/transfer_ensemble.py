@@ -8,7 +8,7 @@ is 1.3 % (3.2 %) in a box and 0.9 % (2.3 %) in front of flat boards. Without sca
 138 %. The pressure of a drive at the weakest focus is within 0.2 % (0.4 %) (``benchmarks/robust.py
 warmer``).
 
-The pressure on an element is computed as the pressure at its centre times its directivity towards
+The pressure on an element is computed as the pressure at its centre times its directivity toward
 each focus, plus the remainder of the nominal matrix. Compared with the mean over the faces, for
 motions of 2 mm and 3 degrees, the error is 0.1 % in front of flat boards and 1 % in a box.
 
@@ -511,7 +511,7 @@ class _Sampler:
         The field without images is evaluated at the elements and at their images. The part in
         open air is averaged exactly over each face. For the rest, the bodies are divided into
         parts: the pressure of each part at the centre of the face is multiplied by the
-        directivity towards that part.
+        directivity toward that part.
         """
         (fixed_plane,) = self.field.scene.planes
         plane = _plane_seen(fixed_plane, draw.hand)
