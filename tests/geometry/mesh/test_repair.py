@@ -248,7 +248,7 @@ PILLOW = (
     ("mesh", "code", "values"),
     [
         ((BALL[0], np.zeros((0, 3), dtype=np.int64)), "empty", []),
-        ((1e3 * BALL[0], BALL[1][5:]), "too_many", ["16 m"]),  # before its holes
+        ((1e3 * BALL[0], BALL[1][5:]), "not_in_metres", ["16 m"]),  # before its holes
         (moebius_strip(), "mesh_not_oriented", []),
         (beside((0.01, 0.01, 0.01)), "mesh_faulty", ["1 vertex", "(10.00, 10.00, 10.00) mm"]),
         (beside((0.01, 0.01, 0)), "mesh_not_oriented", ["1 edge", "(10.00, 10"]),
