@@ -38,7 +38,7 @@ class HandShape(Shape):
     hulls : the body as built.
     pose : pose relative to the frame in which the body was built.
     follows : the keyframe whose meshes are deformed to fit this shape; None without a keyframe.
-    meshes : cached meshes of the body as built, by edge length [m].
+    meshes : meshes of the body in the pose in which it was built, kept for each edge length [m].
     """
 
     hulls: Hulls

@@ -84,7 +84,7 @@ class Observation:
     landmarks : (25, 3) inaccurate joints [m].
     spread : (25,) standard deviation of each coordinate of the landmarks [m].
     side : "right" or "left".
-    anatomy : prior of the sizes.
+    anatomy : prior on the sizes of the hand.
     camera : (3,) position of the camera [m]; None if the points were seen from several directions.
     silhouette : silhouette seen by the camera; None without a camera.
     each : number of measured points that each averaged point represents.

@@ -197,7 +197,7 @@ class HandStream:
         return self._clock() - self._received
 
     def remark(self) -> str:
-        """Describe oddities of the used frames, or return "" if there are none."""
+        """Return a description of anything unusual in the frames that were used, or ""."""
         with self._changed:
             hands = [hand for hand in self._hands.values() if not hand.silent]
         if any(hand.at_origin for hand in hands):

@@ -80,7 +80,10 @@ def expected_kept(
 
 
 def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
-    """Return how much two poses differ; at 1, a solution has lost most of its benefit."""
+    """Return a measure of the difference between two poses.
+
+    At 1, the solution for one pose has lost most of its benefit for the other.
+    """
     scale = (max(foci, FITTED_FOCI) / FITTED_FOCI) ** 2
     return scale * ((gap / GAP_SCALE) ** 2 + (turned / 0.2) ** 2)
 

@@ -180,8 +180,8 @@ class BoundaryElement(Solver):
         Raises
         ------
         InvalidInput
-            If there are no bodies, a body is filled, a source is inside a body or behind a plane,
-            or the memory is insufficient.
+            If there are no bodies, if a body is filled, if a source is inside a body or behind a
+            plane, or if the memory is insufficient.
         NotConverged
             If GMRES does not reach its tolerance.
         """
@@ -347,7 +347,7 @@ class BoundaryElement(Solver):
         Raises
         ------
         InvalidInput
-            If there are no bodies, a body is filled, or the memory is insufficient.
+            If there are no bodies, if a body is filled, or if the memory is insufficient.
         """
         from airtact.acoustics.solvers.bem.factorised.reduced_body import reduced_body
 
