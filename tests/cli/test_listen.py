@@ -92,8 +92,8 @@ def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
                 tracker.send(at.hands.to_json(still(index)))
             tracker.send("rubbish")
         listening.send_signal(signal.SIGINT)
-        said = listening.stdout.read()
-        assert listening.wait() == 0
+        said, errors = listening.communicate(timeout=60)
+        assert listening.returncode == 0, errors
     assert "Messages: 4 received, 3 used" in said
     assert [frame.sequence for frame in at.hands.load_recording(file).frames] == [0, 1, 2]
 

@@ -3,6 +3,7 @@
 import select
 import socket
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from airtact.errors import InvalidInput
@@ -55,7 +56,9 @@ class ApplicationServer(WebSocketReceiver):
 
         source = str(connection.id)
         # In a large buffer, seconds of old states would accumulate if an application reads slowly.
-        connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 2**16)
+        # The tracker may already have gone; what it sent is still used.
+        with suppress(OSError):
+            connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 2**16)
         try:
             super()._receive(connection)
         finally:

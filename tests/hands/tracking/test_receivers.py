@@ -16,6 +16,7 @@ from websockets.sync.client import connect
 
 import airtact as at
 from airtact.hands.tracking.receivers import MAX_MESSAGE, WebSocketReceiver
+from airtact.live.applications import ApplicationServer
 from faults import raises_code
 from references.motions import still
 
@@ -51,7 +52,7 @@ def send(receiver, sequence, **options):
         assert receiver.stream.wait(PATIENCE).sequence == sequence
 
 
-class LateReceiver(WebSocketReceiver):
+class Late:
     """A receiver whose threads start late, as on a busy computer."""
 
     def _receive(self, connection):
@@ -59,8 +60,18 @@ class LateReceiver(WebSocketReceiver):
         super()._receive(connection)
 
 
-def test_frames_sent_just_before_the_end_are_used(stream):
-    with LateReceiver(stream) as receiver, tracker_of(receiver) as tracker:
+class LateReceiver(Late, WebSocketReceiver):
+    pass
+
+
+class LateServer(Late, ApplicationServer):
+    pass
+
+
+@pytest.mark.parametrize("kind", [LateReceiver, LateServer])
+def test_frames_sent_just_before_the_end_are_used(kind, stream):
+    arguments = [stream] if kind is LateReceiver else [stream, at.live.World()]
+    with kind(*arguments) as receiver, tracker_of(receiver) as tracker:
         tracker.send(at.hands.to_json(still(0)))
         tracker.close()
     assert stream.health.used == 1
