@@ -118,11 +118,10 @@ def force(
 ) -> Float64[np.ndarray, "points 3"]:
     """Return the radiation force on a bead at any points: minus the gradient of the potential.
 
-    For small beads, the force tends to minus the gradient of Gor'kov's potential, which is used
-    here for all beads. It overestimates force and stiffness by about
-    (ka)²/2 for a bead of radius a: for polystyrene at 40 kHz, by 7 % at 0.5 mm, 12 % at 0.65 mm and
-    33 % at 1 mm. It does not include the bead's own sound reflected by bodies, streaming, viscosity
-    or weight.
+    Gor'kov's potential holds for beads much smaller than the wavelength. It overestimates force and
+    stiffness by about (ka)²/2 for a bead of radius a: for polystyrene at 40 kHz, by 7 % at 0.5 mm,
+    12 % at 0.65 mm and 33 % at 1 mm. It does not include the bead's own sound reflected by bodies,
+    streaming, viscosity or weight.
 
     Parameters
     ----------

@@ -23,6 +23,7 @@ from airtact.acoustics.scene import Scene, check_sources
 from airtact.acoustics.solvers.arrays import NodeValues
 from airtact.acoustics.solvers.bem.block_matrix import BlockMatrix
 from airtact.acoustics.solvers.bem.operator import DualSurface, assemble, transposed_right_side
+from airtact.acoustics.solvers.bem.solutions import TransposedSolution
 from airtact.acoustics.solvers.bem.solver import (
     LOW_RANK_ERROR,
     BoundaryElement,
@@ -92,10 +93,10 @@ class BodiesBeforePlane:
         tolerance = 3.0 * self.solver.accuracy
         matrices = [self.matrix, image]
         solved = self.solver._iterate(scene, matrices, right, True, tolerance)
-        density = solved.solution.T
-        # Three nodes share a second point, which radiates −i times the sum of their strengths.
-        groups = density.reshape(-1, _kernels.sharing, density.shape[1])
-        nodes = self.surface.nodes.points.reshape(-1, _kernels.sharing, 3)
-        points = np.concatenate([nodes, self.surface.shifted[:, None]], axis=1)
-        strengths = np.concatenate([groups, -1j * groups.sum(axis=1, keepdims=True)], axis=1)
-        return Monopoles(points.reshape(-1, 3), strengths.reshape(-1, density.shape[1]))
+        monopoles = TransposedSolution(
+            self.sources, self.surface, solved.solution.T, self.factors
+        ).scattering
+        # Put each second collocation point after the nodes that share it.
+        nodes = np.arange(len(self.surface.nodes.points)).reshape(-1, _kernels.sharing)
+        order = np.column_stack([nodes, nodes.size + np.arange(len(nodes))]).ravel()
+        return Monopoles(monopoles.positions[order], monopoles.strengths[order])
