@@ -51,7 +51,7 @@ class Codec:
         return self.encoded(self, frame)
 
     def decode(self, message: bytes, boards: int = 1) -> list[Frame]:
-        """Return the frames in messages to some boards; an empty list if one is incomplete."""
+        """Decode messages to a number of boards; return an empty list if a frame is incomplete."""
         channels = self.decoded(np.frombuffer(message, dtype=np.uint8), boards)
         if channels is None:
             return []

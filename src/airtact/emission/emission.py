@@ -47,16 +47,18 @@ class Emission:
     """Emission of drives by boards. It always ends in silence.
 
     Use it as ``with Emission(link) as emission:``. A separate process opens the link and raises the
-    sound over a ramp. It sends a confirmed frame of zeros when the block is left, when this process
-    ends for any reason, and when half a second passes without a call of ``send``, ``hold``,
-    ``play``, ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. This ends the
-    emission, except after a late call if ``resumes`` is True. SIGINT, SIGTERM and SIGHUP in the
-    main thread raise ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
+    amplitude over a ramp. It silences the boards, and waits for their confirmation, when the block
+    is left or this process ends for any reason. It does the same if ``patience`` seconds pass
+    without a call of ``send``, ``hold``, ``play``, ``cycle``, ``modulate``, ``set_modulation``,
+    ``silence`` or ``beat``. Each case ends the emission; after a late call, it continues if
+    ``resumes`` is True. SIGINT, SIGTERM and SIGHUP in the main thread raise ``KeyboardInterrupt``
+    or ``SystemExit``, which ends the block.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
-    opens the link and silences the boards. Two kinds of links are opened in this process instead:
-    links whose class is defined in the script itself, and all links on a system without POSIX. A
-    warning then states that the boards keep emitting if this process is killed.
+    opens the link and silences the boards. Links that cannot be passed to another process,
+    such as those of a class defined in the main script, are opened in this process instead, as are
+    all links on systems without POSIX. A warning then states that the boards keep emitting if this
+    process is killed.
 
     Parameters
     ----------
@@ -83,8 +85,8 @@ class Emission:
     ------
     InvalidInput
         If the cap is not above 0 and at most 1, or a time is negative or not finite. Without a cap,
-        drives are rejected for boards without amplitude levels and for links to several boards
-        whose poses are unknown.
+        a drive is rejected if it is too loud for boards without amplitude levels, or if the poses
+        of several boards are unknown.
     """
 
     link: Link
@@ -395,7 +397,7 @@ class Emission:
         if link.poses is None:
             raise InvalidInput(
                 f"the poses of the {link.boards} boards of the {link.name} link are unknown, so no "
-                "safe level can be computed: use a cap, such as 0.1.",
+                "safe level can be computed: set a cap, such as 0.1.",
                 code="key_missing",
             )
         elements = link.codec.board.positions
@@ -503,10 +505,9 @@ class Emission:
 def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
     """Choose the number of frames per period of a modulation, and their rate [frames/s].
 
-    On boards without a rate limit, a frame lasts a whole number of periods of
-    the 40 kHz sound. Of the frame numbers from 16 to 40, the one that best
-    matches the frequency is chosen, and among equals the one nearest to 20.
-    Slower serial lines get an even number of frames, up to 20; with 2 frames
+    On boards without a rate limit, a frame lasts a whole number of periods of the 40 kHz sound. The
+    number from 16 to 40 that best matches the frequency is chosen; if several match equally well,
+    the one nearest to 20. Slower serial lines get an even number of frames, up to 20; with 2 frames
     the sound is switched on and off.
 
     Parameters

@@ -89,7 +89,7 @@ def drive_for(array: PhasedArray, path: Path, board: str | None = None) -> Drive
     """Read the first drive in a file written by any program, and check that it fits an array.
 
     If the file contains positions, its elements are matched with those of the array. The array may
-    have moved since then, if the order of the elements is the same.
+    have moved since the file was written, but the order of its elements must be the same.
 
     Raises
     ------
@@ -137,11 +137,12 @@ def write_frames(
     ----------
     path : file name that ends in .h5 or .bin (the bytes of the messages to the boards). An
         existing file is replaced.
-    sound : a sequence, or a drive, which is written once or for one period of its modulation.
+    sound : a sequence or a drive. A drive is written as a single frame, or as one period of its
+        modulation.
     board : name of the kind of board.
     modulation : amplitude modulation of a drive.
-    seconds : duration of a sequence or a modulated drive [s]; by default one round of the
-        sequence or one period of the modulation.
+    seconds : duration of a sequence or a modulated drive [s]; by default, the sequence is written
+        once, or the modulation for one period.
     cap : largest amplitude of an element, as a fraction of full scale; larger drives are scaled
         down.
 

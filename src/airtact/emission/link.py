@@ -26,7 +26,8 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
 
     Attributes
     ----------
-    code : kind of error, such as "link_failed"; it stays the same if the message changes.
+    code : fixed name of the kind of error, such as "link_failed"; the wording of the message may
+        change.
     """
 
     def __init__(self, sentence: str, *, code: str) -> None:
@@ -53,8 +54,8 @@ class Link(ABC):
     plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves;
         otherwise every frame must be sent in time.
     fastest : largest rate of the link [frames/s].
-    lead : how far in advance of taking effect a frame may be sent, at most [s]; 0 if frames take
-        effect when they arrive.
+    lead : longest time by which a frame may be sent before it takes effect [s]; 0 if frames take
+        effect on arrival.
     last : last frame sent; None before the first.
     sent : number of frames sent since the link was opened.
     """
@@ -131,7 +132,7 @@ class Link(ABC):
         self._open = True
 
     def send(self, frame: Frame, at: float | None = None) -> None:
-        """Send one frame, which the boards play from then on.
+        """Send one frame, which the boards play until the next one.
 
         Parameters
         ----------

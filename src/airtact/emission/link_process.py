@@ -314,10 +314,10 @@ def serve(
     here: Link | None = None,
     message: tuple[Any, ...] | None = None,
 ) -> bool:
-    """Run a link until its owner closes it or ends.
+    """Run a link until its owner closes it or the owner's process ends.
 
-    The link is ``here`` or, if that is None, the link in the first message. The function
-    returns whether the owner was answered or the boards are silent.
+    The link is ``here`` or, if that is None, the link in the first message. The function returns
+    False only if the owner did not close it and the boards could not be silenced.
     """
     player: Player | None = None
     closed = True

@@ -180,8 +180,8 @@ def _radians(path: Path, phases: Phases, name: str) -> Phases:
         )
     if largest <= 255.0 and np.array_equal(phases, np.round(phases)) and phases.min() >= 0.0:
         warnings.warn(
-            f"phases in {path.name} are whole numbers up to {largest:.0f}, taken as degrees. If "
-            "they are levels of 256, name the column phase_level.",
+            f"phases in {path.name} are whole numbers up to {largest:.0f} and are read as degrees. "
+            "If they are levels of 256, name the column phase_level.",
             stacklevel=2,
         )
     return np.radians(phases)

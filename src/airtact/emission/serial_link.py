@@ -27,9 +27,10 @@ def serial_ports() -> list[str]:
 class SerialLink(Link):
     """Link to one or two SonicSurface boards, or one Nano16, on a serial port.
 
-    A Nano16 echoes the reset and the swap of a frame; a frame without the echo is sent again. A
-    SonicSurface never answers, so a frame counts as sent once the port has sent all its bytes. Both
-    kinds have two buffers. Each swap brings back the previous buffer, so silence is sent twice.
+    A Nano16 echoes the first and the last byte of each frame, which reset and swap its buffers; a
+    frame that is not echoed is sent again. A SonicSurface never answers, so a frame counts as sent
+    once the port has sent all its bytes. Both kinds have two buffers. Each swap brings back the
+    previous buffer, so silence is sent twice.
 
     Parameters
     ----------

@@ -51,7 +51,10 @@ def read_mesh(
                 code="empty",
             )
         if mesh.vertices.shape[1:] != (3,):
-            raise InvalidInput("its vertices do not have 3 coordinates.", code="file_unreadable")
+            raise InvalidInput(
+                "its vertices do not have 3 coordinates; export it as a 3-D mesh.",
+                code="file_unreadable",
+            )
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
 
 

@@ -65,7 +65,7 @@ class TextTable:
     def order(self, name: str) -> Int64[np.ndarray, "rows"]:
         """Return the order of the rows according to a column that numbers them from 0.
 
-        The numbers must be in range. Otherwise, the method raises the same errors as ``numbers``.
+        The column must contain each number once. The method also raises the errors of ``numbers``.
         """
         numbers = self.numbers(name)
         order = np.argsort(numbers, kind="stable")

@@ -48,8 +48,8 @@ class Client:
 
     Attributes
     ----------
-    rejected : reasons why the loop rejected a message; only the 16 newest are kept. Remove
-        those you have read.
+    rejected : reasons why the loop rejected messages, up to the 16 newest; delete reasons after
+        reading them.
 
     Raises
     ------

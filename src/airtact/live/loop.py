@@ -93,7 +93,7 @@ class Followed:
         computed from it reached the link [s]; NaN without drives.
     kept : median of the expected fraction of the attainable pressure; NaN if unknown.
     faded : number of fades to silence for each reason.
-    dropped : number of rows missing from the session because the disk was too slow.
+    dropped : number of frames and drives missing from the session because the disk was too slow.
     health : counts of received frames and of their faults.
     stopped : whether the emergency stop was pressed.
     state : final state, with the reason for silence.
@@ -180,7 +180,7 @@ def follow(
     cap : largest amplitude of an element, as a fraction of full scale. By default, the cap
         limits the level at a head 0.5 m from the array to 110 dB SPL wherever the foci are;
         without boards it is 1.
-    controls : initial settings. If there is a page, its settings replace them.
+    controls : initial settings; if there is a page, the loop uses the page's settings instead.
     page : page that shows every drive and can change the controls.
     report : function called twice a second with the status.
     world : objects and foci that applications can change. The loop reports its

@@ -360,7 +360,7 @@ def read_message(text: bytes | str) -> Message:
         head = _head.decode(raw)
         if head.type not in TYPES:
             raise InvalidInput(
-                f"{head.type!r} is not a type of messages; {nearest(head.type, TYPES)}",
+                f"{head.type!r} is not a message type; {nearest(head.type, TYPES)}",
                 code="unknown_name",
             )
         if head.version != VERSION:

@@ -130,7 +130,8 @@ class OscServer:
                 messages = [timed.message for timed in OscPacket(packet).messages]
             except Exception as error:  # errors of struct and str, and the parser's own errors
                 raise InvalidInput(
-                    f"these {len(packet)} bytes are not OSC: {error}.", code="unknown_format"
+                    f"the received {len(packet)} bytes are not an OSC message: {error}.",
+                    code="unknown_format",
                 ) from None
             for message in messages:
                 self._process(message.address, list(message.params), sender)

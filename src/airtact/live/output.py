@@ -32,7 +32,7 @@ class Output:
     stopped : whether the emergency stop was pressed. After that, nothing is
         emitted.
     levels : amplitude and phase levels that the boards can emit; None without boards.
-    lead : how far in advance of taking effect a drive may be sent, at most [s]; 0 if drives take
+    lead : longest time by which a drive may be sent before it takes effect [s]; 0 if drives take
         effect on arrival.
     """
 
@@ -70,12 +70,12 @@ class Output:
             self._emission.cap = cap
 
     def send(self, amplitudes: Amplitudes, at: float | None = None) -> None:
-        """Emit a drive, from now or from a given time on; return once it has reached the link."""
+        """Emit a drive, at once or at a given time; return as soon as it has reached the link."""
         if self._emission is not None:
             self._emission.send(Drive(amplitudes), wait=False, at=at)
 
     def cycles(self, frames: int, rate: float) -> bool:
-        """Return whether boards and link can play this many frames at a rate [1/s]."""
+        """Return whether the boards and the link can play this number of frames at a rate [1/s]."""
         try:
             if self._emission is not None:
                 self._emission.link.check_sequence(frames, rate)
@@ -84,7 +84,7 @@ class Output:
         return True
 
     def cycle(self, frames: Frames, rate: float) -> None:
-        """Emit frames in turn at a rate [1/s], continuing at the current position in the round."""
+        """Repeat frames at a rate [1/s], starting at the current position in the sequence."""
         if self._emission is not None:
             self._emission.cycle(Sequence(frames, rate), wait=False)
 
@@ -99,7 +99,10 @@ class Output:
             self._emission.set_modulation(modulation)
 
     def stop(self) -> None:
-        """Emergency stop: silence at once and for good. Any thread may call this method."""
+        """Emergency stop: silence the boards at once and permanently.
+
+        Any thread may call this method.
+        """
         # Set this first, so that nothing is sent from now on even if the link is not open yet.
         self.stopped = True
         try:

@@ -68,13 +68,13 @@ def run(
         pressed.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s].
-    cap : largest amplitude of an element, as a fraction of full scale; by default, a safe one
+    cap : largest amplitude of an element, as a fraction of full scale; by default, the safe limit
         that ``follow`` computes.
     ignore_hand : whether scattering by the hand is ignored, as in ``Controls``.
     page : port and host of the page; no page by default.
     certificate : PEM file with a certificate and its key, to serve the page over
         HTTPS.
-    report_step : function called with each step of the start.
+    report_step : function called with a description of each step at the start of the run.
     report : function called twice a second with the status.
 
     Returns
@@ -209,11 +209,11 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
 
     Parameters
     ----------
-    setup : scene. Frames of recordings and trackers are transformed by the pose of its tracker.
+    setup : scene. Its tracker's pose transforms the frames of recordings and trackers to the scene.
     source : a recording; a session or its folder; "websocket" or "osc", optionally with ":PORT",
         where port 0 selects a free one; or "page" for the hand on the page. By default, an example
         motion is repeated.
-    folder : folder for the session of this run. The source must be another session.
+    folder : folder for the session of this run. It must not contain the session given as source.
 
     Returns
     -------
@@ -269,7 +269,7 @@ def received(
 def output_to(
     setup: Setup, folder: Path, board: str | None, link: str | None, **settings: str | None
 ) -> Output:
-    """Return the output of a run: boards behind a link, or nothing if neither is given.
+    """Return the output of a run: boards behind a link, or nothing if no option is given.
 
     Parameters
     ----------
@@ -294,13 +294,13 @@ def output_to(
         )
     if link is None or board is None:
         raise InvalidInput(
-            "boards require both --board and --link: set both, or no board option at all.",
+            "boards require both --board and --link: set both, or omit all options for boards.",
             code="key_missing",
         )
     if setup.board != board:
         raise InvalidInput(
-            f"the array of the scene consists of {setup.board or 'no boards'}, not of "
-            f"{board}: use --board {setup.board}.",
+            f"the array of the scene consists of {setup.board or 'no known boards'}, not of "
+            f"{board}: change --board or the scene.",
             code="does_not_match",
         )
     folder.mkdir(parents=True, exist_ok=True)
@@ -311,7 +311,7 @@ def output_to(
 
 
 def drive_at_rest(setup: Setup) -> DriveFile:
-    """Return a drive without scattering for the scene's hand, to find a safe level."""
+    """Return a drive that ignores scattering by the scene's hand, for finding a safe level."""
     scene = live_scene(setup)
     drive = focus_by_distance(scene.array, setup.target, scene.medium, scene.frequency)
     return DriveFile(

@@ -78,7 +78,7 @@ def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
 
 
 class Gain:
-    """Factor applied to all amplitudes that the loop sends; it rises and falls within ``FADE``."""
+    """Factor for all amplitudes that the loop sends; it rises and falls within ``FADE`` seconds."""
 
     def __init__(self) -> None:
         self.share: float = 0.0

@@ -177,10 +177,10 @@ def live_scene(setup: Setup) -> LiveScene:
     Raises
     ------
     InvalidInput
-        If the scene contains bodies other than one or two sound-hard hands; if a focus is not at a
-        place of a hand; if the scene requests pressures, phases or suppression; if it combines
-        paths of foci with virtual objects or two hands; or if the path of a moving focus leaves
-        the skin, has more than 64 frames, or is so fast that a frame is shorter than one period.
+        If the scene contains bodies other than one or two sound-hard hands, a focus that is not at
+        a place of a hand, or a requested pressure, phase or suppression. Also if it combines paths
+        of foci with virtual objects or two hands, or if a path leaves the skin, has more than 64
+        frames, or has frames shorter than one period of the sound.
     """
     name = _file_name(setup)
     check_no_boards(setup.scene, "live")
@@ -190,7 +190,7 @@ def live_scene(setup: Setup) -> LiveScene:
     if not touched and (len(on_hand) < len(setup.foci) or not setup.hands):
         raise InvalidInput(
             f"{name}: {len(on_hand) if setup.hands else 0} of {len(setup.foci)} foci are on a hand "
-            f'with joints, but all must be: use at = "thumb.pad" in [[foci]], or '
+            'with joints, but all must be: add at = "thumb.pad" to [[foci]], or replace them by '
             f"[[objects]]; the places are {', '.join(PLACES)}.",
             code="misplaced",
         )
@@ -284,9 +284,9 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
     rounds = motion.turns(paths)
     if rounds * len(places) > setup.frequency:
         raise InvalidInput(
-            f"{_file_name(setup)}: {rounds:g} rounds per second with {len(places)} frames each "
-            f"exceed the {setup.frequency:g} sound periods per second: use "
-            f"{setup.frequency / len(places):.4g} Hz or less.",
+            f"{_file_name(setup)}: a path of {len(places)} frames, repeated at {rounds:g} Hz, "
+            f"requires {rounds * len(places):g} frames/s, but each must last at least one period "
+            f"of the sound: use {setup.frequency / len(places):.4g} Hz or less.",
             code="out_of_range",
         )
     # Each frame lasts a whole number of periods, so that boards can play it by their own clock.
@@ -365,8 +365,8 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``hand_from_joints``, or if a place is unknown. The side is not
-        checked.
+        For the reasons listed in ``hand_from_joints`` (apart from the side), or if a place is
+        unknown.
     """
     hand = hand_in(scene, joints)
     # The directions to 12 elements, spread over the array, describe the orientation of the hand.

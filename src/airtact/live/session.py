@@ -113,11 +113,10 @@ class Session:
 class SessionWriter:
     """Writer of a session during a run; ``frame`` and ``drive`` return at once.
 
-    A separate process appends the rows. A slow disk therefore does not delay the loop,
-    and a killed loop or a full disk does not damage the file. An existing file is
-    replaced when the loop begins. Real and imaginary parts of amplitudes are rounded to
-    about 1/16 of the largest amplitude in the drive, which changes the pressure at a
-    focus by about 0.1 %. Lengths are rounded to 1 µm.
+    A separate process writes the file. A slow disk therefore does not delay the loop, and a killed
+    loop or a full disk does not damage the file. An existing file is replaced when the loop begins.
+    Real and imaginary parts of amplitudes are rounded to about 1/16 of the largest amplitude in the
+    drive, which changes the pressure at a focus by about 0.1 %. Lengths are rounded to 1 µm.
 
     Parameters
     ----------
@@ -127,7 +126,7 @@ class SessionWriter:
 
     Attributes
     ----------
-    dropped : number of rows dropped because the disk was too slow.
+    dropped : number of frames and drives that were not recorded because the disk was too slow.
     fault : why and since when nothing is recorded; None if there is no fault.
 
     Raises
@@ -194,7 +193,7 @@ class SessionWriter:
         self._take("drives", row)
 
     def close(self) -> None:
-        """Write the remaining rows and close the file; ``fault`` then describes missing data."""
+        """Write the remaining data and close the file; ``fault`` then describes missing data."""
         if self._process is None and self._rows:
             self.begin()
         self._done.set()

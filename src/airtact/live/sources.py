@@ -103,7 +103,7 @@ class RecordedHands(HandSource):
         self._loop = loop
         if loop and len(self.frames) < 2:
             raise InvalidInput(
-                "a single frame cannot be played in a loop: use one of two or more frames.",
+                "a single frame cannot be played in a loop: use a recording of at least 2 frames.",
                 code="too_few",
             )
         words = f"{len(self.frames)} recorded frames{', repeated' if loop else ''}"

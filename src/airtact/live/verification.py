@@ -30,9 +30,9 @@ class VerifiedSession:
     ----------
     indices : (V,) indices of the drives.
     pressures : (V, F) pressures at the foci [Pa]; NaN if a drive has fewer foci.
-    kept : (V,) fraction of the attainable pressure. It is the smallest ratio of pressure to
-        strength over the foci, divided by the same ratio for the best drive of equal energy for
-        the hands at that time.
+    kept : (V,) fraction of the attainable pressure. The ratio of pressure to strength is computed
+        at each focus; the smallest ratio is divided by that of the best drive of equal energy for
+        the same hands.
     """
 
     indices: tuple[int, ...]
@@ -45,7 +45,7 @@ class VerifiedSession:
 def verify_session(
     session: Session, drives: int = 10, report_step: Progress = no_progress
 ) -> VerifiedSession:
-    """Compare drives of a session with the best ones for the whole hand at the same times.
+    """Compare drives of a session with the best drives for the recorded hands.
 
     Parameters
     ----------

@@ -89,7 +89,8 @@ class WantedFocus:
             object.__setattr__(self, "point", near_point(self.point, what))
         elif self.on is not None:
             raise InvalidInput(
-                f"{what} is at a place on the hand, so it cannot be on {self.on}: use a point.",
+                f"{what} is at a place on the hand, so it cannot move with the object {self.on}: "
+                "use a point.",
                 code="options_clash",
             )
         if self.place is not None and unsided(self.place) not in PLACES:
@@ -175,8 +176,8 @@ class World:
         message : the message. Messages with hands only show that the sender is
             alive.
         source : name of the connection.
-        keep : whether earlier foci of the source remain although they are not in the message.
-            Foci of strength 0 in the message are then removed.
+        keep : whether to keep earlier foci of the source that are not in the message. If so, a
+            focus is removed by sending it with strength 0.
 
         Raises
         ------
@@ -198,7 +199,7 @@ class World:
                 self._heard[source] = self._clock()
 
     def close(self, source: str) -> None:
-        """Remove the foci of a closed connection at once, and its objects after ``SILENCE``."""
+        """Remove a closed connection's foci at once, and its objects after ``SILENCE`` seconds."""
         with self._lock:
             self._foci.pop(source, None)
             self._heard.pop(source, None)

@@ -126,7 +126,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
 
 
 def approaching(skin: Skin, objects: Sequence[VirtualObject], gap: float) -> Indices:
-    """For each part and object less than ``gap`` [m] apart, return the nearest skin point.
+    """For each part of the skin, return the point nearest to each object within ``gap`` [m].
 
     The points nearest to an object come first.
     """

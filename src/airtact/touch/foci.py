@@ -30,9 +30,9 @@ class TouchFoci:
     contacts : (F,) index of the contact to which each focus belongs.
     names : a name for each focus, such as "index at ball".
     skin_points : (F,) index of the skin point nearest to each focus.
-    merged : number of weak contacts that share the focus of a stronger one within a
-        wavelength.
-    dropped : number of weak contacts without any focus.
+    merged : number of weak contacts that share the focus of a stronger contact less than a
+        wavelength away.
+    dropped : number of weak contacts that have no focus.
     """
 
     points: Float64[np.ndarray, "foci 3"]
@@ -58,10 +58,10 @@ class TouchFoci:
         )
 
     def target(self) -> Target:
-        """Return a target with these foci and with their strengths as shares.
+        """Return a target with these foci, whose shares are their strengths.
 
-        The shares of a target are only relative. Multiply the drive by ``strengths.max()`` to set
-        the overall strength of the touch.
+        Shares only define the ratios of the pressures. Multiply the drive by ``strengths.max()`` to
+        set the overall strength of the touch.
 
         Raises
         ------
@@ -87,12 +87,12 @@ def chosen_foci(
 ) -> TouchFoci:
     """Choose the foci for contacts.
 
-    Each contact gets a focus at its deepest point, unless a deeper focus is within 0.8
-    wavelengths on the same patch of skin. If there are too many foci, each of the
-    weakest is merged with a focus of the same object within a wavelength, or dropped.
-    If there are fewer foci than allowed, long contacts get more foci at least 0.8
-    wavelengths apart. A contact is long if the part of it that is deeper than half of
-    its largest depth extends over more than a wavelength.
+    Each contact gets a focus at its deepest point, unless a deeper focus is within 0.8 wavelengths
+    on the same patch of skin. If there are too many foci, the weakest are removed. A contact
+    whose focus is removed shares one of the same object less than a wavelength away, if there is
+    one. If there are fewer foci than allowed, long contacts get additional foci at least 0.8
+    wavelengths apart. A contact is long if the skin deeper than half of its largest depth extends
+    over more than a wavelength.
     """
     apart = 0.8 * wavelength
     strengths = _strengths(objects, found.objects, found.points, found.depths)

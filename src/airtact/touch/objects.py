@@ -32,12 +32,12 @@ class VirtualObject:
         ``HalfSpace`` or ``Button`` from ``at.touch``.
     pose : pose of the shape in the hand's frame; None if both frames are the same.
     name : name of the object in results.
-    style : "points" for foci where the skin is deepest; "outline" for a focus that runs along the
-        curve where the skin meets the object; "texture" for foci as with "points", with strengths
-        modulated by ``texture``.
-    stiffness : increase of the strength of the touch per depth [1/m]. The strength is 0.2 at
-        the surface and at most 1. By default, it reaches 1 at a depth of 2 mm, or at the end of
-        a button's travel.
+    style : "points" places foci where the skin is deepest; "outline" moves a focus along the curve
+        where the skin meets the object; "texture" is like "points", but modulates the strengths by
+        ``texture``.
+    stiffness : increase of the touch's strength with depth [1/m]. The strength is 0.2 at the
+        surface and at most 1. By default, it reaches 1 at a depth of 2 mm, or at the end of a
+        button's travel.
     texture : a ``Grating`` or ``HeightMap``; only for the style "texture".
 
     Raises
@@ -101,7 +101,7 @@ class VirtualObject:
 
     @cached_property
     def ball(self) -> tuple[Vector3, float]:
-        """Centre (3,) and radius [m] of a ball around the object; infinite for a half-space."""
+        """Centre (3,) and radius [m] of an enclosing ball; infinite for a half-space."""
         centre, radius = self.solid.ball()
         return (centre if self.pose is None else self.pose.apply(centre)), radius
 

@@ -41,8 +41,8 @@ class Skin:
     triangles : (T, 3) indices of the points of each triangle.
     places : names of the fingers and other parts.
     place : (N,) index of the part to which each point belongs.
-    neighbours : (N, K) indices of the points that share an edge with each point, padded with its
-        own index; by default, found from the triangles.
+    neighbours : (N, K) indices of the points that share an edge with each point, padded with the
+        index of the point itself; by default, derived from the triangles.
     bodies : exact surface of the body of each part; None if unknown.
     look : for a moved skin, a function that returns the signed distances (P,) [m] of
         points (P, 3) from its exact surface, and the outward unit normals (P, 3) there;
@@ -78,8 +78,8 @@ class Skin:
         ----------
         points : (N, 3) new positions [m].
         normals : (N, 3) new outward unit normals.
-        look : function for the exact surface, as in the attribute ``look``. With it, contacts
-            are found exactly.
+        look : function for the exact surface, as in the attribute ``look``. If it is given,
+            contacts are computed on the exact surface.
         """
         return replace(self, points=points, normals=normals, bodies=None, look=look)
 
@@ -91,16 +91,16 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     ----------
     bodies : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to
         them.
-    longest_edge : longest distance between neighbours [m]. With the default, a hand has about
-        6,000 points, and several points of a fingertip are inside a ball that it enters by 2
-        mm. With 10 mm, which suits a live loop, a hand has 1,600 points; their density at the
-        finger pads is the same.
+    longest_edge : longest distance between neighbours [m]. By default, a hand has about 6,000
+        points, so that a fingertip 2 mm deep in a ball has several points inside it. With 10 mm,
+        which suits a live loop, a hand has 1,600 points; their density at the finger pads is the
+        same.
 
     Returns
     -------
-    The skin with its parts. The parts of a hand are its fingers, "palm" and "back". With two hands,
-    the side precedes the name, as in "left.index". A surface is a single part, named as in the
-    mapping.
+    The skin, divided into parts. The parts of a hand are its fingers, "palm" and "back". With two
+    hands, the side precedes the name, as in "left.index". A surface is a single part, with its name
+    in the mapping.
 
     Raises
     ------

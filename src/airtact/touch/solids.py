@@ -31,12 +31,12 @@ class Solid(ABC):
         """Return the depth (P,) [m] of points (P, 3) below the surface; negative outside."""
 
     def exact_depth(self, points: Points) -> PointLengths:
-        """Return the same as ``depth``, but without interpolation."""
+        """Return the same depths as ``depth``, but without interpolation."""
         return self.depth(points)
 
     @abstractmethod
     def ball(self) -> tuple[Vector3, float]:
-        """Centre (3,) and radius [m] of a ball around the solid; infinite for a half-space."""
+        """Centre (3,) and radius [m] of an enclosing ball; infinite for a half-space."""
 
     @abstractmethod
     def mesh(self) -> FlatMesh:
@@ -260,7 +260,7 @@ class Button(Solid):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSolid(Solid):
-    """The inside of a closed surface; depths are exact for spheres and capsules.
+    """The solid inside a closed surface; depths are exact for spheres and capsules.
 
     For a mesh, an exact depth takes 10 µs per point. ``depth`` therefore interpolates between
     the nodes of a grid with a spacing of 1/40 of the longest side. This takes 0.3 µs per point.
@@ -335,7 +335,7 @@ class SurfaceSolid(Solid):
 
 @lru_cache(maxsize=64)  # a moving object keeps its surface, and therefore its grid
 def solid_of(surface: Surface) -> SurfaceSolid:
-    """Return the inside of a surface; the grid of a mesh is computed on first use."""
+    """Return the solid inside a surface; the grid of a mesh is computed on first use."""
     return SurfaceSolid(surface)
 
 
@@ -345,8 +345,8 @@ def near_point(vector: Vector, what: str) -> Vector3:
     distance = float(np.linalg.norm(point))
     if distance > 2.0:
         raise InvalidInput(
-            f"{what} is {distance:.4g} m from the origin, more than 2 m: is it in millimetres? "
-            "Use metres.",
+            f"{what} is {distance:.4g} m from the origin, but at most 2 m is allowed: is it in "
+            "millimetres? Use metres.",
             point,
             code="not_in_metres",
         )

@@ -37,7 +37,8 @@ class TouchState:
 
     Parameters
     ----------
-    objects : the virtual objects; assign to ``objects`` to move, add or remove some.
+    objects : the virtual objects; to move, add or remove objects, assign a new list to this
+        attribute.
     offset : distance of the foci from the skin, outward [m]; 0.5 mm by default.
     most : largest number of foci, including those that are fading; 8 by default. The weakest
         contacts beyond it are merged with stronger neighbours or get no focus.
@@ -116,8 +117,8 @@ class TouchState:
 
         Returns
         -------
-        Foci with their current strengths. Fading foci keep their place on the skin; their contact
-        is -1.
+        Foci with their current strengths. Fading foci keep their place on the skin; the index of
+        their contact is -1.
         """
         time = number(time, "the time of a frame", "s")
         # At the first frame no time has passed, so new foci start silent.

@@ -87,7 +87,7 @@ class HeightMap:
         if values.min() < 0.0 or values.max() > 1.0:
             raise InvalidInput(
                 f"the heights of a texture range from {values.min():g} to {values.max():g}, but "
-                "they must lie between 0 and 1; divide them by the largest.",
+                "they must lie between 0 and 1; scale them to this range.",
                 code="out_of_range",
             )
         slip = "is it in millimetres? Use metres."

@@ -100,7 +100,7 @@ class ElementSubset:
     Attributes
     ----------
     chosen : (S,) indices of the chosen elements.
-    weights : (E, S) weights of the values at the chosen elements in the value at each element, from
+    weights : (E, S) weights that interpolate values from the chosen elements to all elements with
         linear radial basis functions.
     """
 
@@ -217,8 +217,8 @@ class CarriedFactors(HandFactors):
     straight : (F,) direct part of ``factors``, without scattering.
     bones : bones in the pose of the factors.
     centres : (H, F, 3) centre of the sources of each bone for each focus [m].
-    waves : (H, F, R) part of the factors that each bone scatters, without the phase due to the
-        detour through the centre of its sources.
+    waves : (H, F, R) part of the factors due to the sound that each bone scatters, without the
+        phase of the detour through the centre of the bone's sources.
     """
 
     straight: Float64[np.ndarray, "foci"]
@@ -369,7 +369,7 @@ class BendingHand:
         return self._panels_for(posed).solved(posed, time)
 
     def received(self, joints: Joints, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve for sources away from the skin, down to a relative residual."""
+        """Solve for sources away from the skin, to a given relative residual."""
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).received(posed, sources, residual)
 

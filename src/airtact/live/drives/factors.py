@@ -53,7 +53,7 @@ class HandFactors:
     foci, distances, directions : the pose, as in ``PosedHand``.
     factors : (P, R) ratio of the pressure with the hand to that in open air, for each source at
         each of ``beacon_points``.
-    share : fraction of a fresh solution's pressure that remains although the solution was moved
+    share : fraction of the pressure of a new solution that remains after this solution was moved
         here from another pose; 1 if it was not moved.
     """
 

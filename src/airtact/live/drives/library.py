@@ -40,24 +40,24 @@ def expected_kept(
 ) -> Poses:
     """Return the expected fraction of the attainable pressure at the weakest focus of a drive.
 
-    The fractions are medians over 1,700 pairs of poses of a pinch. One pose of each
-    pair is solved and the other is played, with solutions for the whole hand. The
-    thumb and index finger open and close 200 mm in front of 2 x 2 flat boards,
-    while the hand moves by 150 mm. The fraction falls within a millimetre, an
-    eighth of the wavelength, because of multiple reflections between the two
-    fingers. Solutions for the whole hand lose their benefit as fast as those for
+    The fractions are medians over 1,700 pairs of poses of a pinch. The solution for the whole hand
+    in one pose of each pair is used to compute a drive for the other. The thumb and index finger
+    open and close 200 mm in front of 2 x 2 flat boards, while the hand moves by 150 mm. The
+    fraction falls within a millimetre, an eighth of the wavelength, because of multiple reflections
+    between the two fingers. Solutions for the whole hand lose their benefit as fast as those for
     the phalanges.
 
     The effect of noise, as filtered by ``Predictor``, is fitted by hand to medians from
-    ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 148 drives for
-    the same motion kept 0.78. For an open hand with waving fingers, 17 drives from
-    moved solutions for the whole hand kept 0.79 (0.89 without noise), more than the
-    0.72 expected here. The decrease with the number of foci was measured on 160 pairs
-    of poses of an open hand with foci at its palm and all fingertips.
+    ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 148 drives for the same
+    motion reached 0.78 of the attainable pressure. For an open hand with waving fingers, 17 drives
+    from moved solutions for the whole hand reached 0.79 (0.89 without noise), more than the 0.72
+    expected here. The decrease with the number of foci was measured on 160 pairs of poses of an
+    open hand with foci at its palm and all fingertips.
 
     Parameters
     ----------
-    part : solved part; for "distances", the result does not depend on the poses.
+    part : how the drive was computed, as in ``Moment.rule``; for "distances", the result does not
+        depend on the poses.
     gap : ``gap_change`` from the solved pose to the current one [m].
     turned : ``turn`` from the solved pose to the current one [rad].
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
@@ -82,14 +82,14 @@ def expected_kept(
 def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
     """Return a measure of the difference between two poses.
 
-    At 1, the solution for one pose has lost most of its benefit for the other.
+    A value of 1 means that the solution for one pose has lost most of its benefit for the other.
     """
     scale = (max(foci, FITTED_FOCI) / FITTED_FOCI) ** 2
     return scale * ((gap / GAP_SCALE) ** 2 + (turned / 0.2) ** 2)
 
 
 def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
-    """Return whether a new solution for one of these parts should improve on path lengths alone.
+    """Return whether solving one of these parts should yield more pressure than path lengths.
 
     Parameters
     ----------

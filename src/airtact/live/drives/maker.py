@@ -20,7 +20,7 @@ from airtact.live.scene import Joints, LiveScene, pose_hand
 
 
 def solved_for(scene: LiveScene) -> list[Rule]:
-    """Return the parts to solve, each in its own process."""
+    """Return the parts of the hand to solve, each in its own process."""
     # With three foci, or with one at the palm, scattering by other fingers and the palm matters.
     many = len(scene.places) >= 3 or "palm" in scene.places
     return ["carried"] if many and scene.moving is None else ["phalanges", "hand"]
@@ -60,9 +60,9 @@ class HandAware(SolvingMaker):
 
     Solver processes continuously solve the newest poses and store factors: the ratio of each entry
     of the transfer matrix with the hand to that in open air. The open-air matrix of the current
-    pose is multiplied by the stored factors with the largest expected pressure. If open air
-    promises a larger pressure, the factors are omitted. The solvers pause while noise makes all
-    solutions useless. A Kalman filter smooths and predicts the frames.
+    pose is multiplied by the stored factors with the largest expected pressure. If the open-air
+    matrix alone should produce a larger pressure, the factors are omitted. The solvers pause while
+    noise makes all solutions useless. A Kalman filter smooths and predicts the frames.
 
     In the live loop, the method ``"best"`` means ``weighted_gerchberg_saxton``,
     which takes less than 1 ms and reaches a pressure within 1 % of that of

@@ -17,7 +17,7 @@ Points = Float64[np.ndarray, "points 3"]
 
 
 class Rounds:
-    """Computation of the frames for successive rounds of the foci; call ``frames`` for each pose.
+    """Computes the frames in which foci run along their paths; call ``frames`` for each pose.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ Owners = Int64[np.ndarray, "points"]
 
 @dataclass(frozen=True, eq=False)
 class SkinRequest:
-    """Points on hands for which to solve next.
+    """Request to solve for beacons, which are virtual sources at points on hands.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class SkinRequest:
 
 @dataclass(frozen=True, eq=False)
 class SkinFactors:
-    """Solution for beacons on hands in one pose.
+    """Solution for beacons (virtual sources at points on hands) in one pose.
 
     Attributes
     ----------
@@ -92,11 +92,11 @@ class SkinFactors:
     def at(
         self, bones: Mapping[Side, Bones], foci: Points
     ) -> tuple[Complex64[np.ndarray, "foci sources"], Float64[np.ndarray, "foci"]]:
-        """Return factors (F, R) at foci (F, 3) on hands in a pose, and their benefit (F,).
+        """Return factors (F, R) at foci (F, 3) on hands in a pose, and their validity (F,).
 
-        The beacons move with the bones. The farther a focus is from the nearest beacon, the more
-        its factors approach a constant, which leaves the phases as in open air. The benefit
-        then falls from 1 to 0.
+        The beacons move with the bones. As the distance of a focus from the nearest beacon
+        increases, its factors approach a constant, which leaves the phases as in open air, and the
+        validity falls from 1 to 0.
         """
         moved = np.full(self.points.shape, np.inf)
         for index, side in enumerate(SIDES):

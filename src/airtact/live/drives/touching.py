@@ -88,14 +88,13 @@ class _Foci:
 class TouchAware(SolvingMaker):
     """Computes drives for contacts of both hands with virtual objects and for requested foci.
 
-    For each drive, contacts are found on the predicted hands. Their foci appear,
-    move and fade as described in ``TouchState``; requested foci rise and fall at
-    the same rate. The transfer matrix is that of open air times the factors of the
-    newest solution for the skin near contacts. A separate process computes these
-    solutions, starting before the skin touches an object. A single focus runs
-    along the outlines of all contacts with objects of the style "outline". The
-    pressures at the foci are proportional to their strengths, and the largest
-    amplitude of the drive equals the strength of the strongest focus.
+    For each drive, contacts are found on the predicted hands. Their foci appear, move and fade as
+    described in ``TouchState``; requested foci rise and fall at the same rate. The transfer matrix
+    in open air is multiplied by the factors of the newest solution for the skin near contacts. A
+    separate process computes these solutions, starting before the skin touches an object. A single
+    focus runs along the outlines of all contacts with objects of the style "outline". The pressures
+    at the foci are proportional to their strengths, and the largest amplitude of the drive equals
+    the strength of the strongest focus.
 
     Parameters
     ----------
@@ -168,7 +167,7 @@ class TouchAware(SolvingMaker):
             tracked.newest = frame
 
     def feel(self, objects: Sequence[VirtualObject], foci: Sequence[WantedFocus]) -> None:
-        """Set the objects and the requested foci from now on."""
+        """Set the virtual objects and the requested foci for the following drives."""
         self._objects = tuple(objects)
         self._asked = tuple(foci)
 

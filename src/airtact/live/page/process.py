@@ -45,7 +45,7 @@ class Shown:
     Attributes
     ----------
     moment : newest moment, without its objects.
-    drives : number of moments so far.
+    drives : number of drives shown so far.
     status : status of the loop as text.
     objects : virtual objects.
     meshes : vertices [m] and triangles of the shapes that the page has not received
@@ -104,8 +104,8 @@ class PageProcess:
         losing these hands.
     controls : initial settings.
     on_emergency : function called in a separate thread when the emergency stop is pressed.
-    world : virtual objects, which the page can move; by default, those of the
-        moments.
+    world : virtual objects, which the page can move; by default, the page shows those of each
+        ``Moment``.
     certificate : PEM file with a certificate and its key, to serve the page over
         HTTPS.
 

@@ -102,7 +102,7 @@ def element_sources(scene: LiveScene, amplitudes: Amplitudes, middle: Vector) ->
 
 @dataclass(frozen=True, eq=False)
 class SoundRequest:
-    """A moment for which the pressure is to be computed.
+    """A hand and a drive for which the pressure is to be computed.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class SoundRequest:
 
 @dataclass(frozen=True, eq=False)
 class Sound:
-    """The computed pressure of a moment.
+    """The pressure computed for a ``SoundRequest``.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class SoundSolver:
         self._hand = BendingHand(scene, accuracy=0.1, min_seen=0.0)
 
     def solved(self, request: SoundRequest) -> Sound:
-        """Compute the pressure of a moment.
+        """Compute the pressure for a request.
 
         Raises
         ------
@@ -191,7 +191,7 @@ def _field_around(
 
 
 class SoundProcess:
-    """Process that computes the pressure of moments passed to ``ask``, which returns at once.
+    """Process that computes the pressure for each request passed to ``ask``, which returns at once.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ class Picture:
 
 
 class View:
-    """Composer of the pictures that the page shows; ``picture`` returns each of them.
+    """Computes the pictures that the page shows; call ``picture`` for each ``Shown``.
 
     Parameters
     ----------
