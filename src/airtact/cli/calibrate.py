@@ -84,8 +84,8 @@ def calibrate(
     """Estimate the poses of a scene's boards, the gains of the elements and the sound speed.
 
     ECHOES is an .h5 file with the pressures that the elements of the empty array receive from each
-    other, including the direct sound. The boards must face each other, and the transmitted codes
-    must distinguish the elements. The command writes a table. To use this table in a scene, set
+    other, including the direct sound. The boards must face each other, and the elements' codes must
+    be linearly independent. The command writes a table. To use this table in a scene, set
     calibration = "calibration.csv" in [array].
 
     With --scan, the argument is a SCENE instead. The command then estimates the sensitivity, the

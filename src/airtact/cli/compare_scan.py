@@ -31,10 +31,9 @@ from airtact.cli.options import INPUT, as_json, given, microphone_face, pictures
 def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microphone: Any) -> None:
     """Predict the readings of a microphone in SCENE, and compare them with the measured SCAN.
 
-    SCAN is a .csv file with the columns x, y, z (metres, in the obstacles' frame),
-    pressure (any unit) and, if measured, phase (radians). The prediction is for the
-    drive of SCENE, rounded to its levels. The command writes overlay.csv and
-    overlay.png.
+    SCAN is a .csv file with the columns x, y, z (metres, in the obstacles' frame), pressure (any
+    unit) and, if measured, phase (radians). The prediction is for the drive of SCENE, rounded to
+    the levels of the boards. The command writes overlay.csv and overlay.png.
     """
     with progress() as report_step:
         report_step(f"reading {scan.name} and {scene.name}")

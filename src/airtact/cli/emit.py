@@ -34,7 +34,7 @@ from airtact.cli.options import FILE, Names, agreed, board_address, level_of, qu
     help='Link to the boards; "file" writes the frames to a file.',
 )
 @click.option(
-    "--seconds", type=float, help="Duration; by default 2, or one period or round for a file."
+    "--seconds", type=float, help="Duration; by default 2, or one period or cycle for a file."
 )
 @click.option("--yes", is_flag=True, help="Emit without asking for confirmation.")
 @board_address
@@ -64,7 +64,7 @@ def emit(
     if they can.
 
     --link file writes the frames to the file --out, at full scale and without confirmation. It
-    writes one frame of a drive, one period of a modulated drive, or one round of a sequence;
+    writes one frame of a drive, one period of a modulated drive, or one cycle of a sequence;
     --seconds sets another duration.
     """
     from airtact.drives.head_level import NO_SAFETY_ASSESSMENT
@@ -124,8 +124,8 @@ def _modulation(words: str | None) -> Any:
         values = [float(number) for number in numbers]
     except ValueError:
         raise at.InvalidInput(
-            f"--modulate {words} is neither am with up to 2 numbers, such as am:200 or am:200:0.5, "
-            "nor none.",
+            f"--modulate {words} is not valid: use none, or am with up to 2 numbers, such as "
+            "am:200 or am:200:0.5.",
             code="unknown_name",
         ) from None
     return at.transducers.AmplitudeModulation(*values)

@@ -36,7 +36,7 @@ EDGE = 4e-3
 @click.option("--frame", type=int, help="Number of the frame in a recording; by default the first.")
 @click.option("--leave-out", is_flag=True, help="Skip and count unusable frames of a recording.")
 @click.option(
-    "--landmarks", type=INPUT, help="Pose file (.json) with rough joints for a point cloud."
+    "--landmarks", type=INPUT, help="Pose file (.json) with approximate joints for a point cloud."
 )
 @click.option(
     "--camera",
@@ -62,8 +62,8 @@ def hand(
 
     A recording is a .jsonl file, or a file from IWER, vuer, VisionProTeleop (.json) or
     hand-tracking-streamer (.txt); only one frame is used. A point cloud is a .ply or .xyz file and
-    requires rough --landmarks. The command fits a hand to the cloud, and the picture shows the
-    distances of the points from its skin.
+    requires approximate joints (--landmarks). The command fits a hand to the cloud, and the picture
+    shows the distances of the points from its skin.
     """
     from airtact.errors import within
     from airtact.hands.files import CLOUD_ENDINGS
@@ -75,7 +75,7 @@ def hand(
         kind = "cloud"
     elif kind == "pose" and path.suffix.lower() in CLOUD_ENDINGS:
         raise at.InvalidInput(
-            f"{path.name} is a point cloud, which requires rough landmarks: set --landmarks.",
+            f"{path.name} is a point cloud, which requires approximate joints: set --landmarks.",
             code="data_missing",
         )
     for option, of_kind, is_given in (

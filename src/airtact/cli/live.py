@@ -104,16 +104,15 @@ def live(
 ) -> None:
     """Make the sound follow the hand of SCENE, and record the run in session.h5.
 
-    By default, SCENE is the example live_pinch. Its foci are points where hands touch
+    By default, SCENE is the example live_pinch. The foci of a scene are points where hands touch
     [[objects]], as in touch_ball and touch_button, or named points of a hand, such as
-    at = "thumb.pad". The sound fades to silence if the hand is lost, leaves the
-    workspace, or is not seen for 150 ms. Without --cap and --full-scale, the level half
-    a metre from the array is limited to 110 dB. Ctrl-C ends the run and silences the
-    boards.
+    at = "thumb.pad". The sound fades to silence if the hand is lost, leaves the workspace, or is
+    not seen for 150 ms. Without --cap and --full-scale, the level half a metre from the array is
+    limited to 110 dB. Ctrl-C ends the run and silences the boards.
 
-    --record writes the frames from trackers to a recording and does not read SCENE.
-    --verify solves for the hand of a session at the times of some of its drives, and
-    compares these drives with the best ones.
+    --record writes the frames from trackers to a recording and does not read SCENE. --verify
+    evaluates ten drives of a recorded session with an accurate solve for the hand, and compares
+    them with the best possible drives.
     """
     share = level_of(cap, full_scale)
     if session is not None:

@@ -137,8 +137,8 @@ def _checked_edge(edge: float, surface: "Surface") -> float:
     edge = positive(edge, "edge", "m")
     if edge > surface.extent:
         raise at.InvalidInput(
-            f"edge is {edge:g} m, but the surface spans {1e3 * surface.extent:.3g} mm: is it in "
-            "millimetres? Use metres.",
+            f"edge is {edge:g} m, but the surface only spans {1e3 * surface.extent:.3g} mm: use a "
+            "smaller edge, in metres.",
             code="not_in_metres",
         )
     count = surface.area / (math.sqrt(3) / 4 * edge**2)

@@ -207,7 +207,7 @@ def level_of(cap: float | None, full_scale: bool) -> float | None:
     """Return the cap set by ``--cap`` or ``--full-scale``; None for the default."""
     if full_scale and cap is not None:
         raise at.InvalidInput(
-            f"--full-scale and --cap {cap:g} exclude each other: omit one.",
+            f"--full-scale and --cap {cap:g} cannot be combined: omit one.",
             code="options_clash",
         )
     return 1.0 if full_scale else cap

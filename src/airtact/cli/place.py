@@ -117,8 +117,8 @@ def place(
 ) -> None:
     """Search for the layouts that maximise the pressure at the weakest focus; write layout_*.toml.
 
-    --fixed keeps boards of SCENE. --symmetric places the other boards in mirrored pairs about the
-    middle of the region or, without --region, of the foci.
+    --fixed keeps a board of SCENE in place. --symmetric places the other boards in mirrored pairs.
+    The mirror plane is in the middle of the region or, without --region, of the foci.
 
     The first table compares the best layouts with the present array of SCENE. The
     second table lists the loss of pressure if a board of the best layout moves by 1 cm

@@ -120,7 +120,7 @@ def _moving(result: "Rendering", file: Path) -> list[str]:
     turns = sequence.rate / len(sequence)
     return [
         f"Sequence: {file}, {len(sequence)} frames at {sequence.rate:,.0f} frames/s, {turns:.3g} "
-        "rounds/s"
+        "cycles/s"
     ]
 
 

@@ -31,11 +31,12 @@ if TYPE_CHECKING:
 def why(
     scene: Path, session: Path | None, file: Path | None, page: Path | None, store: Path | None
 ) -> None:
-    """Explain the pressure at each focus of SCENE, cause by cause, from open air to emission.
+    """List the causes that reduce the pressure at each focus of SCENE, and the effect of each.
 
-    The first row is the largest pressure that the array produces anywhere in open air. Each further
-    row adds one cause, such as the distance of the focus, the shadow of the hand, the other foci,
-    or rounding. The last line names the change that would increase the pressure most.
+    The first row is the largest pressure that the array can produce anywhere in open air. Each
+    further row adds the effect of one cause, such as the distance of the focus, the shadow of the
+    hand, the other foci, or rounding. The last line names the change that would increase the
+    pressure most.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -43,9 +43,8 @@ PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/
 class Face:
     """The elements of an array that lie in one plane and radiate along the same ``normal``.
 
-    ``seen`` contains their positions [m] as seen from the side to which the face
-    radiates. Its coordinates are along the unit vectors in the rows of ``axes``, which
-    point right and up.
+    ``seen`` contains the positions [m] as seen from the side to which the face radiates: the
+    coordinates along the rows of ``axes``, two unit vectors that point right and up.
     """
 
     elements: Int[np.ndarray, "elements"]
@@ -59,8 +58,8 @@ def unfold(
 ) -> list[Face]:
     """Split an array into its flat faces; more than eight faces are treated as one or two bowls.
 
-    Faces around an upright axis are in the order in which a viewer inside sees them when turning
-    right.
+    Faces around a vertical axis are sorted clockwise as seen from above, the order in which a
+    viewer inside sees them when turning right.
     """
     # Elements of one face share the normal and, to 0.1 mm, the distance of the plane to the origin.
     keys = np.round(np.column_stack([normals, (positions * normals).sum(axis=1) / 1e-4]), 3)
@@ -351,7 +350,7 @@ def _add_discs(
 
 
 def view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
-    """Return a view into an array that surrounds a hand, or past the edge of any other array."""
+    """Return a view into an array that surrounds a hand; for other arrays, past their edge."""
     mean = normals.mean(axis=0)
     if np.linalg.norm(mean) < 0.3:
         return -58.0, 26.0

@@ -46,7 +46,7 @@ class Cut:
 def solid_depth(
     scene: Scene, points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points"]:
-    """Return the depth [m] of points (P, 3) behind planes or in bodies without a field inside.
+    """Return the depth [m] of points (P, 3) behind planes and in bodies that are not filled.
 
     The depth is negative in the air.
     """

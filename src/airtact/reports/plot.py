@@ -55,8 +55,7 @@ def field(
     ----------
     result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a field computed by a
         solver. The result of ``render`` is drawn with the amplitudes of its drive.
-    target : the foci; only required for a field that a solver computed for sources other than
-        beacons.
+    target : the foci; only required for a field of sources that ``beacons()`` did not create.
     drive : name of a drive in a comparison, or index of an excitation in a field computed by a
         solver.
     over : name of a second drive in a comparison; the plot then shows the level of ``drive``
@@ -137,9 +136,9 @@ def phases(
     show: Literal["phase", "amplitude"] = "phase",
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the phase or amplitude of each transducer as a disc at its position, face by face.
+    """Plot the phase or amplitude of each transducer as a disc at its position.
 
-    Each face is seen from the side to which it radiates.
+    Each flat face of the array is drawn separately, as seen from the side to which it radiates.
 
     Parameters
     ----------
@@ -283,7 +282,7 @@ def lowest_colour(result: ReachMap) -> float:
 
 
 def view_of_reach(result: ReachMap) -> View:
-    """Return a view of the skin from the array; for a box of boards, of its broad side."""
+    """Return a view of the skin from the array, or of its broadest side if the array is a box."""
     towards = -result.setup.array.normals.mean(axis=0)
     length = float(np.linalg.norm(towards))
     if length < 0.3:

@@ -21,7 +21,7 @@ COLOURS_OF_DRIVES = (BAR, "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#0072b2",
 def draw_bars(
     names: Sequence[str], heights: Float64[np.ndarray, "names"], bound: float, label: str
 ) -> Figure:
-    """Draw one bar per name, from top to bottom, and a line at the bound.
+    """Draw one bar per name, from top to bottom, and a line at the upper bound.
 
     ``label`` states the quantity and its unit.
     """
@@ -42,7 +42,10 @@ def draw_bars(
 def draw_shares(
     pressures: Mapping[str, Float64[np.ndarray, "samples"]], expected: Mapping[str, float]
 ) -> Figure:
-    """For each drive, draw the fraction of samples below each pressure [Pa] and the expectation."""
+    """Draw the cumulative distribution of the pressures [Pa] of each drive over the samples.
+
+    A dot at the top marks the pressure of the drive without deviations, ``expected``.
+    """
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()
     for colour, (name, samples) in zip(COLOURS_OF_DRIVES, pressures.items(), strict=False):
@@ -62,7 +65,7 @@ def draw_foci(
     pressures: Mapping[str, Float64[np.ndarray, "foci"]],
     asked: Float64[np.ndarray, "foci"] | None,
 ) -> None:
-    """Draw the pressure at each focus [Pa] as one bar per drive, and lines at the requests."""
+    """Draw the pressure at each focus [Pa] as one bar per drive, and the requests as lines."""
     foci = np.arange(len(next(iter(pressures.values()))))
     width = 0.8 / len(pressures)
     for index, (name, heights) in enumerate(pressures.items()):

@@ -286,7 +286,7 @@ def _comparisons(run: Rendering) -> dict[str, list[tuple[str, ...]]]:
         tables[f"{held_equal.capitalize()}: {HELD_EQUAL[held_equal]}"] = rows
     first, *others = tables.values()
     if all(rows == first for rows in others):
-        return {"The pressures are the same at equal peak, at equal energy and for phases.": first}
+        return {"The pressures are the same whichever quantity is equal for both drives.": first}
     return tables
 
 

@@ -45,7 +45,7 @@ def towards_viewer(azimuth: float, elevation: float) -> Float64[np.ndarray, "3"]
 
 
 def broad_view(points: Real[np.ndarray, "points 3"]) -> View:
-    """Return a view of the broad side of points, at a slightly oblique angle."""
+    """Return a slightly oblique view of the broadest side of a set of points."""
     thinnest = int(np.ptp(points, axis=0).argmin())
     return ((-32.0, 24.0), (-58.0, 24.0), (-58.0, 48.0))[thinnest]
 

@@ -82,7 +82,7 @@ class SceneView:
 
 
 def off_one_plane(setup: Setup) -> bool:
-    """Return whether more than two foci are on bodies, which are rarely in a single plane."""
+    """Return whether the foci are probably not in one plane: more than two foci near bodies."""
     return len(setup.foci) > 2 and bool(setup.scene.obstacles)
 
 
@@ -125,7 +125,7 @@ def scene_view(
 
 
 def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str, Any]:
-    """Return the values for the template; the two ``chosen`` drives are compared first."""
+    """Return the values for the template; the page first compares the two ``chosen`` drives."""
     facts, numbers = _facts(view)
     return {
         "drives": list(view.drives),
@@ -141,7 +141,7 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
 
 
 def embedded(facts: dict[str, Any], numbers: bytes) -> dict[str, Any]:
-    """Return template values that contain facts, numbers and three.js."""
+    """Return the values with which a template embeds the facts, the numbers and three.js."""
     three = three_js()
     return {
         # A "<" could end the script that contains the facts.
