@@ -90,7 +90,7 @@ def nearest_source(
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
     """Return the distance [m] and the index of the source nearest to each point.
 
-    If no source is within ``within`` [m] of a point, its distance is larger than ``within`` and its
+    If no source is within ``within`` [m] of a point, the distance is larger than ``within`` and the
     index is arbitrary.
     """
     columns = np.ascontiguousarray(points.T)  # far faster than a minimum over three columns

@@ -174,14 +174,14 @@ def surface_points(
 ) -> Points:
     """Return points (Q, 3) spread over a body's surface, or over one side of it [m].
 
-    Use them as suppression points of a target.
+    Use the points as suppression points of a target.
 
     Parameters
     ----------
     surface : the body.
     spacing : approximate distance between neighbours [m].
     facing : (3,) direction that the side faces, or None for the whole surface.
-    within : largest angle between ``facing`` and the outward normal at a point of this side
+    within : largest angle between ``facing`` and the outward normal at a point of the side
         [degrees].
 
     Raises
@@ -216,7 +216,7 @@ def surface_points(
 def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
     """Project points (P, 3) [m] onto a surface, and shift them outward along its normal.
 
-    Use it to place a drawing on the hand.
+    Use the function to place a drawing on the hand.
 
     Parameters
     ----------

@@ -96,9 +96,9 @@ class DriveFile:
 
     Attributes
     ----------
-    drives : (N, E) complex amplitude of each of E elements in each of N frames; 1 is full
-        scale. A drive has one frame. The amplitudes are exact if ``save`` wrote the file, and
-        rounded to levels if ``write_frames`` wrote it.
+    drives : (N, E) complex amplitude of each of E elements in each of N frames; 1 is full scale. A
+        single drive has one frame. The amplitudes are exact if ``save`` wrote the file, and rounded
+        to levels if ``write_frames`` wrote it.
     rate : frames per second of a sequence; None for a drive.
     levels : the ``Levels`` of the boards; .h5 files also contain the drives rounded to these
         levels.
@@ -133,8 +133,8 @@ class DriveFile:
     def frame_rate(self, rate: float | None = None) -> float | None:
         """Return ``rate`` if it is not None, and otherwise the rate in the file.
 
-        The rate of a drive is None. If there are several frames but no rate, the method raises
-        ``InvalidInput`` with the code "data_missing".
+        A single drive has no rate (None). If there are several frames but no rate, the method
+        raises ``InvalidInput`` with the code "data_missing".
         """
         rate = self.rate if rate is None else rate
         if rate is None and len(self.drives) > 1:
@@ -189,7 +189,7 @@ def save_drives(
 def _check_count(count: int, elements: int, name: str) -> None:
     if count != elements:
         raise InvalidInput(
-            f"{name} has {count} elements, but the drive has {elements}. Use the one for which the "
+            f"{name} has {count} elements, but the drive has {elements}. Use {name} for which the "
             "drive was computed.",
             code="sizes_differ",
         )

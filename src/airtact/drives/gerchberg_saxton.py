@@ -137,7 +137,7 @@ def best_sources(
 def starting_sources(
     matrix: FociRows, requests: Float64[np.ndarray, "foci"]
 ) -> Complex128[np.ndarray, "2 foci"]:
-    """Return two sets of initial sources: in phase, and after one step from elements in phase."""
+    """Return initial sources for two starts: all foci in phase, or all elements in phase."""
     in_phase = requests.astype(np.complex128)
     # The pressure when all elements emit in phase.
     pressure = matrix.sum(axis=1)

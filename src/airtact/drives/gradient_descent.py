@@ -25,11 +25,11 @@ def gradient(
 ) -> Drive:
     """Improve the drive from ``max_min``, and reduce the pressure at the suppression points.
 
-    The pressure of each focus is divided by its request. Without suppression points the method
-    maximises the power mean of these ratios with exponent −200, which is close to the smallest
-    ratio. It returns the start or the end of the descent, whichever is better. With suppression
-    points it minimises their mean squared pressure, with a penalty if the power mean falls
-    below 1 − ``loss`` times its initial value. The descent is L-BFGS-B (Byrd, Lu, Nocedal and
+    The pressure of each focus is divided by its requested pressure. Without suppression points the
+    method maximises the power mean of these ratios with exponent −200, which is close to the
+    smallest ratio. It returns the start or the end of the descent, whichever is better. With
+    suppression points it minimises their mean squared pressure, with a penalty if the power mean
+    falls below 1 − ``loss`` times its initial value. The descent is L-BFGS-B (Byrd, Lu, Nocedal and
     Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on phases and on amplitudes between 0 and 1. The
     method ignores requested phases.
 

@@ -170,7 +170,7 @@ class HeadLevel:
         Raises
         ------
         InvalidInput
-            If the boards cannot reduce the level that far.
+            If the boards cannot reduce the level to ``MAX_HEAD_LEVEL``.
         """
         if self.full <= MAX_HEAD_LEVEL:
             return 1.0

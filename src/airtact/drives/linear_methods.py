@@ -22,11 +22,11 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
 
     Each element emits, reversed in time, the sound that it would receive from sources at the foci
     (equations 9 and 10 of the paper; equation 5 for several foci). The weight w_f is the requested
-    pressure or share of focus f, or 1 if the target requests none. Its phase is the requested
-    phase, or 0 as in the paper. For one focus, no drive of equal energy Σ|d|² produces more
-    pressure (Cauchy-Schwarz inequality). With several foci, each focus also receives the sound
-    meant for the others, so the ratios of their pressures differ from the requested ratios. The
-    method ignores suppression points.
+    pressure of focus f, its share (relative pressure), or 1 if the target requests neither. Its
+    phase is the requested phase, or 0 as in the paper. For one focus, no drive of equal energy
+    Σ|d|² produces more pressure (Cauchy-Schwarz inequality). With several foci, each focus also
+    receives the sound meant for the others, so the ratios of their pressures differ from the
+    requested ratios. The method ignores suppression points.
 
     Parameters
     ----------

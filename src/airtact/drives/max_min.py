@@ -32,9 +32,10 @@ from airtact.errors import counted, one_line, positive
 class UpperBound:
     """Certified upper bound on the pressure at the weakest focus, for all drives up to full scale.
 
-    Let h_f be the row of focus f divided by its request. Let μ_f ≥ 0 be multipliers that add up to
-    1, and y_e > 0 be such that diag(y) − Σ_f μ_f h_fᴴ h_f is positive semidefinite. Then every
-    drive has min_f |h_f d|² ≤ Σ_f μ_f |h_f d|² ≤ Σ_e y_e |d_e|² ≤ Σ_e y_e.
+    Let h_f be the row of the transfer matrix for focus f, divided by the requested pressure. Let
+    μ_f ≥ 0 be multipliers that add up to 1, and y_e > 0 be such that diag(y) − Σ_f μ_f h_fᴴ h_f is
+    positive semidefinite. Then every drive has min_f |h_f d|² ≤ Σ_f μ_f |h_f d|² ≤ Σ_e y_e |d_e|² ≤
+    Σ_e y_e.
 
     Attributes
     ----------
@@ -63,8 +64,8 @@ class UpperBound:
     def eigenvalue(self, transfer: TransferMatrix, target: Target) -> float:
         """Return the largest eigenvalue of the (F, F) matrix √μ H diag(1/y) Hᴴ √μ.
 
-        The bound holds if it is at most 1. By the Schur complement this is equivalent to diag(y) −
-        Hᴴ diag(μ) H being positive semidefinite.
+        The bound holds if this eigenvalue is at most 1. By the Schur complement this is equivalent
+        to diag(y) − Hᴴ diag(μ) H being positive semidefinite.
         """
         matrix, requests = asked_rows(transfer, target)
         multipliers = self.multipliers[target.weights > 0.0] / requests**2
@@ -111,14 +112,14 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
 
 @dataclass(frozen=True, eq=False)
 class Relaxed:
-    """State of the alternating projections with vectors.
+    """State of the alternating projections, in which every focus has a vector of R signals.
 
     Attributes
     ----------
     signals : for each focus, a unit vector of its amplitude and phase in the R time intervals.
     weights : weights of the foci; they add up to F.
-    norms : norms of Σ_f conj(H_fe) weight_f signal_f before the vectors are scaled to 1.
-    pressures : pressure of each focus divided by its request.
+    norms : (E,) norm of Σ_f conj(H_fe) weight_f signal_f, the emission of element e before scaling.
+    pressures : pressure of each focus divided by its requested pressure.
     """
 
     signals: Complex128[np.ndarray, "foci rank"]
@@ -130,7 +131,7 @@ class Relaxed:
 def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relaxed]:
     """Return the bound of ``upper_bound``, and the solved relaxation from which it follows.
 
-    Each row of ``matrix`` is divided by the request of its focus.
+    Each row of ``matrix`` is divided by the requested pressure of its focus.
     """
     foci, count = matrix.shape
     # One time interval for each focus, up to 32. More are unnecessary, because the rank of the
@@ -254,8 +255,8 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     Warns
     -----
     Stalled
-        If the weakest focus remains more than 3 % below the maximum for the phases found at the
-        foci. The best drive is still returned.
+        If another drive with the same phases at the foci could raise the pressure at the weakest
+        focus by more than about 3 %. The best drive found is still returned.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
@@ -278,7 +279,7 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
 def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
     """Return the sources s whose drive phase(Hᴴ s) has the highest pressure at the weakest focus.
 
-    Each row of ``matrix`` is divided by the request of its focus.
+    Each row of ``matrix`` is divided by the requested pressure of its focus.
     """
     equal_requests = np.ones(len(matrix))
     # A tolerance below 1e-2 makes no difference after the rank is reduced.
@@ -289,7 +290,7 @@ def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
 
 
 def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> None:
-    """Warn that a method stalled; ``matrix`` and ``worst`` are divided by the requests."""
+    """Warn that a method stalled; ``matrix`` and ``worst`` are divided by requested pressures."""
     reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
     warnings.warn(
         Stalled(
@@ -302,5 +303,5 @@ def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> Non
 
 
 def smallest_pressure(matrix: FociRows, amplitudes: Amplitudes) -> float:
-    """Return the smallest |h_f d| over the rows."""
+    """Return the smallest |h_f d| over all rows h_f of a matrix."""
     return float(np.abs(matrix @ amplitudes).min())

@@ -28,9 +28,9 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     ================================== ============================================================
 
     If the target has no suppression points and full scale is enough for its requests, each focus
-    gets exactly its requested pressure. The drive keeps the phases at the foci. It has the least
-    energy, unless an element would then exceed full scale. If full scale is not enough, the drive
-    maximises the smallest fraction of the requests.
+    gets exactly its requested pressure. This adjustment keeps the phases at the foci that the
+    method chose. The drive then has the least energy, unless an element would exceed full scale. If
+    full scale is not enough, the drive maximises the smallest fraction of the requests.
 
     Parameters
     ----------

@@ -49,8 +49,8 @@ class Motion:
         more points, and "circle" otherwise.
     size : radius of the circle or length of the line [m]. The default is 3 mm for "lm" (6 mm for a
         line) and 10 mm for "stm".
-    frequency : rounds of the path per second [Hz]. The default is 50 Hz for "lm"; for "stm" it is
-        the frequency at which the focus moves at 7 m/s.
+    frequency : how many times per second a focus traverses its path [Hz]. The default is 50 Hz for
+        "lm"; for "stm" it is the frequency at which the focus moves at 7 m/s.
     frames : number of positions on a path around a focus.
     along : "skin" for a path that keeps the focus's distance from the nearest
         surface, or "array" for a path perpendicular to the line from the focus
@@ -171,7 +171,7 @@ class Motion:
         return onto_surface(flat, surface, distance)
 
     def turns(self, paths: Paths) -> float:
-        """Return the rounds per second [Hz]: ``frequency``, or its default for these paths."""
+        """Return how many times per second a path is traversed: ``frequency``, or its default."""
         if self.frequency is not None:
             return self.frequency
         if self.kind == "lm":
@@ -218,23 +218,23 @@ def moving_foci(
     ----------
     transfer : transfer matrix of all points in the order of ``moving_target``: all foci of the
         first frame, then those of the next.
-    target : these points, in the same order.
+    target : the points, in the same order as the rows of the matrix.
     foci : number of foci in one frame.
-    turns : rounds per second [Hz].
+    turns : how many times per second the foci traverse the path [Hz].
     method : function that computes the drive of each frame from its rows of the matrix.
     clock : frequency of the sound [Hz]. Each frame lasts a whole number of periods, as boards
         require.
 
     Returns
     -------
-    A sequence of at least 4 frames. Because each frame lasts a whole number of periods, the rounds
-    per second may differ slightly from ``turns``.
+    A sequence of at least 4 frames. Because each frame lasts a whole number of periods, the
+    frequency of the path may differ slightly from ``turns``.
 
     Raises
     ------
     InvalidInput
-        If the points do not fill whole frames, there are too many rounds per second for the clock,
-        or the method raises this error.
+        If the points do not fill whole frames, ``turns`` is too large for the clock, or the method
+        raises this error.
     """
     of_kind(target, Target, "the target", "moving_target(target, paths)")
     points = len(target.points)
@@ -250,8 +250,8 @@ def moving_foci(
     frames = len(indices)
     if turns * frames > clock:
         raise InvalidInput(
-            f"{turns:g} rounds per second with {frames} frames each need more frames per second "
-            f"than the sound has periods ({clock:g} Hz). Use a modulation frequency of "
+            f"a path of {frames} frames at {turns:g} Hz needs more frames per second than the "
+            f"sound has periods ({clock:g} Hz). Use a modulation frequency of "
             f"{clock / frames:.4g} Hz or less.",
             code="out_of_range",
         )

@@ -19,10 +19,10 @@ def nearest_drive(
 ) -> Drive:
     """Change the phases of a drive as little as possible until every focus is strong enough.
 
-    Each focus must reach ``share`` of the upper bound for drives with these amplitudes. The
+    Each focus must reach ``share`` of the upper bound for drives with the same amplitudes. The
     amplitudes do not change. The method of multipliers (J. Nocedal, S. J. Wright, *Numerical
     Optimization*, Springer 2006, section 17.4) minimises the mean of 1 − cos of the phase changes;
-    a change common to all elements does not count.
+    a change common to all elements is ignored.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def nearest_drive(
     Raises
     ------
     InvalidInput
-        If the drive does not fit the array or is silent, or the share is not between 0 and 1.
+        If the drive does not fit the array or is silent, or ``share`` is not between 0 and 1.
 
     Examples
     --------

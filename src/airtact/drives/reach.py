@@ -54,7 +54,7 @@ def foci_rows(transfer: TransferMatrix, target: Target) -> FociRows:
 def asked_rows(
     transfer: TransferMatrix, target: Target
 ) -> tuple[FociRows, Float64[np.ndarray, "foci"]]:
-    """Return the rows of the foci that have a request, and their requests."""
+    """Return the matrix rows of foci with a requested pressure or share, and these requests."""
     rows = check_solvable(transfer, target)
     asked = target.weights > 0.0
     # If all foci have a request, nothing is copied.
@@ -68,7 +68,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
 
     - under the conditions of ``check_foci``;
     - if there are more foci than elements;
-    - if two foci are less than λ/10 apart, or if the matrix has no λ and their rows are parallel;
+    - if two foci are less than λ/10 apart or, for an unknown wavelength λ, their rows are parallel;
     - if the largest pressure that a focus can receive is less than 5 % (−26 dB) of the median for
       the other foci.
     """
@@ -132,7 +132,7 @@ def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float
 def suppression_rows(
     transfer: TransferMatrix, target: Target
 ) -> Complex128[np.ndarray, "suppressed elements"]:
-    """Return the rows at the suppression points, or raise ``InvalidInput`` if there are none."""
+    """Return the rows at the suppression points, after checking that the matrix contains them."""
     check_foci(transfer, target)
     suppressed = len(target.suppression_points)
     if len(transfer.matrix) == len(target.points) and suppressed:
@@ -189,9 +189,8 @@ def scaled_to_target(
 ) -> Drive:
     """Scale amplitudes so that the smallest ``achieved_fraction`` is 1.
 
-    If this requires more than full scale, or if no pressures are requested, the largest amplitude
-    is 1.
-    The function raises ``InvalidInput`` if every amplitude is 0.
+    If the target requires more than full scale or requests no pressures, the largest amplitude is
+    1. The function raises ``InvalidInput`` if every amplitude is 0.
     """
     largest = np.abs(amplitudes).max()
     if not largest > 0.0:

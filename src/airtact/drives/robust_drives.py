@@ -76,7 +76,7 @@ def robust(
     *,
     limit: Limit = "energy",
 ) -> Drive:
-    """Compute the drive for an uncertain hand that is best over all samples of an ensemble.
+    """Compute the drive that performs best over all sampled positions of an uncertain hand.
 
     The search ignores the random gains of single elements, because adapting to them would not help
     with new samples; ``goal_value`` includes them. The method chooses the phases at the foci and
@@ -96,9 +96,9 @@ def robust(
     Returns
     -------
     The drive. Its largest amplitude is 1, or less if a weaker drive is enough for the requested
-    pressures. If nothing is uncertain, it is the drive that maximises the pressure at the weakest
-    focus within that limit. For one focus this is the drive of ``time_reversal`` or, with "phases",
-    of ``phase_conjugate``.
+    pressures. Without uncertainty, the drive maximises the pressure at the weakest focus under the
+    same limit. For one focus, this is the drive of ``time_reversal`` or, with "phases", of
+    ``phase_conjugate``.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def robust(
     certain = len(samples) == 1
 
     def reached(amplitudes: Amplitudes) -> float:
-        """Return the goal's value for the drive scaled to its limit."""
+        """Return the value of the goal after scaling the drive to the limit."""
         scale = np.linalg.norm(amplitudes) if limit == "energy" else np.abs(amplitudes).max()
         return _statistic(np.abs(samples @ amplitudes).min(axis=1), goal) / float(scale)
 
@@ -191,7 +191,7 @@ def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
 
 
 def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
-    """Return the rows of each sample divided by the requests; a single sample if all are equal."""
+    """Return the rows of the samples, divided by the requests; one sample if all are equal."""
     nominal, requests = asked_rows(ensemble, target)
     if not isinstance(ensemble, TransferEnsemble):
         return (nominal / requests[:, None])[None]
@@ -208,9 +208,9 @@ def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
 def balanced(matrix: FociRows, phases: bool, steps: int = 2000) -> Amplitudes:
     """Maximise the pressure at the weakest focus for a single matrix.
 
-    With ``phases`` every element is at full scale (``strongest_sources``). Otherwise the energy is
-    limited, and alternating projections take ``steps`` iterations. The rows of ``matrix`` are
-    divided by the requested pressure of each focus.
+    If ``phases`` is True, every element is at full scale (``strongest_sources``). Otherwise the
+    energy is limited, and the function runs ``steps`` alternating projections. The rows of
+    ``matrix`` are divided by the requested pressure of each focus.
     """
     if phases:
         return phase(matrix.conj().T @ strongest_sources(matrix, 300))

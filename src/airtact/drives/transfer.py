@@ -40,9 +40,8 @@ class TransferMatrix:
     Attributes
     ----------
     matrix : (F, E) complex pressure H[f, e] at focus f when element e alone is at full scale [Pa].
-        If the beacons include the suppression points, their rows follow those of the foci.
-    estimated_error : relative error of the matrix, estimated by the solver that computed the
-        beacons' field; NaN if unknown.
+        The rows of suppression points, if there are any, follow those of the foci.
+    estimated_error : relative error of the matrix, as estimated by the solver; NaN if unknown.
     foci : (F, 3) positions of the foci in the obstacles' frame [m], or None if unknown.
     wavelength : wavelength of the sound in the air [m], or None if unknown.
 

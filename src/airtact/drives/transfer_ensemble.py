@@ -167,9 +167,9 @@ def ensemble(
 
     Returns
     -------
-    The nominal matrix and those of the samples. A sample is impossible if an element or a focus is
-    inside a body, or if a body or a focus is behind the face of an element. Such samples are
-    skipped and counted.
+    The nominal transfer matrix and that of each sample. A sample is impossible if an element or a
+    focus is inside a body, or if a body or a focus is behind the face of an element. Such samples
+    are skipped and counted.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def matrices_at(
     slower: float = 1.0,
     solver: Solver | None = None,
 ) -> Iterator[FociRows | None]:
-    """Yield the transfer matrix (F, E) [Pa] of a hand, moved rigidly by each pose.
+    """Yield the (F, E) transfer matrix [Pa] of a rigid hand for each of several poses.
 
     The wavenumber is multiplied by ``slower``, which is below 1 in warmer air. If an element is
     inside a body, or if a body or a focus is behind a face, the pose is impossible and None is
@@ -255,8 +255,8 @@ def check_doubts(uncertainty: Uncertainty, scene: Scene) -> None:
     speed = scene.medium.sound_speed
     if (uncertainty.temperature or uncertainty.humidity) and not 300.0 <= speed <= 370.0:
         raise InvalidInput(
-            f"temperature or humidity is uncertain, but a medium with {speed:g} m/s is not air. "
-            "Set both to 0.",
+            "temperature or humidity is uncertain, but the medium is not air: its sound speed is "
+            f"{speed:g} m/s. Set both uncertainties to 0.",
             code="does_not_match",
         )
     if uncertainty.along_skin and not scene.obstacles:
@@ -483,9 +483,9 @@ class _Sampler:
             return self.field
         if self.solver is None:
             raise InvalidInput(
-                "in front of a plane, each sample needs its own solve if the hand is lifted or "
-                "tilted, or if its bodies, foci or air differ. Use solver=BoundaryElement(), or "
-                "set these deviations to 0.",
+                "the scene has a plane, so samples with a lifted or tilted hand, separately "
+                "moved bodies or foci, or different air require a solve each. Pass "
+                "solver=BoundaryElement(), or set these deviations to 0.",
                 code="not_converged",
             )
         medium = replace(scene.medium, sound_speed=scene.medium.sound_speed / draw.slower)

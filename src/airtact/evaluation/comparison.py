@@ -37,8 +37,8 @@ class Comparison:
     pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each
         focus [Pa].
     field : field with one excitation per drive, scaled so that its strongest element is at full
-        scale. Further excitations follow for the phases alone of drives whose elements differ in
-        amplitude.
+        scale. For each drive with unequal amplitudes, a further excitation has the same phases and
+        every element at full scale.
     phase_columns : for each drive, the index of the excitation of ``field`` with its phases alone.
     at_foci : (F, S) complex pressure of each excitation of ``field`` at the foci [Pa].
     """

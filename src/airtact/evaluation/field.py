@@ -79,9 +79,9 @@ def radiate_drives(
 ) -> RadiatedField:
     """Solve for several drives at once, with one right-hand side per drive.
 
-    The placement is checked here for all evaluations: the foci and other ``points`` must lie
-    outside the bodies and clear of the elements. In messages, a misplaced point is named by its
-    key in ``points``. The function raises the same errors as ``evaluate``.
+    The function also checks the placement: the foci and other ``points`` must lie outside the
+    bodies and away from the elements. In messages, a misplaced point is named by its key in
+    ``points``. The function raises the same errors as ``evaluate``.
     """
     # Users often pass the class instead of an instance; the message then names that class.
     kind = solver.__name__ if isinstance(solver, type) else "BoundaryElement"

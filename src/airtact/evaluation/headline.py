@@ -12,7 +12,7 @@ from airtact.evaluation.metrics import pascals
 
 
 def body_word(bodies: Sequence[str]) -> str:
-    """Return "hand" or "object" as the word for bodies with these names."""
+    """Return the word "hand" or "object", depending on the names of the bodies."""
     parts = ("hand", "finger", "thumb", "palm")
     return "hand" if any(part in name.lower() for name in bodies for part in parts) else "object"
 
@@ -24,10 +24,10 @@ def headline(
 
     Parameters
     ----------
-    comparison : the drive that considers the bodies, compared with the drive of the same method
-        that ignores them, if there is one.
-    drive : the drive that considers the bodies, as it is emitted. If it is at full scale, the drive
-        that ignores them is compared at full scale, otherwise at equal energy.
+    comparison : results of the drive that considers the bodies, optionally followed by those of a
+        drive that ignores them (by the same method).
+    drive : the drive that considers the bodies, as it is emitted. If it is at full scale, the two
+        drives are compared at equal peak, and otherwise at equal energy.
     word : the word for the bodies, such as "hand".
     foci : a name for each focus; the sentence names the focus whose pressure decreases most.
     """

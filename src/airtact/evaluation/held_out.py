@@ -20,8 +20,8 @@ class HeldOut:
     Attributes
     ----------
     names : names of the D drives.
-    pressures : (D, S) peak pressure at the weakest focus in each sample, with every drive at the
-        energy of the first [Pa].
+    pressures : (D, S) peak pressure at the weakest focus in each sample, with every drive scaled to
+        the energy of the first [Pa].
     expected : (D,) pressure at the weakest focus without any deviation [Pa].
     left_out : number of samples skipped because they are impossible.
     """

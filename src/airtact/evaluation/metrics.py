@@ -53,12 +53,12 @@ def pascals(pressure: float) -> str:
 def in_real_air(
     pressures: Num[np.ndarray, "foci"], steepening: Steepening | None
 ) -> tuple[str, ...]:
-    """State the real-air pressure at the focus with the strongest steepening, if it is noticeable.
+    """State the pressure in real air at the focus where the sound steepens most, if noticeable.
 
     Parameters
     ----------
     pressures : (F,) linear pressures [Pa].
-    steepening : the steepening at the same foci.
+    steepening : effect of real air at these F foci; None if it was not estimated.
     """
     if steepening is None:
         return ()
@@ -134,7 +134,7 @@ class Evaluation:
     def counted(self) -> Float64[np.ndarray, "counted"]:
         """Values from which ``worst``, ``mean`` and ``uniformity`` are computed.
 
-        The values are those at foci with a request. They are fractions of the requested pressures
+        Only foci with a request are included. The values are fractions of the requested pressures
         if pressures are requested. Otherwise they are pressures [Pa], divided by the requested
         shares if there are any.
         """
@@ -156,10 +156,10 @@ class Evaluation:
 
     @property
     def uniformity(self) -> float:
-        """1 − (max − min)/(max + min) over the foci, 1 when all are equal.
+        """Uniformity of the foci, 1 − (max − min)/(max + min) of ``counted``; 1 if all are equal.
 
-        Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define it for intensity; here
-        it is computed from ``counted``.
+        Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define this measure for
+        intensities.
         """
         # If all foci are silent, return 0 instead of dividing 0 by 0.
         high = self.counted.max()

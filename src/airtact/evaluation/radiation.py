@@ -69,7 +69,7 @@ class RadiationMap:
         return one_line(self, f"{len(self.points)} points on surfaces")
 
     def force(self, body: int) -> Float64[np.ndarray, "3"]:
-        """Return the force (3,) of the sound on the body with this index [N]."""
+        """Return the force (3,) of the sound on one body, given by its index [N]."""
         # Pressure acts against the outward normal.
         chosen = self.body == body
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]

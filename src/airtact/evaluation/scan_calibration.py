@@ -48,7 +48,7 @@ class ScanCalibration:
     array : the array with the fitted sensitivity and gains. The gains are relative to this
         sensitivity and to the mean phase. Elements whose gain is not determined keep their
         previous gain.
-    sensitivity : peak pressure of the mean element at full scale, 1 m away on its axis [Pa·m].
+    sensitivity : peak pressure of the average element at full scale, 1 m away on its axis [Pa·m].
     deviation : standard deviation of ``sensitivity`` [Pa·m], without the microphone's own
         uncertainty.
     gain_deviations : (E,) relative standard deviation of the gains, and of their phases [rad].

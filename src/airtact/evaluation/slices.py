@@ -29,7 +29,7 @@ class Slices:
     axes : (3, 3) unit vectors in rows: right, up, and the normal of the planes, each along an axis
         of the frame.
     steps : (3,) distance between neighbouring points along each axis [m].
-    pressures : (planes, rows, columns, S) peak pressure [Pa], continued into hard bodies.
+    pressures : (planes, rows, columns, S) peak pressure [Pa], extrapolated into hard bodies.
     depth : (planes, rows, columns) depth in a body [m], negative outside.
     any_axis : whether the planes are close enough for sections along all three axes.
     samples : complex pressure [Pa] at the evaluated points, on the same axes as ``pressures`` but

@@ -98,8 +98,8 @@ def steepening(
     ----------
     scene : the air and the bodies in it.
     sources : the face points of the array; see ``drive_sources``.
-    points : (F, 3) foci [m]. The estimate does not hold more than about a wavelength away from a
-        focus: beyond a focus, it overestimates the loss by up to 10 % of the pressure.
+    points : (F, 3) foci [m]. The estimate is valid only within about a wavelength of a focus.
+        Beyond a focus, it overestimates the loss by up to 10 % of the pressure.
     pressures : (F,) linear pressure at the foci [Pa].
     excitation : index of the excitation of the sources.
     """

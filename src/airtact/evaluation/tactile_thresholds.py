@@ -12,7 +12,7 @@ THRESHOLDS: dict[str, float] = {"amplitude": 557.0, "spatiotemporal": 334.0}
 
 
 def constant_force_note(fastest: float = np.inf) -> str:
-    """Return the note for an unmodulated drive; boards modulate at up to ``fastest`` [Hz].
+    """Return a note that recommends modulation, at up to ``fastest`` [Hz], the limit of the boards.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def sensation(
     pressure : peak pressure at the weakest focus [Pa].
     modulation : kind of modulation; None for a constant drive.
     depth : modulation depth of the force.
-    fastest : largest frequency with which the boards can modulate [Hz].
+    fastest : highest modulation frequency of the boards [Hz].
 
     Examples
     --------

@@ -28,7 +28,8 @@ from airtact.transducers.levels import EIGHT_BITS, Levels
 def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
     """Return the peak pressure [Pa] that each focus would reach as the only focus.
 
-    This pressure is Σ_e |H_fe|: every element is at full scale, and all contributions are in phase.
+    The attainable pressure is Σ_e |H_fe|: every element is at full scale, and all contributions are
+    in phase.
 
     Examples
     --------

@@ -81,11 +81,11 @@ def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
 def plane_through(
     foci: Real[np.ndarray, "foci 3"], bodies: Real[np.ndarray, "vertices 3"], wavelength: float
 ) -> Window:
-    """Return a window through the foci that faces the bodies if the foci do not define a plane.
+    """Return a window in the plane that fits the foci best.
 
-    If the foci are not in one plane, the best-fitting plane is used. The window extends three
-    wavelengths past the outermost foci and contains at most about 20,000 points. Its sides are
-    parallel to the axes of the frame if the plane allows this.
+    If the foci define only a line or a point, the plane also passes through the bodies. The window
+    extends three wavelengths past the outermost foci and contains at most about 20,000 points. Its
+    sides are parallel to the axes of the frame if the plane allows this.
     """
     middle = foci.mean(axis=0)
     # Principal directions of the foci, the widest first. A spread below a tenth of a wavelength

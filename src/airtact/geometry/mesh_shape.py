@@ -45,7 +45,7 @@ from airtact.geometry.shape import BEND, Shape
 class MeshShape(Shape):
     """A mesh of quadratic triangles at a pose.
 
-    ``cached`` maps settings to the panels that were made with them for the mesh at rest.
+    ``cached`` maps settings to the panels that were made with them for the mesh before its motion.
     """
 
     mesh: QuadraticMesh

@@ -50,7 +50,8 @@ class Panels:
     body : (T,) index of the body of each panel.
     deviation : (T,) largest distance of each panel from the true surface [m].
     farthest : (B,) largest distance of each body's panels from the triangles of its surface [m].
-    mean_distance : (B,) area-weighted mean of this distance [m].
+    mean_distance : (B,) area-weighted mean distance of each body's panels from the triangles of its
+        surface [m].
     """
 
     quadratic_triangles: QuadraticTriangles
@@ -110,8 +111,8 @@ def covers(
     shapes : the bodies.
     edge : edge length of the equilateral triangles [m].
     near : points near which panels are smaller [m].
-    smallest : edge length below which panels are not divided near points [m]. In gaps and thin
-        walls, the limit is a quarter of this length.
+    smallest : edge length below which panels near the points are not divided further [m]. In gaps
+        and thin walls, the limit is a quarter of this length.
     bend : largest angle between a panel's normals at opposite edges, on a round surface [rad].
     away : largest root mean square distance of panels from a smooth mesh [m].
     image : function that mirrors points in a plane. If it is given, gaps between bodies and

@@ -153,9 +153,9 @@ class Capsule(Shape):
     def mesh(self, edge: float) -> Surface:
         """Mesh the capsule with curved triangles whose vertices and midpoints are exactly on it.
 
-        Each cap is a hemisphere of m rings, with 5 i points on ring i. The cylinder has rings of
-        5 m points, each turned by half a step. The mesh is generated at rest and then moved.
-        ``edge`` is the longest straight edge [m]. A cap has at most 400 rings.
+        Each cap is a hemisphere of m rings, with 5·i points on ring i. The cylinder has rings of
+        5·m points, each turned by half a step. The mesh is generated in the capsule's own frame and
+        then moved. ``edge`` is the longest straight edge [m]. A cap has at most 400 rings.
         """
         edge = positive(edge, "edge", "m")
         check_size(self.extent)

@@ -47,7 +47,7 @@ _RULE_FIT = np.linalg.solve(_WEIGHTED_SHAPE @ _RULE_SHAPE, _WEIGHTED_SHAPE)
 
 @dataclass(frozen=True, eq=False)
 class QuadraticMesh:
-    """A closed mesh of quadratic triangles at rest, which is curved on first use.
+    """A closed mesh of quadratic triangles before any motion; it is curved on first use.
 
     ``midpoints`` are points of the surface at the middles of edges 01, 12, 20 [m]; by default the
     mesh is curved by its normals. By default ``sharp_edges`` are the edges that bend by more than
@@ -216,7 +216,7 @@ class QuadraticMesh:
         return np.sqrt(distance**2 @ (2 * _RULE_WEIGHTS))
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Fit panels (P, 6, 3) [m] to the surface by least squares of their distance."""
+        """Fit panels (P, 6, 3) [m] to the surface by least squares."""
         return self.levelled(self.project(panels.reshape(-1, 3)).reshape(-1, 6, 3))
 
     def levelled(self, panels: QuadraticTriangles) -> QuadraticTriangles:

@@ -28,7 +28,7 @@ class Shape(ABC):
     @property
     @abstractmethod
     def extent(self) -> float:
-        """Largest distance [m] between two points, or largest side of the bounding box at rest."""
+        """Largest distance [m] between two points, or largest side of the original bounding box."""
 
     @property
     @abstractmethod
@@ -55,7 +55,7 @@ class Shape(ABC):
     ) -> Float64[np.ndarray, "points"]:
         """Return a lower bound (P,) [m] on the diameter of inner balls at surface points (P, 3).
 
-        ``normals`` (P, 3) point outwards. Diameters above ``largest`` [m] need not be resolved.
+        ``normals`` (P, 3) point outwards. Diameters above ``largest`` [m] need not be accurate.
         """
         return np.full(len(points), self.least_thickness)
 
@@ -65,7 +65,7 @@ class Shape(ABC):
         return np.zeros((0, 2), dtype=np.int64)
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
-        """Return the indices of an inner and an outer piece, the depth and a point [m], or None."""
+        """Find a piece inside another; return both indices, the depth and a point [m], or None."""
         return None
 
     @abstractmethod

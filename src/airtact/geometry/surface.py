@@ -156,7 +156,7 @@ class Surface:
 
     @property
     def extent(self) -> float:
-        """Largest side [m] of the bounding box at rest, or largest diameter of the exact shape."""
+        """Largest side [m] of the original bounding box, or largest diameter of the exact shape."""
         return self.shape.extent
 
     @property

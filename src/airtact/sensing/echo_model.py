@@ -41,7 +41,7 @@ class EchoModel:
     scattering : scattering matrix of the bodies.
     emitted : (W, M) regular waves of each transmission about the initial centre, with additional
         orders, times sensitivity/(4πik), which converts products of waves to pressures [Pa].
-    receiving : (W, R) regular waves of each receiver about the same centre.
+    receiving : (W, R) regular waves of each receiver about the initial centre.
     valid : (R, M) whether each pressure was received; None if all were received. The echoes and
         derivatives of other pressures are 0.
     """
@@ -164,7 +164,7 @@ def motion_of(twist: Twist) -> Pose:
 
 
 def further_motion(twist: Twist) -> Float64[np.ndarray, "6 6"]:
-    """Return the Jacobian from changes of a twist to further motions of bodies already moved.
+    """Return the Jacobian that maps changes of a twist to further motions of the moved bodies.
 
     The Jacobian is (1 − exp(−ad))/ad, where ad is the commutator with the twist
     (K. M. Lynch, F. C. Park, Modern Robotics, 2017, section 8.3).

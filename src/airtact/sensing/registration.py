@@ -52,10 +52,10 @@ class Located:
     ----------
     pose : pose of the obstacles in the array's frame, as in ``PhasedArray.seen_from``.
     covariance : (6, 6) covariance of the translation of ``centre`` [m] and of a small rotation
-        about it [rad], along the array's axes. A family adds a seventh row and column for
-        ``opening``. The covariance follows from the residual. It is increased if receivers in
-        different places disagree by more than the noise, or if the residual indicates a wrong
-        shape.
+        about it [rad], along the array's axes. For a ``ScatteringFamily``, the seventh row and
+        column belong to ``opening``. The covariance follows from the residual. It is increased if
+        receivers in different places disagree by more than the noise, or if the residual indicates
+        a wrong shape.
     bound : Cramér-Rao bound, an array like ``covariance``: the smallest covariance that the
         noise allows; NaN if the noise is unknown.
     residual : rms of the residual, including noise, divided by the rms of the echoes.
@@ -99,7 +99,7 @@ class Located:
 
     @property
     def opening_deviation(self) -> float:
-        """Standard deviation of the opening, in its unit; NaN without a family."""
+        """Standard deviation of ``opening``, in its unit; NaN if ``locate`` was given a scene."""
         return float(np.sqrt(self.covariance[6, 6])) if len(self.covariance) > 6 else float("nan")
 
 
@@ -118,7 +118,7 @@ def locate(
     scattering: ScatteringMatrix | None = None,
     solver: Solver | None = None,
 ) -> Located:
-    """Find the rigid pose of the bodies of a scene from echoes, and optionally their opening.
+    """Find the rigid pose of bodies from echoes, and optionally the value of a shape parameter.
 
     Parameters
     ----------
@@ -128,8 +128,8 @@ def locate(
     array : the transducers in their own frame, in the order of the codes.
     start : initial pose of the obstacles in the array's frame, correct to about 5 mm and 8 degrees.
     scattering : scattering matrix of the scene. By default the solver computes it in the first call
-        with the scene, and later calls reuse it. Omit it for a family, which contains its own
-        matrices.
+        with the scene, and later calls reuse it. Omit it for a ``ScatteringFamily``, which contains
+        its own matrices.
     solver : solver that computes the scattering matrix; by default
         ``BoundaryElement(accuracy=0.005, estimate=False)``.
 
@@ -442,7 +442,7 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
 
 
 def power(pressures: Num[np.ndarray, "..."]) -> float:
-    """Return the sum of squares [Pa²]."""
+    """Return the sum of the squared magnitudes of pressures [Pa²]."""
     return float(np.sum(np.abs(pressures) ** 2))
 
 
@@ -452,12 +452,12 @@ def disagreement(
     inverse: Squares,
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
-    """Return the ratio of the pose's variance from receiver groups to that from single receivers.
+    """Compare the pose's variance estimated from groups of receivers and from single receivers.
 
-    The ratio is 1 if the residual is noise. The residual of a wrong shape is correlated between
-    neighbouring receivers, so more receivers do not improve the pose. Therefore only groups of
-    neighbours count as independent (K.-Y. Liang, S. L. Zeger, Biometrika 73, 13 (1986)). The result
-    is the mean ratio over all unknowns.
+    The function returns the ratio of the two variances, which is 1 if the residual is noise. The
+    residual of a wrong shape is correlated between neighbouring receivers, so more receivers do not
+    improve the pose. Therefore only groups of neighbours are treated as independent (K.-Y. Liang,
+    S. L. Zeger, Biometrika 73, 13 (1986)). The ratio is averaged over all unknowns.
     """
     count = min(16, len(places) // 4)
     if count < 2:

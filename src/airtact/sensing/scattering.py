@@ -201,7 +201,7 @@ def _order(reach: float, accuracy: float) -> int:
     if order > 80:  # 6,561 waves need 0.7 GB
         raise InvalidInput(
             f"the bodies require waves up to order {order}, but 80 is the limit; use smaller "
-            "bodies, such as the fingers without the hand, or a lower accuracy.",
+            "bodies, such as the fingers without the hand, or a larger value of accuracy.",
             code="too_many",
         )
     return order
@@ -229,8 +229,9 @@ def reaching_patterns(
 
     Bodies fill only a part of the ball of the waves, so most patterns hardly reach the bodies. The
     patterns are eigenvectors of the mean square pressure of the waves on and below the surfaces.
-    The points below the surfaces keep waves that vanish on the surfaces, as at an interior
-    resonance. Patterns with an rms pressure below ``smallest`` times the largest are omitted.
+    The points below the surfaces ensure that waves that vanish on the surfaces are kept, as at an
+    interior resonance. Patterns with an rms pressure below ``smallest`` times the largest are
+    omitted.
     """
     points = _points_of(scene) - centre
     squares = np.zeros((wave_count(order), wave_count(order)), dtype=np.float32)
@@ -293,7 +294,7 @@ class ScatteringFamily:
 
     @property
     def scene(self) -> Scene:
-        """Scene at the first value; all values of the parameter have its medium and frequency."""
+        """Scene for the first value; all values have the same medium and frequency."""
         return self.matrices[0].scene
 
     def at(self, value: float) -> ScatteringMatrix:
@@ -325,7 +326,7 @@ class ScatteringFamily:
 
     @cached_property
     def effect(self) -> float:
-        """Change of the matrix per unit of the parameter, relative to that per metre of shift."""
+        """Change of the matrix per unit of the parameter, relative to that per metre of motion."""
         middle = 0.5 * (self.low + self.high)
         here = self.at(middle).matrix
         change = self.derivative(middle).matrix
@@ -420,8 +421,8 @@ def scattering_family(
     shift = 0.5 * (high - low) * family.effect
     if shift < 1e-7:
         raise InvalidInput(
-            f"from {low:g} to {high:g} the bodies change no more than in a translation by "
-            f"{1e3 * shift:.1g} mm; scene_of must use its argument.",
+            f"from {low:g} to {high:g}, the scattering matrix changes no more than for a "
+            f"translation by {1e3 * shift:.1g} mm; scene_of must use its argument.",
             code="all_zero",
         )
     if family.error > 0.02:  # above this the interpolation limits the fit, not the solver

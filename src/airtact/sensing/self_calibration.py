@@ -54,10 +54,11 @@ class Calibrated:
     ----------
     array : the array with the corrected boards and the emission gains.
     sound_speed : speed of sound [m/s].
-    motions : motion of each board from its assumed to its true pose, in the array's frame; none
-        for board 0.
+    motions : motion of each board from its assumed to its true pose, in the array's frame; board 0
+        does not move.
     emission, reception : (E,) emission and reception gains; 0 for dead elements, and 1 in
-        ``reception`` for elements that do not receive. Their common factor is a convention.
+        ``reception`` for elements that do not receive. Only their products can be measured, so both
+        are scaled to the same mean.
     covariance : (6 B − 5, 6 B − 5) covariance for boards 1 to B − 1 and for the sound speed [m/s],
         which comes last. Each board has the translation of its centre [m] and a small rotation
         about it [rad], along the array's axes.
@@ -155,7 +156,8 @@ class ArrayState:
     boards : B boards with unit gains.
     wavenumber : wavenumber of the sound [1/m].
     reception, emission : (E,) gains.
-    slopes : derivatives of the direct sound of each pair of boards (first, second), first < second.
+    slopes : derivatives of the direct sound between boards, for each pair (first, second) with
+        first < second.
     model : (E, E) pressure at the receivers from the emitters for unit gains [Pa]; 0 for unused
         pairs.
     cost : sum of squares of the residual [Pa²].
@@ -198,7 +200,7 @@ class ArrayFit:
     def best(
         self, boards: tuple[PhasedArray, ...], wavenumber: complex, enough: float
     ) -> ArrayState:
-        """Fit from several starts with a few elements per board, then from the best with all.
+        """Fit a few elements per board from several starts, then all elements from the best result.
 
         Phases are ambiguous by 2π, so a start with an error of half a wavelength may lead to a
         wrong minimum.

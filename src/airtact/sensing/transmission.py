@@ -29,8 +29,8 @@ def transmission(
 
     Returns
     -------
-    The pressures (R, E) at receiver r from emitter e [Pa], both with unit gain, which are the
-    same in both directions; and their derivatives (13, R, E) with respect to a translation of the
+    (R, E) pressures at each receiver from each emitter for unit gains [Pa], which do not change if
+    the two are exchanged; and their (13, R, E) derivatives with respect to a translation of the
     receiving board [Pa/m], a rotation about its centre [Pa/rad], the same motions of the emitting
     board, and the wavenumber [Pa·m].
     """
@@ -105,8 +105,8 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
         count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
     if count < 2:
         raise InvalidInput(
-            f"the boards of the {len(array)} elements are unknown; pass the number of boards (2 or "
-            "more).",
+            f"it is unknown how the {len(array)} elements are divided into boards; pass the "
+            "number of boards (2 or more).",
             code="unknown_name",
         )
     if len(array) % count:
@@ -174,8 +174,8 @@ def simulate_transmissions(
     )
     if len(codes) != len(array) or received.shape != (len(array),):
         raise InvalidInput(
-            f"there are {len(codes)} codes and {len(received)} gains of reception for "
-            f"{len(array)} elements; pass one for each element.",
+            f"there are {len(codes)} codes and {len(received)} reception gains for {len(array)} "
+            "elements; pass one for each element.",
             code="sizes_differ",
         )
     size = len(parts[0])

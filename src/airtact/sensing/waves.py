@@ -130,7 +130,7 @@ def monopole_waves(order: int, offsets: Real[np.ndarray, "points 3"], wavenumber
 
 @lru_cache(maxsize=8)
 def motions(order: int) -> tuple[csr_matrix, ...]:
-    """Return antisymmetric matrices on regular waves: ∂x/k, ∂y/k, ∂z/k, and r × ∇ about x, y, z."""
+    """Return matrices that apply ∂x/k, ∂y/k, ∂z/k and (r × ∇) along x, y, z to regular waves."""
     n = of_waves(order, np.arange(order + 1.0))
     m = np.concatenate([np.arange(-n, n + 1) for n in range(order + 1)])
     index = np.arange(len(n))
@@ -203,7 +203,7 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
 def mixed(
     weights: Real[np.ndarray, "mixtures waves"], waves: Waves
 ) -> Complex[np.ndarray, "mixtures columns"]:
-    """Multiply waves by a real matrix in their own precision, which halves the work."""
+    """Multiply a real matrix by waves in real arithmetic of their precision, for half the work."""
     real = np.ascontiguousarray(waves).view(np.real(waves).dtype)
     return (weights.astype(real.dtype, copy=False) @ real).view(waves.dtype)
 

@@ -138,7 +138,7 @@ class RadiatedField(ABC):
     @property
     @abstractmethod
     def on_surface(self) -> SurfaceField:
-        """Total pressure on the surfaces of the bodies; without points if there are no bodies."""
+        """Total pressure at points on the surfaces of the bodies; empty if there are no bodies."""
 
     @property
     def scattering_sources(self) -> Monopoles | None:
@@ -282,7 +282,7 @@ class RadiatedField(ABC):
 def surrounding_points(scene: Scene, points: Vectors) -> Float64[np.ndarray, "around 3"]:
     """Return 128 points on a sphere 8 λ outside the bodies, where an array would typically be.
 
-    Solvers compare two solutions at these points, which lie on a Fibonacci spiral.
+    The points lie on a Fibonacci spiral. Solvers compare two solutions at the points.
     """
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = np.linalg.norm(points - centre, axis=1).max() + 8 * scene.wavelength

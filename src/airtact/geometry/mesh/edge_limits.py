@@ -88,7 +88,7 @@ def tip_sizes(
     """Return, at each vertex, the edge length [m] over which a rounded tip turns by ``turn``.
 
     The radius of a tip follows from its Gaussian curvature: the sum of the angle defects 2π − Σ
-    angles of its vertices, divided by its area. Coarse triangles keep the sum of the defects
+    angles of its vertices, divided by its area. Coarse triangles preserve the sum of the defects
     (Gauss-Bonnet), and the roughness of a scan cancels in this sum. Bends in one direction, such as
     creases, have no angle defects. Defects at sharp edges (``ridges``) are ignored. ``turn`` is in
     radians.

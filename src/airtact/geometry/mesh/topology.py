@@ -91,9 +91,9 @@ def smooth_patches(twins: Twins, borders: EdgeMask) -> TriangleLabels:
 
 
 def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
-    """Return the signed volume [m³] between each triangle and the mean corner.
+    """Return the signed volume [m³] of the tetrahedron from the mean corner to each triangle.
 
-    The sum of these volumes is the volume of the body.
+    The volumes add up to the volume of the body.
     """
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     return np.einsum("ti,ti->t", a, np.cross(b, c)) / 6.0
@@ -122,9 +122,9 @@ def check_indices(count: int, triangles: AnyTriangles) -> None:
     wrong = (triangles < 0) | (triangles >= count)
     if wrong.any():
         triangle, corner = np.argwhere(wrong)[0]
-        named = counted(int(wrong.any(axis=1).sum()), "triangle names", "triangles name")
+        named = counted(int(wrong.any(axis=1).sum()), "triangle contains", "triangles contain")
         raise InvalidInput(
-            f"{named} vertices that do not exist: triangle {triangle} names "
+            f"{named} vertices that do not exist: triangle {triangle} contains vertex "
             f"{triangles[triangle, corner]}, but indices are from 0 to {count - 1}.",
             code="out_of_range",
         )

@@ -50,7 +50,7 @@ def blocks_of(unknowns: int) -> int:
 
 
 def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "panels"]:
-    """Return an order of the panels in which those of each block are adjacent.
+    """Return an order of the panels in which the panels of each block are adjacent.
 
     The panels are bisected repeatedly across the direction of their largest extent. Rigid motions
     of the bodies do not change the blocks.
@@ -61,8 +61,8 @@ def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "
 def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks blocks"]:
     """Return a mask of the block pairs in which a point of one block is near a panel of the other.
 
-    Each of the ``lists`` contains the near panels of a set of points that has the same number of
-    points on every panel, in the order of the panels.
+    Each of the ``lists`` contains the near panels of one set of points. A set is ordered by panel
+    and has the same number of points on every panel.
     """
     blocks = -(-panels // PANELS)
     near = np.zeros((blocks, blocks), dtype=bool)
@@ -80,12 +80,13 @@ class BlockMatrix:
     ----------
     count : number of unknowns.
     whole : the pairs of blocks that are stored in full.
-    blocks : rows of these blocks. Each row consists of its real parts followed by its imaginary
-        parts, padded with zeros. A word contains one number, or two numbers in bfloat16.
+    blocks : rows of the blocks stored in full. Each row consists of its real parts followed by its
+        imaginary parts, padded with zeros. An array entry contains one number, or two numbers in
+        bfloat16.
     far : the pairs of blocks that are sums of low-rank terms. Pair i has ``ranks[i]`` terms, whose
         factors start at ``begin[i]``: first those along the block's columns, then those along its
         rows.
-    factors : the factors of the low-rank terms, in the same number format.
+    factors : the factors of the low-rank terms, in the number format of ``blocks``.
     """
 
     count: int
@@ -181,7 +182,7 @@ def eliminate(
     right: Complex128[np.ndarray, "nodes excitations"],
     transposed: bool,
 ) -> GmresResult:
-    """Solve by Gaussian elimination for the sum of some matrices, which have no low-rank blocks.
+    """Add matrices without low-rank blocks, and solve with the sum by Gaussian elimination.
 
     The reported residual is that of the sum of all right-hand sides, because computing it takes
     only one product with the matrix.

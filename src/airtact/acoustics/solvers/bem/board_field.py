@@ -54,7 +54,7 @@ class BoardField(RadiatedField):
         return pressure
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report, with an error of at least that estimated around the bodies."""
+        """Return the report; its error is at least the error estimated around the bodies."""
         report = self.around.report_at(points)
         warnings = dict.fromkeys((*self.report.warnings, *report.warnings))  # without duplicates
         return replace(

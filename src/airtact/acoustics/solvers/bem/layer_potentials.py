@@ -60,8 +60,8 @@ class NearRows(_kernels.NearRows):
     """Corrections that near panels add to the plain sum over all nodes, for a set of points.
 
     Pair i is a point and a near panel; point j has the pairs ``first[j]`` to ``first[j + 1] - 1``,
-    as in ``near_lists``. ``excess`` (pairs, 6) is the near integral for each of the panel's six
-    nodes minus the node's term in the plain sum.
+    as in ``near_lists``. ``excess`` (pairs, 6) is the accurate integral for each of the panel's six
+    nodes, minus the node's term in the plain sum.
     """
 
     def split(self, points: int) -> tuple["NearRows", "NearRows"]:
@@ -129,8 +129,8 @@ def double_layer_pressure(
     Parameters
     ----------
     cells : the points sorted into cells, or None. With cells, no point may be on a panel.
-    nodal : whether all points are on panels and away from their edges, as nodes are. The near
-        integrals then need only the working precision.
+    nodal : whether all points are on panels and away from their edges, as nodes are. The integrals
+        over near panels then need only the working precision.
     contact : mask of the points that were projected onto a panel.
     coarse : whether to use single precision, with an error of about 0.1 %.
     """
@@ -276,7 +276,7 @@ class Located:
     Attributes
     ----------
     points : positions [m]; those in contact with the surface are projected onto their panel.
-    near : mask of the points that need near integrals.
+    near : mask of the points that need accurate integrals over near panels.
     contact : mask of the points in contact with the surface.
     outside : mask of the points outside the bodies or in contact.
     """
@@ -293,8 +293,8 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
     Away from the panels, points are classified by the solid angle, or by the scene's signed
     distance if all surfaces are closed forms. Near the panels, they are classified by the signed
     distance if it exceeds the panels' deviation from the true surface. Points closer to the surface
-    are projected onto a panel or classified by the solid angle from near integrals. Points behind a
-    plane are not outside.
+    are projected onto a panel or classified by the solid angle, from accurate integrals over near
+    panels. Points behind a plane are not classified as outside.
     """
     positions = np.array(points, dtype=np.float64)
     contact = np.zeros(len(positions), dtype=bool)

@@ -108,9 +108,9 @@ def assemble(
     store : number format of the matrix.
     error : Frobenius norm of the errors of all low-rank blocks together, divided by the norm of the
         1/2 on the diagonal; None stores every block in full.
-    image : plane of the bodies' mirror image; if given, only the contribution of the image is
-        filled. The image has the same pressure, and its double layer at x is that of the bodies at
-        the image of x. Only the collocation points change, and the term 1/2 is omitted.
+    image : plane of the bodies' mirror image; if given, the matrix contains only the contribution
+        of the image. The image has the same pressure, and its double layer at x is that of the
+        bodies at the image of x. Only the collocation points change, and the term 1/2 is omitted.
 
     Raises
     ------

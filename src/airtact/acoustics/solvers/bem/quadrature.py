@@ -104,7 +104,7 @@ class Nodes:
 
     @property
     def panels(self) -> _kernels.Panels:
-        """The panels in the form that the compiled near integrals need."""
+        """The panels in the form that the compiled integrals over near panels require."""
         return _kernels.Panels(self.quadratic_triangles, self.contact)
 
     def single_layer(self, wavenumber: complex) -> SingleLayer:
@@ -153,7 +153,7 @@ def place_nodes(
 
 @cache
 def near_quadrature(angular: int, radial: int) -> _kernels.NearQuadrature:
-    """Return the Gauss-Legendre rules on [0, 1] from which near integrals are built."""
+    """Return the Gauss-Legendre rules on [0, 1] for integrals over panels near a point."""
     largest = 40
     rules = [np.polynomial.legendre.leggauss(n) for n in range(1, largest + 1)]
     nodes = np.concatenate([0.5 * (x + 1) for x, _ in rules])
@@ -162,7 +162,7 @@ def near_quadrature(angular: int, radial: int) -> _kernels.NearQuadrature:
 
 
 def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:
-    """List the panels whose centre is closer to each point than the panel's limit [m].
+    """For each point, list the panels whose centre is closer than the panel's limit [m].
 
     The panels of point i are ``panel[first[i] : first[i + 1]]``.
     """
@@ -178,9 +178,9 @@ def thickness(
     The diameter is limited to ``largest``. Nodes whose ``lower_bound`` reaches this limit are
     skipped.
 
-    The ball shrinks until it contains no other node. It then shrinks until it only touches the
-    panel point closest to its centre, because a panel may enter it between nodes (J. Ma, S. W. Bae,
-    S. Choi, The Visual Computer 28, 7 (2012)).
+    For each node, the ball shrinks until it contains no other node. It then shrinks until it only
+    touches the panel point closest to its centre, because a panel may enter it between nodes (J.
+    Ma, S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).
     """
     diameter = np.full(len(nodes.points), float(largest))
     unknown = (

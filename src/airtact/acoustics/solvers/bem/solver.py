@@ -409,7 +409,7 @@ class BoundaryElement(Solver):
 
         Parameters
         ----------
-        scene : scene with only this body.
+        scene : scene that contains only the body.
         refined : (P, 3) points [m], such as foci, near which the panels are smaller.
 
         Returns

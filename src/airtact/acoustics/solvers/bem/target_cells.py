@@ -38,7 +38,7 @@ class Cells:
     points, order : the sorted points [m], and the original index of each.
     first : index of the first point of each cell.
     centres : centres of the cells [m].
-    reach : distance from a cell's centre within which sources are near [m].
+    reach : distance from a cell's centre within which sources are summed without interpolation [m].
     grids : Chebyshev points of all cells [m], ordered by cell.
     weights : interpolation weights of a cell's grid points for each point, along each axis of the
         cell.
@@ -87,7 +87,7 @@ class Cells:
 
 
 def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
-    """Sort points into cells for sums of relative error ``error``; None if cells are slower."""
+    """Sort points into cells for sums with relative error ``error``; None if this is not faster."""
     grids = [(order, beyond) for left, order, beyond in GRIDS if left <= error]
     if not grids or len(points) < grids[0][0] ** 2 / MAX_GRID_SHARE:
         return None

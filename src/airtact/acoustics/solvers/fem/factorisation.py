@@ -32,8 +32,7 @@ COARSE_ORDER = 5
 class Factor(ABC):
     """A factorised matrix from which the unknowns inside tetrahedra are eliminated.
 
-    ``free`` marks the unknowns, among those shared by tetrahedra, that are solved for. The others
-    are 0.
+    Among the unknowns that tetrahedra share, ``free`` marks those to solve for. The others are 0.
     """
 
     def __init__(self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> None:

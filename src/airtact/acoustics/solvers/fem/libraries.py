@@ -22,7 +22,7 @@ Expression = Any  # symbolic expressions and integrals
 
 
 def ngsolve_library() -> ModuleType:
-    """Import NGSolve, which takes a second."""
+    """Import NGSolve, which takes about a second."""
     with extra("fem", "finite elements require NGSolve"):
         import ngsolve
 

@@ -73,7 +73,7 @@ class Box:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tetrahedra:
-    """Quadratic tetrahedra: corners, and offsets of the midpoints of the edges [λ]."""
+    """Quadratic tetrahedra: corners, and offsets of the edge midpoints from straight edges [λ]."""
 
     corners: Float64[np.ndarray, "tetrahedra 4 3"]
     bends: Float64[np.ndarray, "tetrahedra 6 3"]

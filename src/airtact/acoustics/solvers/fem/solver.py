@@ -32,8 +32,8 @@ class FiniteElement(Solver):
 
     Curved tetrahedra of high order fill a tight box around the bodies. A perfectly matched layer
     (PML) around the box absorbs outgoing sound. Outside the box, the pressure is computed from the
-    pressure on the bodies by the Kirchhoff-Helmholtz integral. The paper's pinch has 170,000
-    unknowns. On two cores, a solve takes 7 s with the package ``mkl`` (``pip install
+    pressure on the bodies by the Kirchhoff-Helmholtz integral. The pinching hand of the paper has
+    170,000 unknowns. On two cores, a solve takes 7 s with the package ``mkl`` (``pip install
     'airtact[mkl]'``, recommended) and 27 s without it.
 
     Attributes
@@ -164,7 +164,7 @@ class FactorisedScene(Solver):
 
     Attributes
     ----------
-    settings : the ``FiniteElement`` solver that created it.
+    settings : the ``FiniteElement`` solver that created this solver.
     system : the assembled system.
     report : report before any excitation is solved.
     clock : duration of each step.

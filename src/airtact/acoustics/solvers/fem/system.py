@@ -234,11 +234,11 @@ MAX_ABOVE = 4
 # order everywhere, the largest ones determine the error and the smallest ones the cost. Graded
 # orders balance error and cost.
 def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:
-    """Return the longest edge [λ] that each order 1, 2, ... allows at the error of a reference.
+    """Return, for each order 1, 2, ..., the longest edge [λ] whose error is that of a reference.
 
     A polynomial of order p approximates e^{ikx} over an edge h with the error 2 (kh/4)^(p+1) /
-    (p+1)! (Chebyshev interpolation). The reference is ``order`` on an edge of length ``size`` [λ];
-    the error may exceed the reference by the factor ``ease``.
+    (p+1)! (Chebyshev interpolation). The reference is an edge of length ``size`` [λ] with the given
+    ``order``; the allowed error is ``ease`` times its error.
     """
     error = ease * (0.5 * np.pi * size) ** (order + 1) / factorial(order + 1)
     powers = range(2, order + MAX_ABOVE + 2)

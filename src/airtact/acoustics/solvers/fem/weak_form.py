@@ -141,7 +141,7 @@ class QuadraturePoints:
 
 
 def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> QuadraturePoints:
-    """Return quadrature points on boundaries ``surface0`` ... or in materials ``body0`` ..."""
+    """Return quadrature points on the boundaries "surface0" ... or in the materials "body0" ..."""
     ngsolve = ngsolve_library()
     on_surface = kind == "surface"
     names = mesh.GetBoundaries() if on_surface else mesh.GetMaterials()

@@ -74,7 +74,10 @@ class SphereModes:
             yield -factor * derivative
 
     def terms(self, inside: bool) -> Iterator[complex]:
-        """Yield t_n (outside) or u_n (inside) [1/m], using the Wronskian j h' - j' h = i/z²."""
+        """Yield the coefficients t_n (outside) or u_n (inside) [1/m] of the series.
+
+        The formulas follow from the Wronskian j h' - j' h = i/z².
+        """
         factor = self.wavenumber / self.size**2
         laws = zip(
             outgoing_derivatives(self.size),

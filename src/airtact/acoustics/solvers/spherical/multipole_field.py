@@ -53,9 +53,9 @@ class InterpolationSpheres:
     centre : (3,) centre of the spheres [m].
     radius : radius of the smallest sphere [m].
     order : highest order of the expansion.
-    values : (A, B, R, S) values for each polar angle (twice ``order`` angles, and some beyond
-        the poles), azimuth (some are repeated), radius r (``radius``/r are the Chebyshev points
-        of [0, 1]) and excitation.
+    values : (A, B, R, S) values for each polar angle, azimuth, radius and excitation. There are
+        twice ``order`` polar angles, plus some beyond the poles, and some azimuths are repeated.
+        The quotients of ``radius`` and the radii are the Chebyshev points of [0, 1].
     """
 
     centre: Float64[np.ndarray, "3"]

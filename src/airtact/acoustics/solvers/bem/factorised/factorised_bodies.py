@@ -76,7 +76,7 @@ class PlacedBody:
         return bool(squares.min(initial=np.inf) > (radius + reach) ** 2)
 
     def reaches(self, points: Points) -> Mask:
-        """Return which points are too close to the body for the skeletons."""
+        """Return which points are too close to the body for its skeletons to be accurate."""
         reach = self.reduced.reach
         near = self.in_box(points, reach)
         if near.any():

@@ -89,7 +89,7 @@ def product(
 
 @dataclass(frozen=True, eq=False)
 class FarMonopoles:
-    """A few monopoles that radiate to distant points the same field as the row skeleton.
+    """A few monopoles whose field at distant points equals that of the monopoles on ``rows``.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class FarMonopoles:
 
 @dataclass(frozen=True, eq=False)
 class ReducedBody:
-    """A body in its own frame, reduced to its skeletons.
+    """A body in its own frame, reduced to skeletons: a few nodes that represent all of them.
 
     Attributes
     ----------
@@ -119,10 +119,11 @@ class ReducedBody:
     columns : nodes of the matrix's columns, from which the scattered field is radiated.
     solved : matrix that maps the right-hand side at all nodes to the transposed solution on
         ``rows``.
-    scattering : scattering matrix, which maps the right-hand side at ``columns`` to this solution.
-    error : relative error of the scattering, compared with that of all nodes. It is measured at a
-        distance of about ``reach``, both for sources at that distance and for sources close to the
-        surface.
+    scattering : scattering matrix, which maps the right-hand side at ``columns`` to the transposed
+        solution on ``rows``.
+    error : relative difference between the scattering by the skeletons and by all nodes. It is
+        measured at a distance of about ``reach``, both for sources at that distance and for sources
+        close to the surface.
     tree : search tree of the nodes, used to compute distances.
     far : a smaller set of monopoles, for points farther away.
     """
