@@ -49,7 +49,7 @@ def headline(
         if error > 0.03:
             return (
                 f"{sentence} The effect of the {word} is unknown, because the estimated error of "
-                f"the pressures is {_per_cent(error)}. Set a smaller accuracy."
+                f"the pressures is {_per_cent(error)}. Set a smaller value of accuracy."
             )
         same = _per_cent(max(error, 0.01))
         return f"{sentence} With and without the {word}, the result is the same to within {same}."
