@@ -63,7 +63,8 @@ class Hulls:
     balls : (B, 4) centres and radii [m].
     parts : (H, 3) indices of the two or three balls of each hull; the third is -1 for two balls.
     blend : (H, H) blend radius of skins that face each other [m]; 0 for no blending.
-    apart : (H, H) 1 for pairs of separate hulls, and 0 for other pairs.
+    apart : (H, H) 1 for pairs of hulls that stay separate, such as those of two fingers; 0 for
+        other pairs.
     """
 
     balls: Float64[np.ndarray, "balls 4"]
@@ -77,7 +78,7 @@ class Hulls:
     def unblended(
         cls, balls: Float64[np.ndarray, "balls 4"], parts: Int64[np.ndarray, "hulls 3"]
     ) -> "Hulls":
-        """Build hulls without blending and without separate parts."""
+        """Build hulls that are not blended, and of which no pair is marked as separate."""
         none = np.zeros((len(parts), len(parts)))
         return cls(balls, parts, none, none)
 

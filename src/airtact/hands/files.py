@@ -37,8 +37,8 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
     Parameters
     ----------
     path : a JSON file with the key ``positions_m``, an array of 25 points in WebXR order, 26 in
-        OpenXR order or 21 in MediaPipe order [m]. Optional keys are ``radii_m``, one radius for
-        each point [m], ``side``, and ``joints``, the 25 names of WebXR in order.
+        OpenXR order or 21 in MediaPipe order [m]. Optional keys are ``radii_m`` (one radius for
+        each point [m]), ``side``, and ``joints`` (the 25 names of WebXR in order).
     gap : distance to set between the skins of the last phalanges of thumb and index finger [m],
         above 0 and at most 0.15. Both fingers are turned to reach it. None leaves the pose
         unchanged.

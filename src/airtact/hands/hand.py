@@ -69,8 +69,8 @@ class Hand:
     joints : (25, 3) positions of the joints in WebXR order [m].
     radii : (25,) radius of the skin around each joint [m].
     side : ``"right"`` or ``"left"``.
-    follows : keyframe that this hand follows in a sequence; None without one. If the two poses are
-        similar, the meshes of the keyframe are deformed to this hand.
+    follows : earlier hand of a sequence, called the keyframe; None if there is none. If both poses
+        are similar, the meshes of the keyframe are deformed to this pose.
     """
 
     joints: Joints
@@ -97,7 +97,7 @@ class Hand:
 
     @cached_property
     def surface(self) -> Surface:
-        """The closed skin, with exact midpoints of the edges.
+        """The closed skin: triangles whose corners and edge midpoints lie exactly on the body.
 
         The edges are 7 mm long, and 2.5 mm near the pads. Solvers generate their own panels.
         """

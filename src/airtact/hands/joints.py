@@ -96,7 +96,7 @@ def joints_of(
     ----------
     joints : (25, 3) joints in WebXR order, (26, 3) in OpenXR order, where the palm comes first, or
         (21, 3) in MediaPipe and Leap order [m].
-    tolerance : tolerance of the bone lengths between inaccurate joints [m].
+    tolerance : deviation from possible bone lengths that is allowed for inaccurate joints [m].
     word : word for a joint in error messages.
     """
     points = real_numbers(joints, f"{word}s of a hand")
@@ -132,7 +132,7 @@ def joints_of(
 def completed(points: Float64[np.ndarray, "joints 3"]) -> Joints:
     """Return 25 joints (or joint velocities), given 25 or 21.
 
-    The bases of fingers that MediaPipe and Leap do not report are estimated.
+    MediaPipe and Leap do not report the bases of the fingers, so these are estimated.
     """
     if len(points) == 25:
         return points
@@ -246,15 +246,16 @@ def checked_side(
     bent_as: Side = "right" if evidence > 0.0 else "left"
     if known is None and abs(evidence) < min_evidence:
         raise InvalidInput(
-            f"the {word} do not distinguish a left from a right hand (evidence {evidence:+z.2f}, "
-            f"but a magnitude of {min_evidence:g} is needed): the fingers are too "
-            "straight; set side.",
+            f"the {word} do not show whether this is a left or a right hand, because the fingers "
+            f"are too straight (the sum of bends is {evidence:+z.2f}, but its magnitude must be at "
+            f"least {min_evidence:g}): set side.",
             code="side_unclear",
         )
     if known not in (None, bent_as) and abs(evidence) >= min_evidence:
         raise InvalidInput(
             f"the {word} are labelled as a {known} hand, but fingers and thumb bend like those "
-            f"of a {bent_as} hand ({evidence:+z.2f}; positive is right): are they mirrored?",
+            f"of a {bent_as} hand (the sum of bends is {evidence:+z.2f}, and positive for a right "
+            "hand): are they mirrored?",
             code="wrong_side",
         )
     return known or bent_as
@@ -263,10 +264,11 @@ def checked_side(
 def side_evidence(joints: Joints) -> float:
     """Return how far the fingers and the thumb bend in a way that only a right hand can.
 
-    The result is the sum of the sines of all bends and of the thumb's lean. Of each bend, only
-    the amount beyond the largest possible backward bend counts: beyond 30 degrees at a knuckle,
-    and beyond 9 and 17 degrees at the next joints. The result is negative for a left hand, and
-    about 0 for straight fingers.
+    The result is the sum of the sines of all bends and of the angle of the thumb from the palm.
+    Small bends do not count, because the fingers of the other hand can also bend backwards: by up
+    to 30 degrees at a knuckle, and by 9 and 17 degrees at the next joints. For larger bends, the
+    sine of this limit is subtracted. The result is negative for a left hand, and about 0 for
+    straight fingers.
     """
     # Fingers bend toward the palm. Viewed across the palm from the little finger, all bends of a
     # right hand turn one way, and those of a left hand the other way.
@@ -284,7 +286,7 @@ def side_evidence(joints: Joints) -> float:
 def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
     """Raise an error if the knuckles are out of order or the thumb is beside the little finger.
 
-    ``tolerance`` is the error of inaccurate joints [m].
+    ``tolerance`` is the largest expected error of the joints [m].
     """
     slack = 5e-3 + 0.5 * tolerance
     knuckles = np.array([chain[1] for chain in CHAINS[1:]])

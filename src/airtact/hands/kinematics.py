@@ -46,10 +46,11 @@ def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:
 
 
 def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: str) -> Joints:
-    """Bend fingers with bones of given ``lengths`` [m] from inaccurate knuckles to inaccurate tips.
+    """Replace the joints between knuckles and tips; the bones get the given ``lengths`` [m].
 
     If the errors of the landmarks are as large as a bone, only the distance from knuckle to tip is
-    reliable. The joints between them then bend in their usual ratio.
+    reliable. The joints in between are therefore bent in their usual ratio, until the finger spans
+    this distance.
     """
     joints = landmarks.copy()
     across = unit(landmarks[6] - landmarks[21]) * (1.0 if side == "right" else -1.0)

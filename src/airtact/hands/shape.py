@@ -35,10 +35,10 @@ class HandShape(Shape):
 
     Attributes
     ----------
-    hulls : the body as built.
+    hulls : the body in the pose in which it was built.
     pose : pose relative to the frame in which the body was built.
     follows : the keyframe whose meshes are deformed to fit this shape; None without a keyframe.
-    meshes : meshes of the body in the pose in which it was built, kept for each edge length [m].
+    meshes : meshes of ``hulls`` that were generated so far, by edge length [m].
     """
 
     hulls: Hulls
@@ -50,7 +50,7 @@ class HandShape(Shape):
 
     @cached_property
     def keyframe(self) -> "HandShape":
-        """Keyframe of the next frame: this shape's keyframe if it is similar, else this shape."""
+        """Keyframe for the next frame: ``follows`` if similar to this shape, else this shape."""
         if self.follows is None or motion(self.follows.hulls, self.hulls) > NEAR_KEYFRAME:
             return self
         return self.follows
@@ -62,7 +62,7 @@ class HandShape(Shape):
 
     @staticmethod
     def following(hulls: Hulls, keyframe: "HandShape | None") -> "HandShape":
-        """Build a shape that follows the keyframe if the motion is small and no contact changes."""
+        """Build a shape that uses the keyframe if the motion is small and no contact changes."""
         if keyframe is not None and np.array_equal(hulls.apart, keyframe.hulls.apart):
             moved = motion(keyframe.hulls, hulls)
             # After a motion of more than 12 mm, a new mesh is generated instead.
@@ -94,8 +94,8 @@ class HandShape(Shape):
     def least_thickness(self) -> float:
         """Diameter of the body's smallest ball [m] if no hulls are blended, and 0 otherwise.
 
-        An inner ball of that size touches every point of a hull, but not the creases between
-        blended hulls.
+        A ball of this size fits inside the body at every point of a hull, but not at the creases
+        between blended hulls.
         """
         alone = bool((self.hulls.apart + np.eye(len(self.hulls.parts)) == 1.0).all())
         return 2.0 * float(self.hulls.balls[:, 3].min()) if alone else 0.0
@@ -135,7 +135,7 @@ class HandShape(Shape):
         return [RidgedMesh(self.pose.apply(skin.vertices), skin.triangles, no_ridges)]
 
     def skin(self, edge: float) -> HandMesh:
-        """Return even triangles of edge length ``edge``, deformed from a keyframe if possible."""
+        """Return a mesh of edge length ``edge`` [m], deformed from a keyframe if possible."""
         if edge not in self.meshes:
             mesh = None
             if self.follows is not None:

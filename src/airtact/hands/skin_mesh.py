@@ -74,7 +74,7 @@ class HandMesh:
 
 
 def even_skin(hulls: Hulls, edge: float) -> HandMesh:
-    """Cover a body with even triangles of edge length ``edge``, finer at bends and narrow gaps."""
+    """Mesh a body with edges of length ``edge``, and shorter ones at bends and narrow gaps."""
     best = None
     best_fault = np.inf
     # The grid must resolve the smallest ball.

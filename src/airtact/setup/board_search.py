@@ -27,7 +27,7 @@ Points = Float64[np.ndarray, "points 3"]
 
 @dataclass(frozen=True, eq=False)
 class HandPose:
-    """Bodies and foci in one pose of the hand, their motion, and the solved beacons."""
+    """One pose of the hand: bodies, foci, their motion, and the field of a source at each focus."""
 
     scene: Scene
     target: Target
@@ -36,12 +36,12 @@ class HandPose:
 
     @cached_property
     def shares(self) -> Float64[np.ndarray, "asked"]:
-        """Requests of the foci that have one, scaled so that the largest is 1."""
+        """Weights of the foci with a positive weight, divided by the largest."""
         weights = self.target.weights
         return weights[weights > 0.0] / weights.max()
 
     def rows(self, board: PhasedArray) -> FociRows:
-        """Return the pressure at each focus, divided by its share, per unit drive of elements."""
+        """Return the transfer matrix of a board, each row divided by the share of its focus."""
         seen = board.seen_from(self.motion)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a layout in the shadow of the hand is simply weak
@@ -76,8 +76,8 @@ class Search:
     fixed : poses of boards that stay in place.
     mirror : index of the axis along which boards are mirrored in pairs, and coordinate of the
         mirror plane [m]; None without mirroring.
-    share : fraction of the hands for which the pressure at the weakest focus may be below the
-        value of the layout.
+    share : layouts are ranked by this quantile, over the poses of the hand, of the pressure at the
+        weakest focus; 0 selects the smallest pressure.
     """
 
     hands: list[HandPose]
@@ -197,12 +197,12 @@ class Search:
         return False
 
     def rows(self, pose: Pose) -> list[FociRows]:
-        """Return the rows (see ``HandPose.rows``) of one board for each pose of the hand."""
+        """Return ``HandPose.rows`` of one board for each pose of the hand."""
         board = self.single.moved(pose)
         return [hand.rows(board) for hand in self.hands]
 
     def weakest(self, boards: Sequence[list[FociRows]]) -> float:
-        """Return the pressure [Pa] that the weakest focus exceeds in all but ``share`` of hands."""
+        """Return the quantile ``share``, over all hands, of the weakest focus's pressure [Pa]."""
         weakest = []
         for parts in zip(*boards, strict=True):
             rows = np.concatenate(parts, axis=1)
@@ -311,7 +311,7 @@ class Search:
         return [*placed, *self.fixed]
 
     def moves(self, poses: Sequence[Pose], weakest: float) -> Float64[np.ndarray, "boards 6"]:
-        """Return the relative change at the weakest focus for each move of one board.
+        """Return the relative change of the weakest focus's pressure for each move of one board.
 
         ``Placement.moves`` describes the moves.
         """

@@ -121,7 +121,7 @@ class MethodComparison:
 
     @property
     def tolerance(self) -> float:
-        """Relative difference below which methods count as equal: the error, but at least 1 %."""
+        """Relative difference below which methods are equal: the estimated error, at least 1 %."""
         return max(self.report.estimated_error, 0.01)
 
     @property

@@ -54,7 +54,8 @@ class Explanation:
     Attributes
     ----------
     foci : names of the F foci.
-    causes : the causes in order, beginning with the place where the array is strongest.
+    causes : the causes in order; the first is the reference, the largest pressure that the array
+        can produce in open air.
     advice : sentence on the change that would increase the pressure at the weakest
         focus most.
     """

@@ -68,8 +68,9 @@ def write_triangles(
 ) -> int:
     """Write quadratic triangles [m] in the format given by the file name's ending.
 
-    A .vtkhdf file also contains ``cells``. The function returns the number of open edges of the
-    flat triangles, which occur between panels of different sizes; it is 0 for curved panels.
+    ``cells`` contains additional values for each panel, which only a .vtkhdf file can store. The
+    function returns the number of open edges of the flat triangles, which occur between panels of
+    different sizes; it is 0 for curved panels.
     """
     check_output(path)
     if path.suffix.lower() == CURVED:

@@ -229,9 +229,9 @@ def place(
         distance of a board's centre from the centre of the foci [m].
     region : two opposite corners of a box in which all boards must be [m], or a function that
         returns for points (N, 3) whether boards may be there (N,); by default, anywhere.
-    hands : poses of the hand for which the layouts are optimised, instead of the setup's pose. They
-        are either hands, which replace the only body and carry all foci at their named points, or
-        motions of all bodies.
+    hands : poses of the hand for which the layouts are optimised, instead of the setup's pose. Each
+        is either a hand, which replaces the only body and has all foci at its named points, or a
+        motion of all bodies.
     tries : number of layouts to try before refinement; in a small region, fewer may fit.
     seed : seed of the search. The same arguments lead to the same result.
     refine : number of layouts to refine, 0 or more: the best ones that differ from each other
@@ -420,7 +420,7 @@ def _fixed(setup: Setup, board: str, indices: Sequence[int]) -> list[Pose]:
         count = counted(len(poses), "board", "boards")
         fault = f"it has {count}. Name each board once, counting from 0."
         if kind is None or kind[0].name != board:
-            made = "not of one kind" if kind is None else kind[0].name
+            made = "of different or unknown kinds" if kind is None else kind[0].name
             fault = f"its boards are {made}, not {board}. Place boards of the scene's kind."
         raise InvalidInput(
             f"the scene has no {words} {', '.join(map(str, indices))}: {fault}",

@@ -62,8 +62,8 @@ class Rendering:
     ----------
     setup : scene, array, target and settings.
     transfer : transfer matrix from which the drive was computed.
-    beacons : report of the solve for the transfer matrix. If its solver did not estimate the error,
-        this is the largest relative difference from the verification at a focus.
+    beacons : report of the solve for the transfer matrix. If the solver did not estimate the error,
+        its ``estimated_error`` is the largest relative difference from the verification at a focus.
     drive : amplitude and phase of each transducer.
     pressures : (F,) verified peak pressure at each focus [Pa]. If one focus runs through the points
         in turn, each value applies while the focus is at that point, and is computed from the
@@ -165,7 +165,7 @@ class ComputedDrive:
     Attributes
     ----------
     setup, transfer, beacons, drive, sequence : as in ``Rendering``.
-    field : field radiated by the beacons.
+    field : field of a source (beacon) at each focus and suppression point.
     notes : warnings of the method.
     """
 

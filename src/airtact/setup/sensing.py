@@ -72,12 +72,12 @@ class Sensed:
     ----------
     setup, fitted : the setup of the scene file, and the same setup with the estimated
         gap.
-    located : estimated pose: the motion from the obstacles of the scene file to the actual
-        ones, in the same frame.
+    located : estimated pose, which maps the obstacles of the scene file to the actual ones, in the
+        same frame.
     echoes : the echoes from which the pose was estimated.
     shifts : (1 or 2, 6) translation of the bodies' centre [m] and rotation [rad] of the estimated
-        pose relative to the pose in the scene file, and for simulated echoes also relative to the
-        true pose.
+        pose. The first row is relative to the pose in the scene file; for simulated echoes, a
+        second row is relative to the true pose.
     before, after : (F,) pressure at each focus on the actual hand [Pa], for the drives computed
         for the scene file's pose and for the estimated pose.
     unexplained : (2, R) ratio of the residual to the echoes (both rms) at each receiver, for

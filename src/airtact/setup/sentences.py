@@ -154,12 +154,12 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
 
 
 def all_at_once(setup: Setup) -> tuple[str, ...]:
-    """Warn where all foci count as simultaneous although one focus runs through the points."""
+    """Warn if all foci are treated as simultaneous although one focus runs through the points."""
     if not setup.in_turn:
         return ()
     return (
         "the pressures are those of all foci at once, but in this scene one focus runs through the "
-        "points in turn, which is stronger: see airtact render.",
+        "points in turn, which produces higher pressures: see airtact render.",
     )
 
 

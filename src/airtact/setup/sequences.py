@@ -51,7 +51,7 @@ class MovingDrive:
 
     @property
     def drives(self) -> Complex128[np.ndarray, "positions elements"]:
-        """Amplitudes of the elements at each position of a single focus."""
+        """Amplitudes of the elements for each position of the focus, if only one focus moves."""
         # Short paths repeat every position.
         return self.sequence.drives[:: len(self.sequence) // len(self.target.points)]
 
@@ -143,10 +143,10 @@ def drives_at_foci(
 def pressures_of(
     transfer: TransferMatrix, drives: list[Complex128[np.ndarray, "foci elements"]]
 ) -> dict[str, Float64[np.ndarray, "drives foci"]]:
-    """Return the pressure at each focus during its own drive, for each key of ``HELD_EQUAL``.
+    """Return the pressure at each focus from the drive for this focus, by keys of ``HELD_EQUAL``.
 
-    Each item of ``drives`` is a result of ``drives_at_foci``. To set its peak or energy, its drives
-    are treated as a single drive.
+    Each item of ``drives`` is a result of ``drives_at_foci``. All its drives are scaled by the same
+    factor to set their peak or energy.
     """
     rows = transfer.matrix[: len(drives[0])]
 

@@ -204,7 +204,7 @@ class Setup:
 
     @property
     def in_turn(self) -> bool:
-        """Whether one focus runs through the points of the target, instead of all at once."""
+        """Whether one focus runs through the points of the target, instead of one focus at each."""
         return self.motion is not None and self.motion.through_points(len(self.target.points))
 
     @cached_property

@@ -35,17 +35,18 @@ MOST_UNKNOWNS = 19_000
 
 
 def stored(solver: Solver, store: Path | None) -> Solver:
-    """Return a solver that stores its solutions in ``store``; if that is None, the same solver."""
+    """Return a solver that stores its solutions in ``store``; ``solver`` itself if that is None."""
     return solver if store is None else at.Stored(solver, store)
 
 
 def solve_beacons(
     setup: Setup, clock: Clock, store: Path | None = None, estimate: bool = True
 ) -> RadiatedField:
-    """Solve for a beacon at each focus and suppression point; if sampled, expand in multipoles.
+    """Compute the field of a source (beacon) at each focus and suppression point.
 
-    With ``estimate=False`` boundary elements solve the transposed equation only, which is enough if
-    a verification follows.
+    If the setup has an uncertainty, the field is expanded in multipoles where possible, because
+    these are faster to evaluate. With ``estimate=False``, boundary elements solve only the
+    transposed equation and do not estimate their error; this is enough if a verification follows.
     """
     target = setup.target
     solver = setup.solver
@@ -68,11 +69,11 @@ def solve_beacons(
 def transfer_to_array(
     setup: Setup, beacons: RadiatedField, clock: Clock
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Evaluate the beacons at the transducers; if there is an uncertainty, for all its samples.
+    """Compute the transfer matrix from the field of the beacons; one per sample of an uncertainty.
 
     Returns
     -------
-    The transfer matrix, or the ensemble of all samples; and the report of the solve.
+    The transfer matrix, or an ensemble with that of each sample; and the report of the solve.
     """
     transducers = counted(len(setup.array), "transducer", "transducers")
     with clock.step("transfer", f"evaluating the beacons at {transducers}"):
@@ -132,7 +133,7 @@ def other_samples(setup: Setup, beacons: RadiatedField) -> "at.drives.TransferEn
 def synthesise(
     method: Callable[[TransferMatrix, Target], Made], transfer: TransferMatrix, target: Target
 ) -> tuple[Made, tuple[str, ...]]:
-    """Compute a drive or several, and collect the warnings of a method that stopped early."""
+    """Compute one or more drives, and collect the warnings of a method that stopped early."""
     # Turn warnings of the method into sentences of the result; pass other warnings on.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Stalled)
@@ -177,7 +178,7 @@ def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
 
 
 def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Made]) -> Made | None:
-    """Compute the drives of the same method without the bodies; return None in open air.
+    """Compute the control drive, by the same method without the bodies; return None in open air.
 
     A method that uses samples gets samples of the same uncertainty in open air.
     """

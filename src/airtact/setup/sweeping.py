@@ -204,7 +204,9 @@ def _attempt(function: Function, point: Row) -> Row:
         taken = sorted({*point, "error", "sentence"} & result.keys())
         if taken:
             raise InvalidInput(
-                f"the names {', '.join(taken)} of the result are already used.", code="given_twice"
+                f"the result uses the names {', '.join(taken)}, which are reserved or already used "
+                "by the point: rename them.",
+                code="given_twice",
             )
     except (InvalidInput, NotConverged) as fault:
         return {"error": fault.code, "sentence": str(fault)}

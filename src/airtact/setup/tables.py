@@ -319,8 +319,8 @@ class ObjectKeys(Table, frozen=True):
         along the edge of the contact; "texture" is like "points", but stronger on the
         ridges of ``grating``.
     grating : ridges fixed to the object.
-    stiffness : increase of the strength, from 0.2 to 1, per depth [1/m]; by default 400, or 0.8
-        / ``travel`` for a button.
+    stiffness : increase of strength per depth, from 0.2 at the surface up to 1 [1/m]; by default
+        400, or 0.8 / ``travel`` for a button.
     """
 
     sphere: SphereTable | None = None
@@ -553,8 +553,8 @@ class TrapTable(Table, frozen=True):
     Attributes
     ----------
     point : centre of the bead [m].
-    kind : "twin" has two lobes of opposite phase along ``axis``; "vortex" has a ring
-        around this axis.
+    kind : "twin" has two lobes of opposite phase along ``axis``; "vortex" has a ring of pressure
+        around it.
     axis : axis of the trap, of any length.
     radius : radius of the bead [m].
     density : density of the bead [kg/m³].
@@ -602,9 +602,9 @@ class ModulationTable(Table, frozen=True):
     kind : "am" varies the amplitude; "lm" moves each focus along a small path
         around its position; "stm" moves one focus through all points, or along a
         path.
-    frequency : frequency of the force, or rounds of the path per second [Hz]; by default 200 for
-        "am", 50 for "lm", and 7 m/s along the path for "stm".
-    depth : depth of the modulation of the force, 0 to 1; by default 1.
+    frequency : frequency of the force, or repetitions of the path per second [Hz]; by default 200
+        for "am", 50 for "lm", and 7 m/s along the path for "stm".
+    depth : modulation depth of the force, 0 to 1; by default 1.
     path : shape of the path; "points" requires "stm".
     radius : radius of the circle [m]; by default 0.003 for "lm", 0.01 for "stm".
     length : length of the line [m]; by default 0.006 for "lm", 0.02 for "stm".
@@ -633,7 +633,7 @@ class DriveTable(Table, frozen=True):
     Attributes
     ----------
     method : name of the method.
-    levels : number of levels of amplitude and phase to which the drive is rounded.
+    levels : number of amplitude and phase levels to which the drive is rounded.
     modulation : modulation that makes the drive perceptible.
     """
 
@@ -696,8 +696,8 @@ class SceneFile(Table, frozen=True):
     merge_bodies : whether to merge sound-hard bodies that overlap or are less than 0.3
         mm apart.
     most_points : largest number of foci and suppression points together.
-    solver : computation of the field.
-    drive : computation of the drive.
+    solver : settings for the field.
+    drive : settings for the drive.
     uncertainty : standard deviations, for the methods "robust" and
         "robust_phase_only".
     tracker : pose of the tracker in the obstacles' frame, for ``airtact live``.

@@ -43,14 +43,14 @@ class Levels:
         amplitudes = real_numbers(self.amplitudes, "levels of amplitude")
         if amplitudes.ndim != 1:
             raise InvalidInput(
-                f"levels of amplitude have shape {amplitudes.shape}, but must be one row.",
+                f"the amplitude levels have shape {amplitudes.shape}, but must be one-dimensional.",
                 code="out_of_range",
             )
         _check_count(len(amplitudes), "amplitude")
         if amplitudes[0] != 0.0 or amplitudes[-1] != 1.0 or not np.all(np.diff(amplitudes) > 0.0):
             raise InvalidInput(
-                f"levels of amplitude must increase from 0 to 1, not from {amplitudes[0]:g} to "
-                f"{amplitudes[-1]:g}.",
+                "the amplitude levels must start at 0, increase at each step and end at 1, but "
+                f"they start at {amplitudes[0]:g} and end at {amplitudes[-1]:g}.",
                 code="out_of_range",
             )
         object.__setattr__(self, "phases", _check_count(self.phases, "phase"))

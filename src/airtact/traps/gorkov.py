@@ -120,8 +120,8 @@ def force(
 
     Gor'kov's potential holds for beads much smaller than the wavelength. It overestimates force and
     stiffness by about (ka)²/2 for a bead of radius a: for polystyrene at 40 kHz, by 7 % at 0.5 mm,
-    12 % at 0.65 mm and 33 % at 1 mm. It does not include the bead's own sound reflected by bodies,
-    streaming, viscosity or weight.
+    12 % at 0.65 mm and 33 % at 1 mm. The result neglects streaming, viscosity, weight, and echoes
+    of the sound that the bead scatters.
 
     Parameters
     ----------

@@ -29,9 +29,8 @@ class Trap:
     Attributes
     ----------
     point : (3,) position of the centre of the bead [m].
-    kind : "twin" for two lobes of opposite phase, one on each side of the bead along
-        ``axis``; "vortex" for a ring around ``axis``, along which the phase increases
-        by 2π.
+    kind : "twin" for two lobes of opposite phase, one on each side of the bead along ``axis``;
+        "vortex" for a ring of high pressure around ``axis`` whose phase increases by 2π.
     axis : (3,) direction of the axis, of any length.
     radius, density, sound_speed : radius [m], density [kg/m³] and speed of sound [m/s] of the
         bead; by default, a bead of expanded polystyrene with a radius of 0.65 mm.
@@ -70,7 +69,7 @@ class Trap:
 
     @property
     def phasing(self) -> Complex128[np.ndarray, "lobes"]:
-        """Weights (L,) that make the sum of the lobe pressures largest at the trap's phases."""
+        """Weights (L,) with which the lobe pressures of an ideal trap add up in phase."""
         count = 2 if self.kind == "twin" else 4
         return np.exp(-2j * np.pi * np.arange(count) / count) / count
 
@@ -124,11 +123,12 @@ def merged(traps: Sequence[Trap], target: Target) -> Target:
 def holding(
     method: Callable[[TransferMatrix, Target], Drive], traps: Sequence[Trap]
 ) -> Callable[[TransferMatrix, Target], Drive]:
-    """Turn a method for foci into one that computes traps from ``target_of``'s transfer matrix.
+    """Adapt a method for foci so that it also computes traps.
 
-    For the method, each trap is a single focus whose pressure is the weighted
-    sum of the pressures at the lobes, with the trap's phases. For a single
-    trap, the drive has the phases of its signature.
+    The adapted method takes the target of ``target_of`` and its transfer matrix. It replaces the
+    lobes of each trap by a single focus, whose pressure is the sum of the lobe pressures with the
+    weights ``Trap.phasing``. For a single trap, the drive has the phases of the trap's signature
+    (see ``signature``).
     """
 
     def make(transfer: TransferMatrix, target: Target) -> Drive:

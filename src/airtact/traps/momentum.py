@@ -42,8 +42,8 @@ def body_force(
     scene : the air and the other bodies.
     array : transducers in the frame of the scene.
     drive : drive of the array.
-    body : the body, such as ``sound_hard(sphere(2e-3, 1e-3))``. A filled sphere also represents a
-        light solid, such as expanded polystyrene.
+    body : the body, such as ``sound_hard(sphere(2e-3, 1e-3))``. A sphere filled with a fluid can
+        also represent a light solid, such as expanded polystyrene.
     about : (3,) reference point of the torque [m]; by default, the centre of the
         body.
     solver : solver that computes the field; by default, boundary elements with an error of 1 %.
@@ -128,8 +128,8 @@ def _force_on(
     orders = [order for order in (17, 23, 29, 41, 53, 65, 83, 101, 131) if order >= needed]
     if not orders:
         raise InvalidInput(
-            f"the body requires a sphere with a radius of {millimetres(radius, 3)}, which exceeds "
-            "8 wavelengths. Use a smaller body.",
+            "the force is computed on a sphere around the body, which would have a radius of "
+            f"{millimetres(radius, 3)}, more than 8 wavelengths. Use a smaller body.",
             centre,
             code="out_of_range",
         )

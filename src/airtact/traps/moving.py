@@ -42,11 +42,10 @@ def path(
 ) -> Sequence:
     """Return a sequence of drives that carries a bead along straight lines and back.
 
-    A bead follows if the next trap is closer than the distance at which its restoring
-    force peaks, which is an eighth of a wavelength in a standing wave. Each frame is
-    checked: its trap must be able to hold more than the bead's weight, and the resting
-    position of the previous frame must be where the force still rises. Inertia and drag
-    are not included.
+    A bead follows if the next trap is closer than the distance at which its restoring force peaks,
+    which is an eighth of a wavelength in a standing wave. For each frame, the function checks that
+    the trap can hold more than the bead's weight, and that the bead's previous resting position is
+    nearer to the trap than the peak of the restoring force. Inertia and drag are not included.
 
     Parameters
     ----------

@@ -56,12 +56,12 @@ class Verdict:
 
     @property
     def stable(self) -> bool:
-        """Whether the force pushes the bead back from every direction."""
+        """Whether the force pushes the bead back after a displacement in any direction."""
         return bool(np.linalg.eigvalsh(self.stiffness).min() > 0.0)
 
     @property
     def is_trap(self) -> bool:
-        """Whether the point is balanced and stable, and holds more than the bead's weight."""
+        """Whether the point is balanced and stable, and the trap can carry the bead's weight."""
         return self.balanced and self.stable and self.holds > 1.0
 
     def __str__(self) -> str:

@@ -139,8 +139,8 @@ class NormalEquations:
     ----------
     unknowns : (137,) unknowns at which the problem is linearised.
     matrix, gradient : (137, 137) matrix and (137,) gradient of the cost.
-    squares : sum of squares of the priors.
-    residuals : residuals of the points.
+    squares : sum of the squared residuals of the priors.
+    residuals : signed distances of the points from the skin, with derivatives.
     weights : (N,) weights of the points; 0 for outliers.
     scale : (2,) scale of the misfit at the fingers and at the palm [m].
     each : number of measured points that each averaged point represents.
@@ -156,7 +156,7 @@ class NormalEquations:
     each: int
 
     def cost(self, scale: FingersAndPalm, rules_weight: float = 1.0) -> float:
-        """Return half the weighted sum of squares of the priors plus Tukey's cost of the points."""
+        """Return half the weighted squares of the priors plus Tukey's cost of the points."""
         kind = KIND[self.residuals.hull]
         share = np.minimum((self.residuals.distance / (TUKEY * scale[kind])) ** 2, 1.0)
         points = float(((1.0 - (1.0 - share) ** 3) / POINTS_AS_ONE[kind]).sum())

@@ -142,7 +142,7 @@ _GENERIC_LENGTHS = 1e-3 * np.array(
 
 
 def population_prior(joints: Joints) -> HandAnatomy:
-    """Return the distribution of hand sizes, scaled to the landmarks from wrist to knuckles."""
+    """Return the distribution of hand sizes, scaled to the distances from wrist to knuckles."""
     knuckles = [chain[1] for chain in CHAINS[1:]]
     metacarpals = [SPANS.index((chain[0], chain[1])) for chain in CHAINS[1:]]
     generic = _GENERIC_LENGTHS[1:5] + _GENERIC_LENGTHS[metacarpals]
@@ -173,11 +173,11 @@ def population_prior(joints: Joints) -> HandAnatomy:
 
 
 class Rules(NamedTuple):
-    """Residuals divided by their standard deviations, and their derivatives.
+    """Residuals of priors, divided by their standard deviations, and the derivatives.
 
     Attributes
     ----------
-    residuals : (R,) residuals of the rules, divided by their standard deviations.
+    residuals : (R,) residuals, each divided by its standard deviation.
     gradients : (R, 137) derivatives with respect to joints [1/m] and logarithms of sizes.
     """
 
@@ -206,14 +206,14 @@ _MIN_COSINES = np.array([0.2, 0.0, *(4 * [-0.35, -0.35, 0.0])])
 
 
 def crossed(a: Rows, b: Rows) -> Rows:
-    """Return cross products of short tables, several times faster than ``np.cross``."""
+    """Return cross products of small arrays (R, 3), several times faster than ``np.cross``."""
     ahead = [1, 2, 0]
     back = [2, 0, 1]
     return a[:, ahead] * b[:, back] - a[:, back] * b[:, ahead]
 
 
 def length_rules(joints: Joints, sizes: Sizes) -> Rules:
-    """Return the rules that tie bone lengths and palm widths to the sizes (62,)."""
+    """Return residuals that compare bone lengths and palm widths with the sizes (62,)."""
     starts, ends = _SPAN_ENDS.T
     along = joints[ends] - joints[starts]
     length = np.sqrt((along**2).sum(axis=1))
@@ -252,11 +252,11 @@ def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
 
 
 def bend_rules(joints: Joints, axes: Axes, usual: Float64[np.ndarray, "4 3"]) -> Rules:
-    """Return the rules for planes and bends of fingers, and for the directions of last bones.
+    """Return residuals of bends and planes of fingers, and of the directions of their last bones.
 
-    The 52 residuals are 14 backward bends, 14 excessive bends, 8 middle and last phalanges out of
-    the plane of the first, 4 sideways turns, and 4 last bones (3 each). The derivatives treat the
-    axes (5, 3) and the usual directions (4, 3) as constant.
+    Of the 52 residuals, 14 are for backward bends, 14 for excessive bends, 8 for middle and last
+    phalanges out of the plane of the first, 4 for sideways turns, and 12 for the directions of 4
+    last bones. The derivatives treat the axes (5, 3) and the usual directions (4, 3) as constant.
     """
     beyond_limit = 0.05  # standard deviation of sines and cosines beyond their limits
     out_of_plane = 0.08
@@ -326,8 +326,8 @@ def landmark_pull(
 ) -> tuple[Float64[np.ndarray, "25"], float]:
     """Return weights [1/m] of landmarks with errors ``off`` (25, 3) [m], and twice their cost.
 
-    The errors have a Cauchy distribution of width ``spread`` (25,) [m]. The gradient of twice the
-    cost is twice the squared weights times ``off``.
+    The errors have a Cauchy distribution of width ``spread`` (25,) [m]. For weights w, the gradient
+    of twice the cost is 2 w² ``off``.
     """
     excess = np.linalg.norm(off, axis=1) / (3.0 * spread)
     return 1.0 / (spread * np.sqrt(1.0 + excess**2)), 9.0 * float(np.log1p(excess**2).sum())

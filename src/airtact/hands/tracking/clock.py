@@ -17,9 +17,10 @@ def checked_latency(latency: float) -> float:
 
 
 class FrameClock:
-    """Estimate of the tracker's clock from the times and arrivals of its frames.
+    """Estimate of a tracker's clock from its frames.
 
-    Call ``saw`` with each frame's time and arrival; ``time`` then converts times to the clock.
+    Call ``saw`` with the time of each frame on the tracker's clock and the time of its arrival on
+    ``time.monotonic``. The method ``time`` then converts times to the tracker's clock.
 
     A tracker that uses a clock of this computer is recognised from its first frame. For any other
     clock, the offset is the smallest difference so far between the arrival and the time of a frame,
@@ -70,8 +71,8 @@ class FrameClock:
     def fault(self) -> str | None:
         """Reason why the times of frames cannot be used yet; None if they can.
 
-        If the clock ran slower, the delay of its frames would seem to grow, and their hand would be
-        predicted too far ahead.
+        A slow clock is one of the reasons: the delay of its frames would seem to grow, so that the
+        hand would be predicted too far ahead.
         """
         if not self._recent:
             return None
@@ -91,7 +92,7 @@ class FrameClock:
 
     @property
     def margin(self) -> float:
-        """How far the time of a frame may be ahead of ``time(now)``, at most [s]."""
+        """Largest time [s] by which a frame may be ahead of ``time(now)``."""
         if self._shared is not None:
             return 0.01  # this computer may adjust its clocks
         return 0.08 if self._settled else MAX_LATENCY

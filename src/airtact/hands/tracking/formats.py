@@ -30,7 +30,7 @@ STREAMER_LINE = re.compile(r"\s*(left|right) (wrist|landmarks):,?(.*)", re.IGNOR
 
 
 def foreign_format(values: Any) -> str:
-    """Return the name of the format of parsed JSON, with a remedy; "" if it is unknown."""
+    """Recognise parsed JSON in another program's format; return its name with advice, or ""."""
     keys = set(values) if isinstance(values, dict) else set()
     if {"schema", "frames"} <= keys:
         return "an action recording from IWER: load it as a file"
@@ -80,8 +80,8 @@ def _matrices(values: Any) -> Float64[np.ndarray, "joints 4 4"] | None:
 def frames_of_matrices(messages: Iterable[dict[str, Any]]) -> Iterator[Item]:
     """Read messages with the matrices of both hands, from vuer or VisionProTeleop.
 
-    The joints of VisionProTeleop are relative to the matrix of its wrist. Without the key ``time``,
-    the times count from the first message, at 60 messages per second.
+    The joints of VisionProTeleop are relative to the matrix of its wrist. Messages without the key
+    ``time`` are assumed to be 1/60 s apart, beginning at time 0.
     """
     for index, message in enumerate(messages):
         for side in ("left", "right"):
@@ -146,7 +146,11 @@ def frames_of_streamer(lines: Iterable[str]) -> Iterator[Item]:
 
 def _streamed(side: Any, index: int, wrist: list[float], values: list[float]) -> HandFrame:
     if len(wrist) != 7 or len(values) % 3 or not np.any(wrist[3:]):
-        raise FaultyFrame("unreadable", "the line of the wrist or its landmarks is incomplete.")
+        raise FaultyFrame(
+            "unreadable",
+            "the line of the wrist or that of the landmarks is missing or incomplete; omit this "
+            "line.",
+        )
     turn = Rotation.from_quat(wrist[3:])
     points = turn.apply(np.reshape(values, (-1, 3))) + wrist[:3]
     # Unity's z axis points the opposite way to that of right-handed axes.

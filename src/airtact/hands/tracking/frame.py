@@ -69,9 +69,9 @@ class HandFrame:
     Raises
     ------
     InvalidInput
-        As a ``FaultyFrame``, if the time, side or sequence number is invalid, or the landmarks are
-        not plausible: NaN, in millimetres, a wrong count or implausible bones. ``HandStream``
-        recognises landmarks of the other hand over many frames.
+        Raised as the subclass ``FaultyFrame`` if the time, side or sequence number is invalid, or
+        if landmarks are NaN, in millimetres, too few or too many, or have implausible bone lengths.
+        Landmarks of the other hand raise no error; ``HandStream`` recognises them over many frames.
     """
 
     time: float
@@ -96,8 +96,8 @@ class HandFrame:
             raise FaultyFrame(
                 "unreadable",
                 f"time {self.time!r}, side {self.side!r} or sequence number {self.sequence!r} is "
-                "invalid; use a number below 1e19, 'left' or 'right', and an integer from 0 to "
-                "2^53.",
+                "invalid; use a time below 1e19, the side 'left' or 'right', and a whole sequence "
+                "number from 0 to 2^53.",
             )
         object.__setattr__(self, "time", float(self.time))
         object.__setattr__(self, "sequence", int(self.sequence))

@@ -46,7 +46,8 @@ def from_json(text: bytes | str) -> HandFrame:
     Raises
     ------
     InvalidInput
-        As a ``FaultyFrame``, if the text is not a frame in JSON or the frame is faulty.
+        Raised as the subclass ``FaultyFrame`` if the text is not a frame in JSON, or the frame is
+        faulty.
     """
     raw = text.encode() if isinstance(text, str) else text
     try:

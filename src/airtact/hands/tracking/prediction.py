@@ -70,8 +70,8 @@ class Predictor:
     latency : time from a frame to the arrival of the sound computed from it [s].
     noise : standard deviation of each coordinate of the tracker's landmarks [m], or None to
         estimate it from the frames.
-    agility : standard deviation of the palm's acceleration [m/s²]. The deviations for the
-        joints are proportional to it. All of them are increased while the hand accelerates more
+    agility : standard deviation of the palm's acceleration [m/s²]. Those of the accelerations of
+        the joints are proportional to it. All are increased while the hand accelerates more
         strongly.
     patience : time without frames after which the hand counts as lost and the filter restarts [s].
 
@@ -172,8 +172,8 @@ class Predictor:
 
         Returns
         -------
-        The frame at the predicted time, with the number of the latest frame. It is a lost frame
-        if the hand has not been seen for longer than ``patience``.
+        The frame at the predicted time, with the number of the latest frame. It marks the hand as
+        lost if the hand has not been seen for longer than ``patience``.
 
         Raises
         ------
@@ -205,9 +205,9 @@ class Predictor:
     def uncertainty(self, time: float) -> Uncertainty:
         """Return the uncertainty of the hand that ``at(time)`` predicts.
 
-        The covariance of the joints is divided into the position of the whole hand, its rotation
-        and, as ``own_position``, the additional motion of its bones. Positions are limited to 0.1
-        m.
+        The covariance of the joints is divided into errors of the position of the whole hand, of
+        its rotation and, as ``own_position``, of the bones relative to the hand. The standard
+        deviations of positions are limited to 0.1 m.
         """
         hand = self._advanced(time + self.latency)
         covariance = hand.joint_covariance()

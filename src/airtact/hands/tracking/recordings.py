@@ -34,7 +34,8 @@ class Recording:
     ----------
     frames : frames in the order of the file.
     health : numbers of frames in the file and of their faults.
-    note : data that the file's format lacks, or oddities of its frames; "" if there are none.
+    note : remark on data that the file's format lacks, or on anything unusual in the frames; "" if
+        there is none.
     """
 
     frames: tuple[HandFrame, ...]
@@ -99,7 +100,7 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
 
 
 def is_recording(path: Path) -> bool:
-    """Return whether the file name is that of a recording; a ``.json`` file may also be a pose."""
+    """Return whether a file is a recording; a ``.json`` file is read, as it may also be a pose."""
     if path.suffix != ".json":
         return path.suffix in (ENDING, *OTHER_ENDINGS)
     try:

@@ -259,13 +259,16 @@ class HandStream:
                     hand.silent = True
 
     def latest(self, side: Side) -> HandFrame | None:
-        """Return a hand's latest frame (a lost one after silence), or None before the first."""
+        """Return the latest frame of a hand, or None before the first.
+
+        After ``silence`` without frames, the latest frame marks the hand as lost.
+        """
         with self._changed:
             self._notice_silence()
             return self._hands[side].newest
 
     def wait(self, timeout: float) -> HandFrame | None:
-        """Wait for a new frame, which is the latest one of its hand.
+        """Wait for a new frame; if a hand has sent several, only the latest is returned.
 
         Parameters
         ----------
@@ -273,7 +276,7 @@ class HandStream:
 
         Returns
         -------
-        The frame that has waited longest, which may be a lost frame; None after the timeout.
+        The frame that has waited longest, which may mark its hand as lost; None after the timeout.
         """
         end = time.monotonic() + timeout
         with self._changed:
@@ -401,8 +404,9 @@ class HandStream:
             raise FaultyFrame(
                 "mirrored",
                 f"the landmarks are labelled as a {frame.side} hand, but fingers and thumb bend "
-                f"like those of the other hand ({evidence:+z.2f} in this frame): swap left and "
-                "right, or negate z if the axes are left-handed, as in Unity.",
+                f"like those of the other hand (the sum of bends is {evidence:+z.2f} in this "
+                f"frame, and positive for a {frame.side} hand): swap left and right, or negate z "
+                "if the axes are left-handed, as in Unity.",
             )
 
     def _check_speed(self, frame: HandFrame) -> None:
