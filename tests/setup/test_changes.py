@@ -55,7 +55,7 @@ def test_a_kind_of_body_is_short_for_its_obstacle() -> None:
         ),
         (
             "hand.gap",
-            "0 bodies are of the kind .hand.. A path must begin with .*foci",
+            ".hand. is neither a key of the file .*foci",
         ),
         ("foci.offset", "is not in the scene file"),
         ("medium[0]", "is not in the scene file"),

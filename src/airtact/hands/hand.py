@@ -245,8 +245,8 @@ class Hand:
     def posed(self, joints: Real[np.ndarray, "joints 3"]) -> "Hand":
         """Return the same hand in the pose of the next frame of a sequence.
 
-        If the motion is small, the meshes keep their triangles. The meshes depend only on the
-        poses of the sequence.
+        If the motion is small, the meshes keep their triangles. The meshes depend only on the poses
+        of the sequence, and not on the meshes that were used so far.
 
         Parameters
         ----------

@@ -136,7 +136,7 @@ class MethodComparison:
 
     @property
     def best(self) -> Contender:
-        """Method with the highest pressure at the weakest focus; the default one among equals."""
+        """Method with the highest pressure at the weakest focus; if tied, the default method."""
         return self.ranked[0]
 
     @property

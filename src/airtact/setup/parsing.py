@@ -207,8 +207,8 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
     ----------
     data : tables, lists and values of a scene file; they are not modified.
     changes : values by paths, such as ``foci[0].offset``. None removes a key, and missing keys are
-        added. ``hand.gap`` is short for the key of the only obstacle that is a hand, and likewise
-        for other kinds of bodies.
+        added. ``hand.gap`` refers to the only obstacle that is a hand; the same applies to other
+        kinds of bodies.
 
     Raises
     ------
@@ -261,9 +261,9 @@ def _steps(path: str, data: Mapping[str, Any]) -> tuple[str | int, ...]:
     indices = [index for index, body in enumerate(bodies) if kind in body]
     if len(indices) != 1 or kind not in ObstacleTable.one_of:
         raise InvalidInput(
-            f"{path}: {len(indices)} bodies are of the kind {kind!r}. A path must begin with "
-            f"{', '.join(sorted(data))}, or with the only {' or '.join(ObstacleTable.one_of)}; "
-            "obstacles[0] is the first body.",
+            f"{path}: {kind!r} is neither a key of the file ({', '.join(sorted(data))}) nor a "
+            f"kind of body ({', '.join(ObstacleTable.one_of)}) that occurs exactly once. Use "
+            "obstacles[0] for the first body.",
             code="unknown_key",
         )
     # Keys of a body are either in the table of its kind or next to that table.

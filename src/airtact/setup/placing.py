@@ -238,8 +238,8 @@ def place(
         by over 40 mm.
     progress : function called with a description of each step as it begins.
     keep_out : boxes that must not contain any board, each given by two opposite corners [m].
-    fixed : indices of boards of the setup's array that are part of every layout. They follow the
-        placed boards.
+    fixed : indices of boards of the setup's array that are part of every layout. In the results,
+        they come after the placed boards.
     symmetric : axis along which boards are mirrored to form pairs.
         The mirror plane passes through the centre of the region if it is a box,
         otherwise through that of the foci.

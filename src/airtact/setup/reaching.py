@@ -141,11 +141,11 @@ def reach(
 ) -> ReachMap:
     """Compute the largest pressure that an array can produce at points all over the skin.
 
-    Scattering by the bodies is included. By reciprocity, one solve with a beacon at each point
-    yields the pressure that every element produces there. The bound at a point is the sum of
-    the magnitudes of these pressures: all elements are at full scale and in phase there. Gains
-    and dead elements are included. No drive exceeds the bound, and a drive can only reach it at
-    one point at a time.
+    Scattering by the bodies is included. By reciprocity, one solve with a source at each point
+    yields the pressure that every element produces there. The bound at a point is the sum of the
+    magnitudes of these pressures: all elements are at full scale and in phase there. Gains and dead
+    elements are included. No drive exceeds the bound, and a drive can only reach it at one point at
+    a time.
 
     Parameters
     ----------

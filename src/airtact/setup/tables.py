@@ -239,7 +239,7 @@ class ObstacleTable(Table, frozen=True):
 
 
 class BoxTable(Table, frozen=True):
-    """A box along the axes.
+    """A box with edges parallel to the axes.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ def touched(
     hands: "Mapping[str, at.Hand]",
     moving: bool = False,
 ) -> "tuple[tuple[at.VirtualObject, ...], at.touch.Contacts | None]":
-    """Build the objects of a scene file and, if it contains no foci, compute the contacts.
+    """Build the virtual objects of a scene file and, if it has no foci, find their contacts.
 
     Parameters
     ----------

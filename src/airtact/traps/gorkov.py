@@ -229,12 +229,11 @@ def derivatives(
 
     ``excitations`` (P,) selects the excitation of the field for each point; the first by default.
 
-    In a ball without sources and bodies, the pressure is a sum of regular spherical
-    waves j_l(kr) Y_lm. The moments of the pressure over a sphere around the point give
-    the waves of order l ≤ 3, and only these contribute to derivatives up to the third
-    at the centre. For a plane wave e^{iks·x}, the moment of order l is i^l j_l(kr)
-    times the trace-free tensor of s, and the derivatives are (ik)^l s…s. The factors
-    below follow from this.
+    In a ball without sources and bodies, the pressure is a sum of regular spherical waves j_l(kr)
+    Y_lm. The moments of the pressure over a sphere around the point determine the waves of order l
+    ≤ 3, and only these contribute to derivatives up to the third at the centre. For a plane wave
+    e^{iks·x}, the moment of order l is i^l j_l(kr) times the trace-free tensor of s, and the
+    derivatives are (ik)^l s…s. The factors below follow from this.
     """
     points = points_of(points, "bead points")
     wavenumber = field.scene.wavenumber

@@ -31,8 +31,9 @@ class Verdict:
     stiffness : (3, 3) stiffness matrix [N/m].
     shift : (3,) vector from the point to the equilibrium [m], estimated from force and
         stiffness.
-    holds : largest restoring force within a quarter of a wavelength of the point, along the
-        weakest of the six directions ±x, ±y and ±z, divided by the weight of the bead.
+    holds : ratio of the holding force to the weight of the bead. The holding force is the largest
+        restoring force within a quarter of a wavelength of the point, along the weakest of the six
+        directions ±x, ±y and ±z.
     excess : relative amount by which Gor'kov's potential overestimates force and stiffness for this
         bead.
     wavelength : wavelength of the sound [m].

@@ -38,9 +38,8 @@ def stiffest(
 ) -> Drive:
     """Return a drive that maximises the stiffness of the weakest trap in its weakest direction.
 
-    All elements are at full scale. Starting from ``hold``, L-BFGS improves the phases
-    to a local maximum. It also keeps the force at the points small, so that the beads
-    rest there.
+    All elements are at full scale. Starting from the drive of ``hold``, L-BFGS improves the phases
+    to a local maximum. It also keeps the force at the points small, so that the beads rest there.
 
     Parameters
     ----------
@@ -101,7 +100,7 @@ def stiffest(
     shifts = np.einsum("tik,tk,tjk->tij", ways, 30.0 / (scene.wavelength * sizes), ways)
 
     def loss(phases: Float64[np.ndarray, "elements"]) -> tuple[float, np.ndarray]:
-        """Return the smooth maximum of the negative stiffness, and its gradient over the phases."""
+        """Return the smooth maximum of the negative stiffness, and its derivatives by phase."""
         amplitudes = np.exp(1j * phases)
         sound = sound_of(amplitudes)
         values, ways = np.linalg.eigh(stiffness_of(sound, bead, scene))

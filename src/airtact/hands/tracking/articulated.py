@@ -108,8 +108,8 @@ class ArticulatedHand:
     joints : (25, 3) joints in the first frame [m].
     side : ``"left"`` or ``"right"``.
     noise : standard deviation of each coordinate [m].
-    agility : standard deviation of the palm's acceleration [m/s²]; those of the accelerations of
-        the joints are proportional to it.
+    agility : standard deviation of the palm's acceleration [m/s²]; those of the joints'
+        accelerations are proportional to it.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class ArticulatedHand:
         self.covariance[np.ix_(free, free)] = inverse @ inverse.T
 
     def joints_at(self, time: float) -> Joints:
-        """Return the joints extrapolated to a time, within the limits of the bends [m]."""
+        """Return the joints extrapolated to a time, with all bends within their limits [m]."""
         step = time - self.time
         change = np.zeros(COUNT)
         change[MOVING] = step * self.rates + _shares(step)[0] * self.accelerations

@@ -22,9 +22,9 @@ class FrameClock:
     Call ``saw`` with the time of each frame on the tracker's clock and the time of its arrival on
     ``time.monotonic``. The method ``time`` then converts times to the tracker's clock.
 
-    A tracker that uses a clock of this computer is recognised from its first frame. For any other
-    clock, the offset is the smallest difference so far between the arrival and the time of a frame,
-    minus ``latency``. The tracker's clock may drift by 0.1 %.
+    A tracker that uses a clock of this computer is recognised from its first frame. The offset of
+    any other clock is estimated as the smallest difference so far between the arrival and the time
+    of a frame, minus ``latency``. The tracker's clock may drift by 0.1 %.
 
     Attributes
     ----------

@@ -70,9 +70,9 @@ class Predictor:
     latency : time from a frame to the arrival of the sound computed from it [s].
     noise : standard deviation of each coordinate of the tracker's landmarks [m], or None to
         estimate it from the frames.
-    agility : standard deviation of the palm's acceleration [m/s²]. Those of the accelerations of
-        the joints are proportional to it. All are increased while the hand accelerates more
-        strongly.
+    agility : standard deviation of the palm's acceleration [m/s²]. The standard deviations of the
+        joints' accelerations are proportional to it. All of them are increased while the hand
+        accelerates more strongly.
     patience : time without frames after which the hand counts as lost and the filter restarts [s].
 
     Raises

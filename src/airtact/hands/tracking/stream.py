@@ -49,7 +49,7 @@ class StreamHealth:
     lost : losses of a hand, reported by the tracker or detected because no frames arrived.
     unreadable : messages that are not frames.
     half_lost : frames with NaN, infinite or missing coordinates.
-    unknown_count : frames with neither 25 nor 21 landmarks.
+    unknown_count : frames whose number of landmarks is not 21, 25 or 26.
     not_in_metres : frames that span more than a metre, probably in millimetres.
     impossible : frames with implausible bone lengths.
     mirrored : frames of a hand that bends like the other hand, judged over many frames.
@@ -59,7 +59,7 @@ class StreamHealth:
     time_leap : frames whose time is ahead of the tracker's clock.
     too_fast : frames in which the hand moved faster than 3 m/s.
     second_tracker : frames of a hand that another connection already sends.
-    skipped : missing frames, counted by their numbers.
+    skipped : missing frames, counted from gaps in the numbers of the frames.
     restarted : restarts of a tracker or its clock.
     converted : frames whose time was converted from milli-, micro- or nanoseconds.
     interrupted : connections that ended without being closed.
