@@ -134,6 +134,12 @@ class ArticulatedHand:
         self.accelerations = np.zeros(len(MOVING))
         self._across_sign = 1.0 if side == "right" else -1.0
         self._agilities = np.full(6, agility)
+        # Variance of the error of the frames' times [s²], time of the last frame [s], mean step
+        # between frames [s] and its variance [s²]. The first frames may be 5 ms off.
+        self._time_variance = 5e-3**2
+        self._updated = time
+        self._step = 1 / 60
+        self._uneven = 2.0 * 5e-3**2
         # Joints of the last call of ``_bones``, and its result.
         self._known: tuple[Joints, Bones] | None = None
         # By definition, the palm's pose and the twists of the fingers are exact in the first frame.
@@ -209,6 +215,20 @@ class ArticulatedHand:
         expected += common**2 * np.tile(np.eye(3), (len(seen), len(seen)))
         # At least 1 µm, so that rounding errors do not matter.
         expected += max(noise, 1e-6) ** 2 * np.eye(len(expected))
+        # An error of the frame's time shifts all joints along their velocities. Its variance is
+        # learned from frames of a fast hand, and cannot exceed that of the uneven steps in time.
+        velocity = slopes[:, MOVING] @ self.rates
+        square = float(velocity @ velocity) + 1e-12
+        late = float(np.clip(velocity @ surprise / square, -0.03, 0.03))
+        without = float(velocity @ expected @ velocity) / square**2
+        share = 0.1 * (3e-3**2 / (3e-3**2 + without)) ** 2
+        self._time_variance += share * (late**2 - without - self._time_variance)
+        step = self.time - self._updated
+        self._updated = self.time
+        self._step += 0.1 * (step - self._step)
+        self._uneven += 0.1 * ((step - self._step) ** 2 - self._uneven)
+        self._time_variance = float(np.clip(self._time_variance, 0.0, 0.5 * self._uneven))
+        expected += self._time_variance * np.outer(velocity, velocity)
         # The gain is the product of two triangular factors, which takes half the time.
         lower = np.linalg.cholesky(expected)
         scaled = solve_triangular(lower, mixed, lower=True, check_finite=False)

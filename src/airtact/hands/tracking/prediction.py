@@ -146,8 +146,9 @@ class Predictor:
             if frame.time - hand.time <= self._patience:
                 hand.advance(frame.time)
                 hand.update(landmarks, seen, independent, common, self._agility)
-                # Bones that do not fit for some frames belong to another hand.
-                misfit = float(np.mean((hand.joints[seen] - landmarks) ** 2))
+                # Bones that do not fit for some frames belong to another hand. A shift of the whole
+                # hand does not count, because a wrong time causes one.
+                misfit = float(np.mean((hand.joints[seen] - landmarks).var(axis=0)))
                 self._misfit += 0.2 * (misfit - self._misfit)
                 if self._misfit < (2e-3 + 3.0 * self.noise) ** 2:
                     self._newest = (frame, landmarks, hand)
