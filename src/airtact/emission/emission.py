@@ -76,7 +76,7 @@ class Emission:
 
     Attributes
     ----------
-    cap : largest amplitude, as above; it may be changed during the emission.
+    cap : largest amplitude of an element; it may be changed during the emission.
     process : id of the process that opened the link; None before opening, or if it is this process.
     share : fraction of the latest drive's amplitude that the boards played when it was sent;
         below 1 during a ramp.
@@ -143,7 +143,7 @@ class Emission:
             except OSError as error:
                 raise InvalidInput(
                     f"the log {self._settings.log} cannot be written (error {error.errno}): "
-                    f"{error.strerror}.",
+                    f"{error.strerror}. Choose another file.",
                     code="not_writable",
                 ) from None
         with self._shielded():
@@ -229,7 +229,7 @@ class Emission:
         Raises
         ------
         InvalidInput
-            If the drive has a different number of elements.
+            If the drive and the boards have different numbers of elements.
         LinkFailed
             If the link fails or the emission has ended.
         """
@@ -270,7 +270,7 @@ class Emission:
         Raises
         ------
         InvalidInput
-            If the boards or the link cannot play it.
+            If the boards or the link cannot play the sequence.
         LinkFailed
             If the link fails, or the emission has ended or ends during playback.
         """
@@ -293,7 +293,8 @@ class Emission:
         Raises
         ------
         InvalidInput
-            If the drive has a different number of elements, or the modulation is too fast.
+            If the drive and the boards have different numbers of elements, or the modulation is too
+            fast.
         LinkFailed
             Under the conditions listed in ``play``.
         """

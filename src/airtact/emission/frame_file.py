@@ -34,10 +34,10 @@ def load_drive(
 ) -> Drive | Sequence:
     """Read a drive or a sequence from a file written by airtact or another program.
 
-    The function reads .h5 files that ``Drive.save``, ``Sequence.save`` or ``write_frames``
-    wrote, and .csv tables of a drive, whose rows it sorts by the column ``index``. The
-    amplitudes and phases that ``save`` wrote are returned to within 1e-15 (1e-9 from tables);
-    those of ``write_frames`` are rounded to the levels of the boards.
+    The function reads .h5 files that ``Drive.save``, ``Sequence.save`` or ``write_frames`` wrote,
+    and .csv tables of a drive, whose rows it sorts by the column ``index``. Amplitudes and phases
+    written by ``save`` are read back to within 1e-15 (1e-9 from tables); those written by
+    ``write_frames`` are rounded to the levels of the boards.
 
     It also reads the following files from other programs:
 
@@ -65,7 +65,7 @@ def load_drive(
     Raises
     ------
     InvalidInput
-        If the file cannot be read, has a later format, contains numbers that are not valid in a
+        If the file cannot be read, has a newer format, contains numbers that are not valid in a
         drive, or contains several frames but no rate.
     """
     path = Path(of_kind(path, str | Path, "the file of a drive", "its path"))
@@ -141,8 +141,8 @@ def write_frames(
         modulation.
     board : name of the kind of board.
     modulation : amplitude modulation of a drive.
-    seconds : duration of a sequence or a modulated drive [s]; by default, the sequence is written
-        once, or the modulation for one period.
+    seconds : duration of a sequence or a modulated drive [s]; by default, that of one repetition of
+        the sequence or one period of the modulation.
     cap : largest amplitude of an element, as a fraction of full scale; larger drives are scaled
         down.
 

@@ -54,7 +54,7 @@ class Link(ABC):
     plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves;
         otherwise every frame must be sent in time.
     fastest : largest rate of the link [frames/s].
-    lead : longest time by which a frame may be sent before it takes effect [s]; 0 if frames take
+    lead : longest possible delay between sending a frame and its effect [s]; 0 if frames take
         effect on arrival.
     last : last frame sent; None before the first.
     sent : number of frames sent since the link was opened.

@@ -157,8 +157,8 @@ class LinkProcess:
         Raises
         ------
         InvalidInput, LinkFailed
-            The errors of the link, or "link_process_lost" or "silence_failed" if its process has
-            ended.
+            The error raised by the link; its code is "link_process_lost" or "silence_failed" if the
+            link's process has ended.
         """
         seconds = ANSWER_TIMEOUT if seconds is None else seconds
         with self._lock:
@@ -298,7 +298,7 @@ class Tether:
             self._socket.send(self.TIME.pack(seconds))
 
     def ended(self) -> bool:
-        """Whether the owner or the guard has ended."""
+        """Whether the guard, or the process that owns the link, has ended."""
         try:
             self._socket.recv(1)  # one byte if the owner ended, none if the guard did
         except BlockingIOError:

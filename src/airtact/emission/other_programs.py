@@ -38,7 +38,7 @@ def read_other(path: Path, board: str | None = None, elements: int | None = None
 
     Parameters
     ----------
-    path : file with one of ``ENDINGS``.
+    path : file whose name ends in one of ``ENDINGS``.
     board : name of the board whose messages a .bin file contains.
     elements : number of elements of all boards; by default one board.
 

@@ -30,7 +30,7 @@ def suspended() -> float:
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of the playback: times [s], the log file, and whether it resumes after silence."""
+    """Settings of the playback: times [s], log file, and whether playback resumes after silence."""
 
     ramp: float
     patience: float

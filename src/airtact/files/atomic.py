@@ -14,7 +14,7 @@ from airtact.errors import InvalidInput
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path in the same folder, and rename the file afterward.
+    """Yield a temporary path in the same folder, and then rename the file to its final path.
 
     The file appears only once it is complete, even if several processes write it, and replaces
     an existing file. If it cannot be written, the error names the path.

@@ -57,7 +57,7 @@ def text_of(path: Path, largest: int = 2**26) -> str:
         text = bytes_of(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InvalidInput(
-            f"{path.name} is not a text file: byte {error.start} is not UTF-8.",
+            f"{path.name} is not a text file: byte {error.start} is not UTF-8. Save it as UTF-8.",
             code="file_unreadable",
         ) from None
     # For example, a form feed ends a line in Python, but not in an editor.
@@ -97,11 +97,11 @@ def datasets_of(
     Parameters
     ----------
     path : the file.
-    layout : kind and axes of each value by its name, such as ``{"drives/time": "real drives"}``.
-        The name of an attribute of the file begins with ``@``, and the kind of an optional value
-        with ``optional``. Kinds are real (float64), complex, whole (int64) and text. An axis is a
-        number, a name, which stands for the same length everywhere, or ``*`` for any length. An
-        axis in brackets is optional.
+    layout : mapping from the name of each value to its kind and axes, such as
+        ``{"drives/time": "real drives"}``. Names of attributes begin with ``@``, and kinds of
+        optional values begin with ``optional``. Kinds are real (float64), complex, whole (int64)
+        and text. An axis is a number, a name, which stands for the same length everywhere, or ``*``
+        for any length. An axis in brackets is optional.
     newest : newest ``format_version`` that can be read.
     largest : largest size of the file, and of its unpacked arrays [bytes].
 

@@ -121,7 +121,8 @@ def _describing_damage(path: Path) -> Iterator[None]:
         raise InvalidInput(f"{path.name}: {fault}", code=fault.code) from None
     except Exception as fault:  # each reader of trimesh fails in a different way on damaged files
         raise InvalidInput(
-            f"{path.name} cannot be read: it is damaged ({type(fault).__name__}: {fault}).",
+            f"{path.name} cannot be read: it is damaged ({type(fault).__name__}: {fault}). Export "
+            "it again.",
             code="file_unreadable",
         ) from fault
 

@@ -19,8 +19,8 @@ from airtact.files.bounded import text_of
 class TextTable:
     """Cells of a file as text.
 
-    Column names are in lower case. ``lines`` are the line numbers of the rows, from 1, and
-    ``comments`` the lines that begin with % or #, without that sign.
+    Column names are in lower case. ``lines`` contains the line number of each row, from 1.
+    ``comments`` contains the lines that begin with % or #, without this sign.
     """
 
     file: str

@@ -31,11 +31,10 @@ STATE_INTERVAL = 1.0 / 60.0
 class ApplicationServer(WebSocketReceiver):
     """Websocket server for trackers and applications.
 
-    Messages whose type is defined in ``messages`` come from applications and change
-    the world. After an application's first message, its connection receives the
-    newest state, at most 60 times per second. States are skipped while the
-    application has not read the earlier ones. All other messages are frames of a
-    tracker.
+    Messages whose type is defined in ``messages`` come from applications and change ``world``.
+    After an application's first message, its connection receives the newest state, at most 60 times
+    per second. States are skipped while the application has not read the earlier ones. All other
+    messages are frames of a tracker.
 
     Parameters
     ----------

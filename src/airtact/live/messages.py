@@ -89,7 +89,7 @@ class ObjectMessage(
     Attributes
     ----------
     name : name of the object, unique among all objects.
-    mesh : shape of the object, instead of one of the shapes above.
+    mesh : shape of the object as a mesh; it excludes the keys of the other shapes.
     pose : pose of the shape in the scene.
     """
 
@@ -293,7 +293,7 @@ class StateMessage(msgspec.Struct, frozen=True, tag="state"):
 
 
 class RejectedMessage(msgspec.Struct, frozen=True, tag="rejected"):
-    """A message that had no effect.
+    """Notice that a message was rejected and had no effect.
 
     Attributes
     ----------

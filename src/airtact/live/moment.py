@@ -55,7 +55,7 @@ class Moment:
     strengths : (F,) strengths of the foci, from 0 to 1; None if all are equal.
     contacts : (C, 3) points of the skin that touch an object [m]; None without
         objects.
-    depths : (C,) depths of these points in the objects [m]; None without objects.
+    depths : (C,) depths of the points ``contacts`` in the objects [m]; None without objects.
     touching : part of the hand and name of the object for each contact.
     objects : the virtual objects.
     rejected : reasons why requested foci receive no sound, by name of the focus.

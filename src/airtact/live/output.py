@@ -32,7 +32,7 @@ class Output:
     stopped : whether the emergency stop was pressed. After that, nothing is
         emitted.
     levels : amplitude and phase levels that the boards can emit; None without boards.
-    lead : longest time by which a drive may be sent before it takes effect [s]; 0 if drives take
+    lead : longest possible delay between sending a drive and its effect [s]; 0 if drives take
         effect on arrival.
     """
 
@@ -84,7 +84,7 @@ class Output:
         return True
 
     def cycle(self, frames: Frames, rate: float) -> None:
-        """Repeat frames at a rate [1/s], starting at the current position in the sequence."""
+        """Repeat frames at a rate [1/s], continuing at the current position in the sequence."""
         if self._emission is not None:
             self._emission.cycle(Sequence(frames, rate), wait=False)
 

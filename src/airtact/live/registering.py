@@ -41,8 +41,8 @@ class TouchStep:
     element, point : index of the transducer to touch, and its position in the scene (3,)
         [m].
     words : name of the transducer.
-    share : fraction of the required second for which the fingertip has rested; 1 once the touch
-        is recorded.
+    share : fraction of the required 1 s for which the fingertip has rested on the transducer; 1
+        once the touch is recorded.
     trouble : reason why no fingertip is seen; "" if one is seen.
     residuals : (count,) residual of each touch [m]; empty before all have been recorded.
     """
@@ -70,7 +70,7 @@ class RegisteredTracker:
     ----------
     fit : the fitted pose with its uncertainty.
     elements : (T,) indices of the touched transducers.
-    words : names of these transducers.
+    words : names of the touched transducers.
     """
 
     fit: Registration
@@ -297,7 +297,7 @@ def with_tracker(text: str, pose: Pose) -> str:
         same = False
     if not same:
         raise InvalidInput(
-            "the scene file does not contain the tracker as a table [tracker]: enter the values "
+            "the scene file does not define the tracker in a table [tracker]: enter the new values "
             "yourself.",
             code="not_writable",
         )

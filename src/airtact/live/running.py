@@ -153,7 +153,7 @@ def record(
 
     Returns
     -------
-    Numbers of received frames and of their faults.
+    Counts of the received frames and of their faults.
 
     Raises
     ------

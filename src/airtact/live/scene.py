@@ -140,8 +140,8 @@ class LiveScene:
     moving : paths of the foci; None if they do not move relative to the hand.
     planes : a rigid plane, such as a table; none for open air.
     objects : virtual objects at the start of the run.
-    both : whether both hands are followed. If so, ``radii`` apply to both, and names of places
-        without a side refer to the hand ``side``.
+    both : whether both hands are followed. If so, ``radii`` apply to both, and places without a
+        side are on the hand ``side``.
     """
 
     medium: Medium
@@ -172,7 +172,7 @@ class LiveScene:
 
 
 def live_scene(setup: Setup) -> LiveScene:
-    """Return the fixed part of a setup in which a hand is to be followed.
+    """Return the part of a setup that stays fixed while the live loop follows a hand.
 
     Raises
     ------

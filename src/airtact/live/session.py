@@ -77,8 +77,7 @@ class Session:
     strengths : (N, F) strengths of the foci; 1 if all are equal.
     contacts : (N, C, 3) points of the skin in contact with objects [m]; NaN if there
         were fewer.
-    depths : (N, C) depths of these points in the objects [m]; NaN if there were
-        fewer.
+    depths : (N, C) depths of the points ``contacts`` in the objects [m]; NaN if there were fewer.
     other : (N, 25, 3) predicted joints of the other hand [m]; NaN if it was not
         seen.
     """
@@ -127,7 +126,7 @@ class SessionWriter:
     Attributes
     ----------
     dropped : number of frames and drives that were not recorded because the disk was too slow.
-    fault : why and since when nothing is recorded; None if there is no fault.
+    fault : reason why nothing is recorded, and since when; None if there is no fault.
 
     Raises
     ------
@@ -447,7 +446,8 @@ def read_session(path: str | Path) -> Session:
         places = len(raw.get("places", ()))
         if "both" not in raw and columns != places:
             raise InvalidInput(
-                f"drives/foci has {columns} columns, but there are {places} places.",
+                f"drives/foci has {columns} columns, but there are {places} places; write one "
+                "column per place.",
                 code="wrong_shape",
             )
         return Session(
@@ -545,7 +545,8 @@ def _scene_of(raw: Mapping[str, Any]) -> LiveScene:
     offsets = raw.get("offsets", np.zeros(0))
     if len(offsets) != len(places):
         raise InvalidInput(
-            f"it has {len(places)} places but {len(offsets)} offsets.", code="sizes_differ"
+            f"it has {len(places)} places but {len(offsets)} offsets; write one offset per place.",
+            code="sizes_differ",
         )
     for name in ("offsets", "hand/radii"):
         check_finite(raw.get(name, np.zeros(0)), name)

@@ -56,7 +56,7 @@ def verify_session(
 
     Returns
     -------
-    The verified pressures; drives without a hand or foci at their time are omitted.
+    The verified pressures; drives at times without a hand or without foci are omitted.
 
     Raises
     ------

@@ -52,12 +52,12 @@ class Contacts:
 
     @property
     def normals(self) -> Float64[np.ndarray, "contacts 3"]:
-        """(C, 3) outward unit normal of the skin at each point."""
+        """(C, 3) outward unit normal of the skin at the deepest point of each contact."""
         return self.found.normals
 
     @property
     def depths(self) -> Float64[np.ndarray, "contacts"]:
-        """(C,) depth of each point in its object [m]."""
+        """(C,) largest depth of each contact in its object [m]."""
         return self.found.depths
 
     @property

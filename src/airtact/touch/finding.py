@@ -20,8 +20,8 @@ class ContactArrays(NamedTuple):
     Attributes
     ----------
     points : (C, 3) deepest point of each contact on the skin [m].
-    normals : (C, 3) outward unit normals at these points.
-    depths : (C,) depths of these points in the object [m].
+    normals : (C, 3) outward unit normals at the deepest points.
+    depths : (C,) depths of the deepest points in the object [m].
     areas : (C,) area of skin inside the object [m²].
     objects : (C,) index of the touched object.
     places : (C,) index of the part of the skin, such as a finger.
@@ -126,7 +126,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
 
 
 def approaching(skin: Skin, objects: Sequence[VirtualObject], gap: float) -> Indices:
-    """For each part of the skin, return the point nearest to each object within ``gap`` [m].
+    """For each part and each object closer than ``gap`` [m], return the nearest skin point.
 
     The points nearest to an object come first.
     """

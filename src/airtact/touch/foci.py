@@ -58,7 +58,7 @@ class TouchFoci:
         )
 
     def target(self) -> Target:
-        """Return a target with these foci, whose shares are their strengths.
+        """Return a target at these foci, with their strengths as ``shares``.
 
         Shares only define the ratios of the pressures. Multiply the drive by ``strengths.max()`` to
         set the overall strength of the touch.
@@ -88,9 +88,9 @@ def chosen_foci(
     """Choose the foci for contacts.
 
     Each contact gets a focus at its deepest point, unless a deeper focus is within 0.8 wavelengths
-    on the same patch of skin. If there are too many foci, the weakest are removed. A contact
-    whose focus is removed shares one of the same object less than a wavelength away, if there is
-    one. If there are fewer foci than allowed, long contacts get additional foci at least 0.8
+    on the same patch of skin. If there are too many foci, the weakest are removed. A contact whose
+    focus is removed shares another focus of the same object less than a wavelength away, if there
+    is one. If there are fewer foci than allowed, long contacts get additional foci at least 0.8
     wavelengths apart. A contact is long if the skin deeper than half of its largest depth extends
     over more than a wavelength.
     """

@@ -40,8 +40,8 @@ class TouchState:
     objects : the virtual objects; to move, add or remove objects, assign a new list to this
         attribute.
     offset : distance of the foci from the skin, outward [m]; 0.5 mm by default.
-    most : largest number of foci, including those that are fading; 8 by default. The weakest
-        contacts beyond it are merged with stronger neighbours or get no focus.
+    most : largest number of foci, including those that are fading; 8 by default. If there are more
+        contacts, the weakest are merged with stronger neighbours or get no focus.
     wavelength : wavelength of the sound [m]; by default, that of 40 kHz in air at 20 °C.
     release : distance of the skin from an object at which a contact ends [m]; 1 mm by default.
     ramp : shortest time in which a strength changes between 0 and 1 [s]; 20 ms by default.

@@ -133,7 +133,7 @@ class ElementSubset:
 
 @dataclass(frozen=True, eq=False)
 class SkinSources:
-    """Sources on the skin that represent a solution for a hand with beacons at its foci.
+    """Sources on the skin that represent a solution for beacons (virtual sources) at a hand's foci.
 
     Attributes
     ----------
@@ -300,7 +300,7 @@ class BendingPanels:
         self._heights = hand.shape.hulls.look(corners).distance
 
     def solved(self, posed: PosedHand, time: float) -> SkinSources:
-        """Solve for another pose at a time [s].
+        """Solve the scattering by the hand in another pose, at a time [s].
 
         Raises
         ------
@@ -321,7 +321,10 @@ class BendingPanels:
         )
 
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve for another pose with sources away from the skin, which requires all panels."""
+        """Solve the scattering in another pose for sources away from the skin.
+
+        This requires all panels.
+        """
         _, corners, inside = self.bent(posed.hand)
         return self.panels.received(corners, inside, sources, residual)
 
@@ -341,7 +344,7 @@ class BendingPanels:
 
 
 class BendingHand:
-    """Solver for a whole hand in successive poses that can move solutions to other poses.
+    """Solver for scattering by a whole hand in successive poses; it moves solutions to other poses.
 
     ``solved`` and ``carried`` may run in two different threads.
 
@@ -364,12 +367,15 @@ class BendingHand:
         self._solutions: Sequence[SkinSources] = ()
 
     def solved(self, joints: Joints, time: float) -> SkinSources:
-        """Solve for joints (25, 3) at a time [s]; raise the same errors as ``factors.solved``."""
+        """Solve the scattering for joints (25, 3) at a time [s].
+
+        The method raises the same errors as ``factors.solved``.
+        """
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).solved(posed, time)
 
     def received(self, joints: Joints, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve for sources away from the skin, to a given relative residual."""
+        """Solve the scattering for sources away from the skin, to a given relative residual."""
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).received(posed, sources, residual)
 

@@ -122,7 +122,7 @@ def _surface(hulls: Hulls, edge: float) -> Surface:
 
 
 def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFactors:
-    """Solve for a part of a hand in a pose, with beacons at the foci of a scene.
+    """Solve the scattering by a part of a hand, with beacons (virtual sources) at a scene's foci.
 
     Parameters
     ----------
@@ -179,9 +179,9 @@ def factors_of(
 class RigidParts:
     """The last phalanges that carry the foci of a scene, as rigid bodies that are factorised once.
 
-    A new pose takes about a fifth of the time of ``solved``. The bodies keep their
-    size, although the bone lengths reported by a tracker vary from frame to frame. All
-    foci must be on fingers.
+    Solving a new pose takes about a fifth of the time of the function ``solved``. The bodies keep
+    their size, although the bone lengths reported by a tracker vary from frame to frame. All foci
+    must be on fingers.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class RigidParts:
         self._solver = solver.factorised(air, refined=self._reference.foci)
 
     def solved(self, joints: Joints, time: float) -> HandFactors:
-        """Solve for another pose; parameters and errors are those of the function ``solved``."""
+        """Solve the scattering in another pose, with the parameters and errors of ``solved``."""
         scene = self._scene
         posed = pose_hand(scene, joints)
         # Running mean of the bone lengths, which ``outgrown`` compares with the bodies.
@@ -234,7 +234,7 @@ class RigidParts:
 
 
 class PartSolver:
-    """Solver for parts of a hand; the last phalanges are rigid bodies unless they touch.
+    """Solver for scattering by parts of a hand; last phalanges are rigid unless they touch.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ class PartSolver:
         self._rigid: RigidParts | None = None
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve for a part; parameters and errors are those of the function ``solved``."""
+        """Solve the scattering by a part, with the parameters and errors of ``solved``."""
         if part == "phalanges" and "palm" not in self._scene.places:  # the palm is too large
             with suppress(InvalidInput):  # bodies that touch are solved as one body instead
                 if self._rigid is None or self._rigid.outgrown:

@@ -43,9 +43,9 @@ def expected_kept(
     The fractions are medians over 1,700 pairs of poses of a pinch. The solution for the whole hand
     in one pose of each pair is used to compute a drive for the other. The thumb and index finger
     open and close 200 mm in front of 2 x 2 flat boards, while the hand moves by 150 mm. The
-    fraction falls within a millimetre, an eighth of the wavelength, because of multiple reflections
-    between the two fingers. Solutions for the whole hand lose their benefit as fast as those for
-    the phalanges.
+    fraction falls when the gap changes by a millimetre, an eighth of the wavelength, because of
+    multiple reflections between the two fingers. Solutions for the whole hand lose their benefit as
+    fast as those for the phalanges.
 
     The effect of noise, as filtered by ``Predictor``, is fitted by hand to medians from
     ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 148 drives for the same
@@ -89,7 +89,7 @@ def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
 
 
 def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
-    """Return whether solving one of these parts should yield more pressure than path lengths.
+    """Return whether solving one of the parts should beat phases set from path lengths.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ def solved_for(scene: LiveScene) -> list[Rule]:
 
 
 def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints] | None:
-    """Return the joints (25, 3) [m] at a time [s] and their velocities [m/s]; None if no hand.
+    """Return the joints (25, 3) [m] and their velocities [m/s] at a time [s]; None without a hand.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints]
 
 
 class SolvingMaker(DriveMaker):
-    """Base class of drive makers that solve for hands in separate processes."""
+    """Base class of drive makers that solve the scattering by hands in separate processes."""
 
     _solvers: list[SolverProcess]
 
@@ -58,11 +58,12 @@ class SolvingMaker(DriveMaker):
 class HandAware(SolvingMaker):
     """Computes drives that account for scattering by the hand.
 
-    Solver processes continuously solve the newest poses and store factors: the ratio of each entry
-    of the transfer matrix with the hand to that in open air. The open-air matrix of the current
-    pose is multiplied by the stored factors with the largest expected pressure. If the open-air
-    matrix alone should produce a larger pressure, the factors are omitted. The solvers pause while
-    noise makes all solutions useless. A Kalman filter smooths and predicts the frames.
+    Solver processes continuously solve the scattering in the newest poses and store factors: the
+    ratio of each entry of the transfer matrix with the hand to that in open air. The open-air
+    matrix of the current pose is multiplied by the stored factors with the largest expected
+    pressure. If the open-air matrix alone should produce a larger pressure, the factors are
+    omitted. The solvers pause while noise makes all solutions useless. A Kalman filter smooths and
+    predicts the frames.
 
     In the live loop, the method ``"best"`` means ``weighted_gerchberg_saxton``,
     which takes less than 1 ms and reaches a pressure within 1 % of that of
@@ -79,7 +80,7 @@ class HandAware(SolvingMaker):
 
     Attributes
     ----------
-    fault : message about the last pose that could not be solved; None if all could.
+    fault : message about the last pose that could not be solved; None if there was none.
     solutions : number of solutions so far.
     """
 

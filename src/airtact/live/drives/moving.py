@@ -53,9 +53,9 @@ class Rounds:
 
         Returns
         -------
-        (N, E) drives. The global phase of each drive is chosen so that it differs least from
-        the previous frame and from the same frame of the previous round. Amplitudes and phases
-        then change little over time.
+        (N, E) drives. The global phase of each drive is chosen so that the drive differs least from
+        the previous frame and from the same frame of the previous round. Amplitudes and phases then
+        change little over time.
         """
         points = moving_points(self._moving, posed)
         rows = self._rows(posed, points.reshape(-1, 3))
@@ -111,7 +111,7 @@ def phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
 
 
 def aligned(frames: Frames, previous: Frames | None) -> Frames:
-    """Align the global phase of each frame, in place, with its neighbour and the previous round."""
+    """Align the global phase of each frame, in place, with the previous frame and round."""
     # Without the previous round, a frame unlike its neighbour could flip all later phases.
     for index in range(len(frames)):
         towards = np.zeros_like(frames[index])

@@ -55,7 +55,7 @@ class SkinRequest:
     __repr__ = in_short
 
     def after(self, ahead: float) -> tuple["SkinRequest", Mapping[Side, Joints]]:
-        """Return the request and its joints, both extrapolated by a time [s]."""
+        """Return the request itself, and its joints extrapolated by a time [s]."""
         later = {}
         for side, joints in self.joints.items():
             try:

@@ -28,7 +28,7 @@ RETRY_PAUSE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """The hand for which to solve next.
+    """Request to solve the scattering by a hand.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Request:
 
 
 class SolverProcess:
-    """Low-priority process that solves for a part of the newest hand.
+    """Low-priority process that solves the scattering by a part of the newest hand.
 
     ``ask`` passes the newest hand to the process, and ``solutions`` returns the results so far. All
     methods return at once.
@@ -99,7 +99,7 @@ class SolverProcess:
 def solve_hands(
     mailbox: Mailbox, send: Callable[[object], None], scene: LiveScene, part: Rule
 ) -> None:
-    """Repeatedly solve for a part of the newest hand in the mailbox, until the mailbox ends."""
+    """Solve the scattering by a part of the newest hand, repeatedly, until the mailbox ends."""
     # Phalanges and carried solutions are urgent, but whole hands are not.
     give_way(15 if part == "hand" else 5)
     if part == "contacts":

@@ -107,7 +107,7 @@ class TouchAware(SolvingMaker):
 
     Attributes
     ----------
-    fault : message about the last pose that could not be used or solved; None if all could.
+    fault : message about the last pose that could not be used or solved; None if there was none.
     solutions : number of solutions so far.
     """
 

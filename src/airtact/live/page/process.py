@@ -44,7 +44,7 @@ class Shown:
 
     Attributes
     ----------
-    moment : newest moment, without its objects.
+    moment : newest ``Moment``, without its objects.
     drives : number of drives shown so far.
     status : status of the loop as text.
     objects : virtual objects.
@@ -86,9 +86,9 @@ class PageSettings:
 class PageProcess:
     """Low-priority process that serves the page; the loop never waits for it.
 
-    Use it in a ``with`` block. A separate thread sends only the newest moment to the page, so slow
-    pages, or many of them, do not delay the loop. If the process dies, the loop continues without
-    a page.
+    Use it in a ``with`` block. A separate thread sends only the newest ``Moment`` to the page, so
+    slow pages, or many of them, do not delay the loop. If the process dies, the loop continues
+    without a page.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ class PageProcess:
         self.close()
 
     def show(self, moment: Moment) -> None:
-        """Show a moment unless a newer one has arrived; called on every pass of the loop."""
+        """Show a drive unless a newer one has arrived; the loop calls this method on every pass."""
         self._shown = replace(self._shown, moment=moment, drives=self._shown.drives + 1)
         self._put()
 

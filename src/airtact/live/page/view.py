@@ -78,13 +78,13 @@ class View:
         self.objects: dict[int, FlatMesh] = {}
 
     def picture(self, shown: Shown, across: Axis, offset: float, joints: Joints | None) -> Picture:
-        """Return the picture of a moment.
+        """Return the picture for data from the loop.
 
         Parameters
         ----------
         shown : data from the loop.
         across : axis normal to the slice of the field.
-        offset : offset of the slice from the foci along that axis [m].
+        offset : offset of the slice from the foci along the axis ``across`` [m].
         joints : (25, 3) joints of a hand that is being dragged on the page [m]; None if no hand is
             dragged.
         """
@@ -235,7 +235,7 @@ def packed(facts: dict[str, Any], arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
-    """Return the facts and numbers that never change, for the template of the page."""
+    """Return the facts and packed arrays that never change, for the template of the page."""
     moving = scene.moving
     if moving is not None:
         modulation = moving.words
@@ -256,7 +256,7 @@ def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
 
 
 def array_facts(array: PhasedArray, planes: Sequence[Plane]) -> tuple[dict[str, Any], bytes]:
-    """Return the facts and numbers of an array and rigid planes, for a 3-D scene of a page."""
+    """Return the facts and packed arrays that show transducers and rigid planes in 3-D."""
     middle = expected_middle(array)
     # A hand extends about 0.15 m from its foci.
     hand = middle + 0.15 * np.concatenate([np.eye(3), -np.eye(3)])
