@@ -94,14 +94,14 @@ def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
     assert "skin hardly feels a constant force" in printed
     assert "--modulate am:200" in printed
     assert "This is not a safety assessment" in printed
-    assert "9 frames were sent; the last one was silence, which the boards confirmed." in printed
+    assert "9 frames were sent. The last one silences the boards, which confirmed it." in printed
 
 
 def test_a_drive_goes_by_udp(capsys, drive) -> None:
     emulated = ("--board", "autd3", "--link", "udp", "--address", "emulator")
     printed, _ = done(capsys, "emit", drive, *emulated, *BRIEFLY, "--yes", "--modulate", "am:200")
     assert "4 AUTD3, 996 transducers, through udp" in printed
-    assert "the last one was silence, which the boards confirmed." in printed
+    assert "The last one silences the boards, which confirmed it." in printed
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,7 @@ def test_the_first_scene_is_checked_rendered_and_emitted(capsys, here):
         main(["emit", drive, "--board", "autd3", "--link", "audit", "--yes", "--seconds", "0.3"])
         == 0
     )
-    assert "the last one was silence" in capsys.readouterr().out
+    assert "The last one silences the boards" in capsys.readouterr().out
 
 
 def test_pads_that_touch_are_not_felt(tmp_path):

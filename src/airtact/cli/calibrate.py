@@ -85,8 +85,8 @@ def calibrate(
 
     ECHOES is an .h5 file with the pressures that the elements of the empty array receive from each
     other, including the direct sound. The boards must face each other, and the elements' codes must
-    be linearly independent. The command writes a table. To use this table in a scene, set
-    calibration = "calibration.csv" in [array].
+    be linearly independent. The command writes a calibration table. To use this table in a scene,
+    set calibration = "calibration.csv" in [array].
 
     With --scan, the argument is a SCENE instead. The command then estimates the sensitivity, the
     misalignment of the scans, and the gains that the scans determine. A scan is a .csv file with

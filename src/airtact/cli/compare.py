@@ -113,7 +113,8 @@ def _table(result: "MethodComparison") -> "Table":
     equal = len(result.equally_good)
     if equal > 1:
         table.caption = (
-            f"The first {equal} reach the same part of the bound, to within {result.tolerance:.1%}."
+            f"The first {equal} reach the same fraction of the bound, "
+            f"to within {result.tolerance:.1%}."
         )
     for contender in result.ranked:
         row = [

@@ -25,7 +25,7 @@ JSON, QUIET = "airtact.json", "airtact.quiet"
 
 
 def printable(text: str) -> str:
-    r"""Remove control characters and marks that reverse text, which a terminal would interpret.
+    r"""Remove control characters and marks that reverse the direction of text in a terminal.
 
     Examples
     --------
@@ -36,7 +36,7 @@ def printable(text: str) -> str:
 
 
 class Terminal(Console):
-    """A console that removes control characters from text, which may come from files."""
+    """A console that removes control characters, which text from files may contain."""
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
@@ -53,7 +53,7 @@ def say(text: str) -> None:
 
 
 def wanted(key: str) -> bool:
-    """Return whether the running command was given ``--json`` (`JSON`) or ``--quiet`` (`QUIET`)."""
+    """Return whether the running command was called with an option, ``JSON`` or ``QUIET``."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(key))
 

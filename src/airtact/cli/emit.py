@@ -100,9 +100,9 @@ def emit(
     with progress() as report_step:
         played = safe_emission.emit(plan, to_boards, seconds, report_step, log)
     if link == "serial" and board == "sonicsurface":
-        end = "sent; the last one was silence, which a SonicSurface cannot confirm."
+        end = "sent. The last one silences the boards, which a SonicSurface cannot confirm."
     else:
-        end = "sent; the last one was silence, which the boards confirmed."
+        end = "sent. The last one silences the boards, which confirmed it."
     lines = [f"{counted(to_boards.sent, 'frame was', 'frames were')} {end}"]
     if played is not None:
         kind = "sequence" if plan.modulation is None else "modulated drive"

@@ -69,7 +69,7 @@ def register(
 ) -> None:
     """Print the [tracker] of SCENE: the pose of the tracker relative to the boards.
 
-    Touch each transducer that the command names with the tip of an index finger, hold still for a
+    With the tip of an index finger, touch each transducer that the command names, hold still for a
     second, and move the finger away. Nothing is emitted. Touches that contradict the others must be
     repeated.
     """

@@ -82,8 +82,8 @@ def render(
         except KeyboardInterrupt:
             if unverified:
                 _remove_older(folder, files)
-            words = ", ".join(file.name for file in files) or "no files of this run"
-            raise KeyboardInterrupt(f"{words} in {folder}, each complete.{unverified}") from None
+            words = ", ".join(file.name for file in files) or "none of this run"
+            raise KeyboardInterrupt(f"complete files in {folder}: {words}.{unverified}") from None
         except (at.InvalidInput, at.NotConverged) as fault:
             # A full disk must not lose the files of an older run. Otherwise an older report beside
             # an unverified drive would mislead.

@@ -308,7 +308,9 @@ def _foci(result: FieldResult, target: Target | None) -> np.ndarray:
     if isinstance(result.sources, Beacons):
         return result.sources.refined_positions
     count = counted(len(result.sources.positions), "source", "sources")
-    raise InvalidInput(f"a field of {count} has no foci: pass the target.", code="empty")
+    raise InvalidInput(
+        f"the foci of this field of {count} are unknown: pass the target.", code="empty"
+    )
 
 
 def _column(result: FieldResult, drive: str | int) -> int:

@@ -97,8 +97,7 @@ def add_solid(
     Parameters
     ----------
     outlined : whether edges are drawn dark.
-    marked : edges, each from a corner to the next, that are drawn in the colour
-        ``mark``.
+    marked : whether each edge, from a corner to the next, is drawn in the colour ``mark``.
     """
     viewer = towards_viewer(axes.azim, axes.elev)
     normals = unit(area_vectors(polygons[:, :: polygons.shape[1] // 3]))

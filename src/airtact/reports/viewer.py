@@ -249,7 +249,7 @@ def stage_facts(
     ----------
     setup : setup with the transducers and foci.
     most : largest pressure [Pa].
-    arrays : arrays by name, besides the transducers.
+    arrays : other arrays by name; those of the transducers are added.
     sheets : corners of each visible plane [m].
     views : views by name, as returned by ``framed``.
     """
