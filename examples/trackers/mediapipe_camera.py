@@ -141,7 +141,7 @@ def _placed(
 
 
 def _aligned(shape: Any, target: Any) -> Any:
-    """Translate, rotate and scale points (P, 3) to target points (P, 3) in least squares.
+    """Translate, rotate and scale points (P, 3) to fit target points (P, 3) by least squares.
 
     Source: S. Umeyama, IEEE Trans. Pattern Anal. Mach. Intell. 13, 376 (1991).
     """

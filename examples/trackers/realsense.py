@@ -8,8 +8,8 @@ The script requires ``pyrealsense2`` (which requires the system's libusb 1.0), N
 Point clouds are in the frame of the depth camera, in metres. The origin is the left lens; x points
 to the right and y down in the image, and z away from the camera. All points closer than
 ``--farthest`` are assumed to belong to the hand, so nothing else may be in front of the camera.
-``fit_hand`` also requires rough landmarks from another tracker. Times are those of the camera's
-clock.
+``fit_hand`` also requires approximate landmarks from another tracker. Times are those of the
+camera's clock.
 
 Without a camera, ``--depths`` plays depth images through a *software device* of the same library.
 """
