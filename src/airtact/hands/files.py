@@ -62,7 +62,7 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
 
 
 def load_landmarks(path: str | Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | None]:
-    """Read the inaccurate joint positions of a tracker from a file.
+    """Read joint positions from a file; they may be as inaccurate as those of a tracker.
 
     Parameters
     ----------

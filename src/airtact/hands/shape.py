@@ -106,7 +106,7 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Return lower bounds (P,) [m] on the diameter of inner balls, limited to ``largest``."""
+        """Return lower bounds (P,) [m] on diameters of balls that fit inside, up to ``largest``."""
         smallest = self.least_thickness
         if smallest >= largest:
             return np.full(len(points), smallest)
@@ -149,7 +149,7 @@ class HandShape(Shape):
 
 
 def curved_panels(hulls: Hulls, skin: HandMesh) -> QuadraticTriangles:
-    """Curve triangles so that they pass through the skin above the midpoints of their edges."""
+    """Curve flat triangles so that the midpoints of their edges also lie on the skin."""
     return np.concatenate([skin.vertices[skin.triangles], midpoints(hulls, skin)], axis=1)
 
 

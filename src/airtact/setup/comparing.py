@@ -235,8 +235,8 @@ def compare(
     With a setup and drives, for example from another program, the drives are compared with that of
     the method "best". Each drive is also compared with a corrected version (see ``nearest_drive``),
     whose phases differ as little as possible but whose weakest focus reaches 95 % of the upper
-    bound. If its amplitudes do not allow that, for example because elements are silent, all
-    elements of the corrected version emit at full scale.
+    bound. If the amplitudes of the drive do not allow this, for example because elements are
+    silent, all elements of the corrected version emit at full scale.
 
     With a scene, an array, drives, a target and a solver, the function calls
     ``evaluation.compare``.

@@ -139,7 +139,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         if 0.0 < pressure < 50.0:
             cautions.append(
                 f"the requested pressure of {name} is {pressure:.3g} Pa, too little to be felt: is "
-                "it in kilopascal? Use pascals."
+                "it in kilopascals? Use pascals."
             )
         if pressure > gain * bound:
             words = {1.0: "", 2.0: ", and at most about twice that on a hard surface"}.get(

@@ -199,7 +199,7 @@ class ObstacleTable(Table, frozen=True):
 
     Attributes
     ----------
-    pinch, capsule, sphere : body defined by a formula.
+    pinch, capsule, sphere : body of a built-in shape.
     surface : mesh file in the folder of the scene.
     joints : pose file of a scanned hand, in the frame of the mesh; it defines the named
         places.
@@ -313,8 +313,7 @@ class ObjectKeys(Table, frozen=True):
 
     Attributes
     ----------
-    sphere, capsule, box, cylinder, half_space, button : object defined by a
-        formula.
+    sphere, capsule, box, cylinder, half_space, button : object of a built-in shape.
     style : "points" puts a focus where each pad is deepest; "outline" moves a focus
         along the edge of the contact; "texture" is like "points", but stronger on the
         ridges of ``grating``.

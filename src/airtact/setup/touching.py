@@ -38,7 +38,7 @@ def touched(
     Raises
     ------
     InvalidInput
-        If there are neither foci nor contacts although the bodies will not move, or for the reasons
+        If there are neither foci nor contacts and the bodies will not move, or for the reasons
         listed in ``at.contact``.
     """
     # An application may request foci on a hand later.

@@ -143,9 +143,9 @@ def force(
     Raises
     ------
     InvalidInput
-        If the bead would be closer to a body, a plane or an element than its radius or a sixteenth
-        of a wavelength, or behind the face of a directional element; if a number is out of range;
-        or for the reasons listed in ``at.field_map``.
+        If the bead would be closer to a body, a plane or an element than the larger of its radius
+        and a sixteenth of a wavelength; if it would be behind the face of a directional element; if
+        a number is out of range; or for the reasons listed in ``at.field_map``.
 
     Examples
     --------

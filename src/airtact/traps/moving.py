@@ -42,10 +42,11 @@ def path(
 ) -> Sequence:
     """Return a sequence of drives that carries a bead along straight lines and back.
 
-    A bead follows if the next trap is closer than the distance at which its restoring force peaks,
-    which is an eighth of a wavelength in a standing wave. For each frame, the function checks that
-    the trap can hold more than the bead's weight, and that the bead's previous resting position is
-    nearer to the trap than the peak of the restoring force. Inertia and drag are not included.
+    A bead follows if the next trap is closer than the distance at which the trap's restoring force
+    peaks. In a standing wave, this distance is an eighth of a wavelength. For each frame, the
+    function checks that the trap can hold more than the bead's weight, and that the bead's previous
+    resting position is nearer to the trap than the peak of the restoring force. Inertia and drag
+    are not included.
 
     Parameters
     ----------

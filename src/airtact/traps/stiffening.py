@@ -39,7 +39,8 @@ def stiffest(
     """Return a drive that maximises the stiffness of the weakest trap in its weakest direction.
 
     All elements are at full scale. Starting from the drive of ``hold``, L-BFGS improves the phases
-    to a local maximum. It also keeps the force at the points small, so that the beads rest there.
+    to a local maximum. The optimisation also keeps the force at the points small, so that the beads
+    rest there.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ def foreign_format(values: Any) -> str:
     for key, value in values.items() if isinstance(values, dict) else ():
         # Without this check, a misspelt key would look like a frame of a lost hand.
         if isinstance(value, list) and (len(value) > 60 or isinstance((value or [0])[0], list)):
-            return f"a message with {key!r}, but without landmarks: rename it"
+            return f"a message with {key!r}, but without landmarks: rename the key to landmarks"
     return ""
 
 

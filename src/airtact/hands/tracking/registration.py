@@ -92,8 +92,8 @@ def register(
     ------
     InvalidInput
         If there are fewer than 3 touches, the points are in one line, the offset cannot be
-        distinguished from a shift, or the touches contradict each other by more than 10 mm and no
-        single one is the cause.
+        distinguished from a shift of the tracker, or the touches contradict each other by more than
+        10 mm and no single one is the cause.
 
     Examples
     --------

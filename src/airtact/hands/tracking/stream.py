@@ -45,7 +45,7 @@ class StreamHealth:
     Attributes
     ----------
     received : number of frames and other messages.
-    used : valid frames, including those of lost hands.
+    used : valid frames, including those that report a lost hand.
     lost : losses of a hand, reported by the tracker or detected because no frames arrived.
     unreadable : messages that are not frames.
     half_lost : frames with NaN, infinite or missing coordinates.
