@@ -50,9 +50,9 @@ class Emission:
     amplitude over a ramp. It silences the boards, and waits for their confirmation, when the block
     is left or this process ends for any reason. It does the same if ``patience`` seconds pass
     without a call of ``send``, ``hold``, ``play``, ``cycle``, ``modulate``, ``set_modulation``,
-    ``silence`` or ``beat``. Each case ends the emission; after a late call, it continues if
-    ``resumes`` is True. SIGINT, SIGTERM and SIGHUP in the main thread raise ``KeyboardInterrupt``
-    or ``SystemExit``, which ends the block.
+    ``silence`` or ``beat``. In all these cases the emission ends; if ``resumes`` is True, it
+    continues after a late call. SIGINT, SIGTERM and SIGHUP in the main thread raise
+    ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
     opens the link and silences the boards. Links that cannot be passed to another process,
@@ -496,7 +496,9 @@ class Emission:
         self._signal = None
         if self._link_process is not None:
             with self._shielded():
-                self._link_process.ask("finish", f"it got the signal {signal.Signals(kind).name}")
+                self._link_process.ask(
+                    "finish", f"it received the signal {signal.Signals(kind).name}"
+                )
         if kind == signal.SIGINT:
             raise KeyboardInterrupt
         # Shells report this exit status for a process that a signal ended.

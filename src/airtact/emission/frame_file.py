@@ -153,7 +153,7 @@ def write_frames(
     Raises
     ------
     InvalidInput
-        If the drive is not for such boards, the modulation is too fast for them, the cap is not
+        If the drive does not fit the boards, the modulation is too fast for them, the cap is not
         above 0 and at most 1, or the file cannot be written.
     """
     path = Path(of_kind(path, str | Path, "the file of frames", "its path"))

@@ -258,7 +258,7 @@ def why_here(link: Link) -> str | None:
     try:
         pickle.dumps(link)
     except Exception as error:
-        return f"{type(link).__name__} cannot be passed on ({error})"
+        return f"{type(link).__name__} cannot be sent to another process ({error})"
     return None
 
 

@@ -139,7 +139,9 @@ class Followed:
         if self.processes:
             facts.append(("processes", self.processes))
         if self.dropped:
-            facts.append(("not recorded", f"{self.dropped} rows: the disk was too slow"))
+            facts.append(
+                ("not recorded", f"{self.dropped} frames and drives: the disk was too slow")
+            )
         if self.unrecorded is not None:
             facts.append(("not recorded", self.unrecorded))
         return facts

@@ -178,9 +178,9 @@ def live_scene(setup: Setup) -> LiveScene:
     ------
     InvalidInput
         If the scene contains bodies other than one or two sound-hard hands, a focus that is not at
-        a place of a hand, or a requested pressure, phase or suppression. Also if it combines paths
-        of foci with virtual objects or two hands, or if a path leaves the skin, has more than 64
-        frames, or has frames shorter than one period of the sound.
+        a place of a hand, or a requested pressure, phase or suppression. The error is also raised
+        if the scene combines paths of foci with virtual objects or two hands, or if a path leaves
+        the skin, has more than 64 frames, or has frames shorter than one period of the sound.
     """
     name = _file_name(setup)
     check_no_boards(setup.scene, "live")

@@ -233,9 +233,9 @@ def peaks(
 ]:
     """Return the deepest points near the given skin points, with the normals and depths there.
 
-    Quadratic functions of the tangent coordinates are fitted to the depth and to the height of
-    the skin in a ring around each point. A point does not move if the depth has no maximum near
-    the ring.
+    Quadratic functions of the tangent coordinates are fitted to the depth and to the height of the
+    skin in a ring around each point. A given point is returned unchanged if the depth has no
+    maximum near its ring.
     """
     frames = _frames(normals)
     local = (ring - points[:, None]) @ frames.transpose(0, 2, 1)

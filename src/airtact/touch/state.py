@@ -78,7 +78,7 @@ class TouchState:
     ) -> None:
         slip = "is it in millimetres? Use metres."
         self.offset = between(offset, 0.0, 0.1, "the offset of a focus", "m", slip)
-        self.release = between(release, 0.0, 0.02, "the distance of release", "m", slip)
+        self.release = between(release, 0.0, 0.02, "the release distance", "m", slip)
         self.ramp = between(ramp, 1e-3, 1.0, "the ramp of a focus", "s", "is it in ms?")
         self.most = int(
             between(

@@ -50,9 +50,9 @@ def expected_kept(
     The effect of noise, as filtered by ``Predictor``, is fitted by hand to medians from
     ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 148 drives for the same
     motion reached 0.78 of the attainable pressure. For an open hand with waving fingers, 17 drives
-    from moved solutions for the whole hand reached 0.79 (0.89 without noise), more than the 0.72
-    expected here. The decrease with the number of foci was measured on 160 pairs of poses of an
-    open hand with foci at its palm and all fingertips.
+    computed from moved solutions for the whole hand reached 0.79 (0.89 without noise), more than
+    the 0.72 expected here. The decrease with the number of foci was measured on 160 pairs of poses
+    of an open hand with foci at its palm and all fingertips.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
 
 
 def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
-    """Return whether solving one of the parts should beat phases set from path lengths.
+    """Return whether solving one of the parts should yield more pressure than open-air phases.
 
     Parameters
     ----------

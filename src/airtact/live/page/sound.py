@@ -47,7 +47,7 @@ class Section:
     ----------
     foci : (3,) mean position of the foci [m].
     across : axis normal to the slice.
-    offset : offset of the slice from ``foci`` along that axis [m].
+    offset : offset of the slice from ``foci`` along the axis ``across`` [m].
     """
 
     foci: Vector
