@@ -217,7 +217,7 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary == "filled":
             raise InvalidInput(
-                f"{name} cannot solve for body {index}, because it is filled: set "
+                f"{name} cannot solve for body {index}, because it is filled with a fluid: set "
                 'name = "finite_element".',
                 code="not_supported",
             )

@@ -211,10 +211,10 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 def verification_solver(setup: Setup) -> Solver:
     """Return a solver, more accurate than the setup's, with which to verify its drive.
 
-    For filled bodies, it uses finite elements of the next higher order. For other bodies, it uses
-    boundary elements with at least 1.8 times as many unknowns, as far as memory and time allow; its
-    report contains a warning if the estimated error exceeds the setup's accuracy. For open air, it
-    is the closed form.
+    For bodies filled with a fluid, it uses finite elements of the next higher order. For other
+    bodies, it uses boundary elements with at least 1.8 times as many unknowns, as far as memory and
+    time allow; its report contains a warning if the estimated error exceeds the setup's accuracy.
+    For open air, it is the closed form.
     """
     if not setup.scene.obstacles:
         return FreeField()

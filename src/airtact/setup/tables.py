@@ -210,8 +210,8 @@ class ObstacleTable(Table, frozen=True):
     smallest : width below which bores are filled and walls are removed [m].
     hand : pose file of a hand.
     gap : distance to which thumb and index finger are opened [m].
-    boundary : "sound_hard" reflects fully, "impedance" absorbs sound, "filled" is
-        another fluid.
+    boundary : "sound_hard" reflects fully, "impedance" absorbs sound, "filled" contains another
+        fluid.
     ratio : surface impedance Z/(ρc); [real, imaginary] if complex.
     medium : fluid inside the body.
     pose : pose of the body and its named points.

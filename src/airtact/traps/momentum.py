@@ -46,9 +46,9 @@ def body_force(
         also represent a light solid, such as expanded polystyrene.
     about : (3,) reference point of the torque [m]; by default, the centre of the
         body.
-    solver : solver that computes the field; by default, boundary elements with an error of 1 %.
-        For filled bodies, the default is the series solution if there is only one
-        sphere in open air, and finite elements otherwise.
+    solver : solver that computes the field; by default, boundary elements with an error of 1 %. For
+        bodies filled with a fluid, the default is the series solution if there is only one sphere
+        in open air, and finite elements otherwise.
 
     Returns
     -------

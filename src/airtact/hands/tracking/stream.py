@@ -193,7 +193,7 @@ class HandStream:
 
     @property
     def idle(self) -> float:
-        """Time [s] since the last message, used or not, or since construction if none came."""
+        """Time [s] since the last message, whether valid or not; initially since construction."""
         return self._clock() - self._received
 
     def remark(self) -> str:
@@ -207,25 +207,25 @@ class HandStream:
         return ""
 
     def feed_json(self, text: bytes | str, source: str = "") -> FaultyFrame | None:
-        """Process a message in JSON; return its fault, or None if it is used."""
+        """Process a frame in JSON; return an exception if it is faulty, or None if it is used."""
         try:
             return self.feed(from_json(text), source)
         except FaultyFrame as fault:
             return self.feed(fault, source)
 
     def feed(self, frame: HandFrame | FaultyFrame, source: str = "") -> FaultyFrame | None:
-        """Process a frame, or the fault of an unreadable frame.
+        """Process a frame, or the exception that was raised when reading it.
 
         Parameters
         ----------
-        frame : a frame or a fault.
+        frame : a frame, or the exception for an unreadable frame.
         source : connection that sent it. Other connections cannot send the same hand until this one
             ends, or until ``silence`` has passed since its last used frame.
 
         Returns
         -------
-        The fault, for example of a frame that is not later than the previous one of its hand, or
-        None if the frame is used.
+        The exception if the frame is faulty, for example not later than the previous frame of its
+        hand; None if the frame is used.
         """
         with self._changed:
             self._counts["received"] += 1
