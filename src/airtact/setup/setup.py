@@ -243,7 +243,7 @@ class Setup:
         return self.maker(self.method)
 
     def maker(self, method: str) -> Callable[[TransferMatrix, Target], Drive]:
-        """Return the function that computes drives by a method, and also traps if the setup has any."""
+        """Return the function that computes drives (and traps, if any) by a method."""
         if not self.traps:
             return METHODS[method]
         from airtact.traps.holding import holding
