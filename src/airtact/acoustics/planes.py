@@ -65,7 +65,7 @@ class Plane:
     def kept_by(self, motion: Pose) -> bool:
         """Return whether a rigid motion, such as a shift along the plane, keeps the plane in place.
 
-        A field solved in front of the plane remains valid after such a motion of the bodies.
+        A field solved in front of the plane remains valid if the bodies move in this way.
         """
         turned = motion.rotate(self.normal[None])[0]
         height = self.height(motion.apply(self.point[None]))[0]

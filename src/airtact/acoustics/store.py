@@ -63,7 +63,7 @@ def program(package: Path = Path(errors.__file__).parent) -> str:
 def packed(field: RadiatedField, key: str) -> bytes:
     """Pack a field into the bytes of its entry.
 
-    Objects of other libraries in the field raise an error.
+    A field that contains objects of other libraries raises an error.
     """
     arrays: list[np.ndarray] = []
     tree = _tree(field, arrays, {id(field.scene): "scene", id(field.sources): "sources"})

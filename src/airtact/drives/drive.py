@@ -97,7 +97,7 @@ class Drive:
     def is_full_scale(self) -> bool:
         """Whether the strongest element is within 1 % of full scale.
 
-        Reports compare drives at full scale at equal peak amplitude, and weaker drives at equal
+        Reports compare full-scale drives at equal peak amplitude, and weaker drives at equal
         energy.
         """
         return self.peak >= 0.99

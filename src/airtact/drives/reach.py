@@ -64,7 +64,8 @@ def asked_rows(
 def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     """Return the rows at the foci, after checking that a drive can separate and reach all foci.
 
-    Otherwise, methods that balance the foci would diverge. The function raises ``InvalidInput``:
+    Without this check, methods that balance the foci might diverge. The function raises
+    ``InvalidInput``:
 
     - under the conditions of ``check_foci``;
     - if there are more foci than elements;

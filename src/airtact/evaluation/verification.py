@@ -108,7 +108,7 @@ class Verification:
 
     @property
     def suppression_level(self) -> float:
-        """Mean p² at the suppression points relative to the foci [dB]; NaN if there are none."""
+        """Mean p² at the suppression points relative to the foci [dB]; NaN without such points."""
         if not len(self.suppression_points):
             return float("nan")
         foci = np.mean(self.evaluation.magnitudes**2)

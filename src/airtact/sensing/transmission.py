@@ -29,10 +29,10 @@ def transmission(
 
     Returns
     -------
-    (R, E) pressures at each receiver from each emitter for unit gains [Pa], which do not change if
-    the two are exchanged; and their (13, R, E) derivatives with respect to a translation of the
-    receiving board [Pa/m], a rotation about its centre [Pa/rad], the same motions of the emitting
-    board, and the wavenumber [Pa·m].
+    (R, E) pressures at each receiver from each emitter for unit gains [Pa], and their (13, R, E)
+    derivatives. By reciprocity, the pressures also apply in the opposite direction. The derivatives
+    are with respect to a translation of the receiving board [Pa/m], a rotation about its centre
+    [Pa/rad], the same motions of the emitting board, and the wavenumber [Pa·m].
     """
     weights = receiving.element.weights
     faces = receiving.face_points

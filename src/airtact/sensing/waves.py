@@ -99,7 +99,7 @@ def projected(
 ) -> Waves:
     """Return the outgoing waves (waves, S) of monopoles of strengths (P, S) at offsets (P, 3).
 
-    The sums are in single precision, which is finer than the accuracy of the solvers.
+    The sums are in single precision, which is more accurate than the solvers.
     """
     waves = regular_waves(order, offsets, wavenumber)
     strengths = np.ascontiguousarray(strengths, dtype=np.complex64)
@@ -203,7 +203,7 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
 def mixed(
     weights: Real[np.ndarray, "mixtures waves"], waves: Waves
 ) -> Complex[np.ndarray, "mixtures columns"]:
-    """Multiply a real matrix by waves in real arithmetic of their precision, for half the work."""
+    """Multiply a real matrix by complex waves with real arithmetic, which halves the work."""
     real = np.ascontiguousarray(waves).view(np.real(waves).dtype)
     return (weights.astype(real.dtype, copy=False) @ real).view(waves.dtype)
 

@@ -165,7 +165,7 @@ class RadiatedField(ABC):
 
     @property
     def for_pictures(self) -> "RadiatedField":
-        """Return the same field, evaluated faster where that adds an error of less than 1 %."""
+        """Return the same field, evaluated faster with an added error of less than 1 %."""
         return self
 
     def scattered_at(self, points: Points) -> Pressures:
@@ -184,15 +184,15 @@ class RadiatedField(ABC):
         return self._scattered_at(points_of(points, "points", least=0))
 
     def valid(self, points: Points) -> Mask:
-        """Return whether the field exists at points (P, 3): outside bodies and in filled ones."""
+        """Return whether the field exists at points (P, 3): outside bodies and in filled bodies."""
         return self._valid(points_of(points, "points", least=0))
 
     def velocity(self, points: Points) -> Gradients:
         """Return the particle velocity v = ∇p/(iωρ) (P, 3, S) at points (P, 3) [m/s].
 
         The velocity is computed by central differences of ``at`` over 1/40 of a wavelength, or less
-        near a surface. Points within 1/200 of a wavelength of a surface count as lying on it; the
-        result there is the tangential velocity and, on an impedance, the normal velocity. The
+        near a surface. Points within 1/200 of a wavelength of a surface are treated as lying on it;
+        the result there is the tangential velocity and, on an impedance, the normal velocity. The
         velocity is NaN where the field is not ``valid``, and on the surface of a filled body. The
         method raises the same errors as ``at``.
         """

@@ -40,8 +40,8 @@ class SampledField(RadiatedField):
 
     A Delaunay triangulation divides the convex hull of the nodes into tetrahedra. In each
     tetrahedron, p·r·e^{-ikr} is interpolated linearly, where r is the distance from the nearest
-    source, because e^{ikr}/r varies far faster than the rest. The tetrahedra also fill the bodies,
-    so do not evaluate the field inside bodies. The error is not estimated (NaN).
+    source, because e^{ikr}/r varies far faster than the remaining factor. The tetrahedra also fill
+    the bodies, so do not evaluate the field inside bodies. The error is not estimated (NaN).
 
     Attributes
     ----------
@@ -291,8 +291,8 @@ def _excitations(
         excitations.append(values)
     if not excitations:
         raise InvalidInput(
-            "the table has no column with pressures; name one pressure, or two pressure_real and "
-            "pressure_imag.",
+            "the table has no column with pressures; name one column pressure, or two columns "
+            "pressure_real and pressure_imag.",
             code="data_missing",
         )
     return np.stack(excitations, axis=1)

@@ -71,7 +71,7 @@ def in_boards(scene: Scene, sources: Monopoles) -> Bool[np.ndarray, "sources"]:
 
 
 def elements_and_boards(solved: BoundaryField) -> Monopoles:
-    """Return the sources of a field, and the monopoles that radiate what its boards scatter."""
+    """Return a field's sources, and monopoles that radiate the sound scattered by its boards."""
     transposed = solved.without_images.transposed
     nodes = np.isin(transposed.surface.nodes.body, solved.scene.boards)
     of_boards = np.concatenate([nodes, nodes[:: _kernels.sharing]])

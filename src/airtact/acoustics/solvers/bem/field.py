@@ -265,7 +265,7 @@ class BoundaryField(RadiatedField):
         return self.direct.at(projected, contact, total)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
-        """Return the relative error of the direct solution over points, for each excitation.
+        """Return the rms error of the direct solution at points, relative to the rms pressure.
 
         The error is estimated as the difference between the two solutions, plus 15 % of the
         accuracy times the scattered pressure. The second term accounts for the errors of panels and
@@ -316,7 +316,7 @@ class BoundaryField(RadiatedField):
         return points, touching
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report, with an error of at least the largest one estimated at the points.
+        """Return the report; its error is at least the largest error estimated at the points.
 
         Points inside bodies are ignored. The error is relative to the pressure at the point, or to
         a tenth of the strongest pressure if that is larger. If an error exceeds 1.25 times

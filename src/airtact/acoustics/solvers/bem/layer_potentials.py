@@ -49,7 +49,7 @@ class NearRule:
     Attributes
     ----------
     reach : a panel is near if its centre is within this many panel radii of the point.
-    gauss_points : points along the angle and the radius, before stretching adds more.
+    gauss_points : numbers of Gauss points in angle and radius; nearly singular integrals use more.
     """
 
     reach: float
@@ -65,7 +65,7 @@ class NearRows(_kernels.NearRows):
     """
 
     def split(self, points: int) -> tuple["NearRows", "NearRows"]:
-        """Split into the rows of the first ``points`` points and those of all others."""
+        """Split the rows into those of the first ``points`` points and those of all others."""
         begin = int(self.first[points])
         return (
             NearRows(self.first[: points + 1], self.panel[:begin], self.excess[:begin]),

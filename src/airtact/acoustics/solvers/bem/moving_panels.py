@@ -58,8 +58,8 @@ class MovingPanels:
     def facing(self, points: Points, share: float) -> "MovingPanels":
         """Return the panels that face at least a fraction ``share`` of the points (P, 3) [m].
 
-        The sound that travels from sources in front of the body to such points hardly depends on
-        panels that face away from most of the points.
+        The sound that reaches the points from sources in front of the body hardly depends on panels
+        that face away from most of the points.
         """
         nodes = self._surface(self.corners, self.inside).nodes
         normals = nodes.panel_normals

@@ -205,10 +205,10 @@ def transposed_right_side(
     """Return the right-hand side of the transposed equation, and a factor for each strength.
 
     The right-hand side is the transposed double layer of the monopoles, including their images in
-    ``planes``. The strength of a source is multiplied by 1 off the surface and by 2 on it: on the
-    surface, Green's formula yields only half of the pressure, p/2 = p_inc + D[p], so by reciprocity
-    a source there counts twice. This is true for any impedance, because D includes the single
-    layer.
+    ``planes``. The strength of a source is multiplied by 1 off the surface and by 2 on it. On the
+    surface, Green's formula yields only half of the pressure, p/2 = p_inc + D[p]. By reciprocity,
+    the strength of a source there is doubled. This is true for any impedance, because D includes
+    the single layer.
     """
     positions, contact = project_contacts(surface.nodes, positions)
     factors = np.where(contact, 2.0, 1.0)

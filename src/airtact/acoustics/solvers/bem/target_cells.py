@@ -24,7 +24,7 @@ MAX_GRID_SHARE = 0.5
 
 
 def monopole_layer(positions: SourcePoints, wavenumber: complex) -> _kernels.Layer:
-    """Return monopoles as a layer that ``Cells.sums`` can sum instead of a double layer."""
+    """Represent monopoles as a layer, so that ``Cells.sums`` can sum them."""
     hard = np.empty(0, dtype=np.complex128)
     return _kernels.Layer(np.ascontiguousarray(positions), None, hard, complex(wavenumber))
 

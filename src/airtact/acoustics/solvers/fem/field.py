@@ -131,7 +131,7 @@ def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
 class FiniteField(RadiatedField):
     """The field of monopoles computed by ``FiniteElement``.
 
-    A source within 0.04 wavelengths of a filled body counts as touching it.
+    A source within 0.04 wavelengths of a filled body is treated as touching it.
 
     Attributes
     ----------

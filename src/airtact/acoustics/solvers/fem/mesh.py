@@ -52,7 +52,7 @@ class Box:
 
     Attributes
     ----------
-    low, high : (3,) lower and upper corners of the air [m].
+    low, high : (3,) lower and upper corner of the box [m].
     layer : thickness of the perfectly matched layer around the box [m].
     """
 
@@ -163,7 +163,7 @@ class Tetrahedra:
 def meshed(
     scene: Scene, box: Box, elements_per_wavelength: float
 ) -> tuple[NetgenMesh, SurfaceMesh, Tetrahedra]:
-    """Mesh the air in a box around the bodies, the filled bodies, and the perfectly matched layer.
+    """Mesh the filled bodies, the air in a box around all bodies, and the perfectly matched layer.
 
     Netgen's mesh and the curved tetrahedra are in wavelengths.
 

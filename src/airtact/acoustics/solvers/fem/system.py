@@ -51,7 +51,7 @@ class System:
     Attributes
     ----------
     panels : the meshed surfaces of the bodies [λ].
-    mesh, space, form : NGSolve's mesh, its unknowns, and the assembled matrix, from which the
+    mesh, space, form : NGSolve's mesh, finite element space and assembled matrix, from which the
         unknowns inside tetrahedra are eliminated.
     surface, interior : quadrature points for right-hand sides, on the surfaces and inside the
         filled bodies.
@@ -176,7 +176,7 @@ def assembled(
     """Assemble the equation on a mesh from Netgen, in wavelengths.
 
     Edges of length ``graded`` [λ] use the given order; longer and shorter edges use higher and
-    lower orders. None uses the same order everywhere.
+    lower orders. If ``graded`` is None, all edges use the given order.
     """
     ngsolve = ngsolve_library()
     panels = surface.quadratic_triangles / scene.wavelength
@@ -234,11 +234,11 @@ MAX_ABOVE = 4
 # order everywhere, the largest ones determine the error and the smallest ones the cost. Graded
 # orders balance error and cost.
 def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:
-    """Return, for each order 1, 2, ..., the longest edge [λ] whose error is that of a reference.
+    """Return the longest edge [λ] for each order 1, 2, ... at which the error is within a limit.
 
     A polynomial of order p approximates e^{ikx} over an edge h with the error 2 (kh/4)^(p+1) /
-    (p+1)! (Chebyshev interpolation). The reference is an edge of length ``size`` [λ] with the given
-    ``order``; the allowed error is ``ease`` times its error.
+    (p+1)! (Chebyshev interpolation). The limit is ``ease`` times the error of an edge of length
+    ``size`` [λ] with the given ``order``.
     """
     error = ease * (0.5 * np.pi * size) ** (order + 1) / factorial(order + 1)
     powers = range(2, order + MAX_ABOVE + 2)

@@ -89,7 +89,7 @@ def product(
 
 @dataclass(frozen=True, eq=False)
 class FarMonopoles:
-    """A few monopoles whose field at distant points equals that of the monopoles on ``rows``.
+    """A few monopoles that radiate the same field to distant points as a body's skeleton.
 
     Attributes
     ----------
