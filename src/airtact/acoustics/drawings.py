@@ -47,7 +47,7 @@ def text(
     Raises
     ------
     InvalidInput
-        If the text is empty or a letter is not in the font, or under the conditions listed in
+        If the text is empty, if a letter is not in the font, or under the conditions listed in
         ``polyline``.
 
     Examples

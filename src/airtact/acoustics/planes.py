@@ -92,7 +92,7 @@ def plane(point: Vector, normal: Vector) -> Plane:
     Raises
     ------
     InvalidInput
-        If the normal has length 0, or a number is NaN or infinite.
+        If the normal has length 0, or if a number is NaN or infinite.
 
     Examples
     --------

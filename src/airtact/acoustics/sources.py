@@ -28,7 +28,8 @@ class Monopoles:
     Raises
     ------
     InvalidInput
-        If there are no points or excitations, a number is NaN or infinite, or shapes do not match.
+        If there are no points or excitations, if a number is NaN or infinite, or if shapes do not
+        match.
 
     Examples
     --------

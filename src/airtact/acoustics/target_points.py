@@ -43,7 +43,7 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
     Raises
     ------
     InvalidInput
-        If both ends coincide, a number is not finite, or there are more than 4096 points.
+        If both ends coincide, if a number is not finite, or if there are more than 4096 points.
 
     Examples
     --------
@@ -117,8 +117,8 @@ def circle(
     Raises
     ------
     InvalidInput
-        If a number is not finite, a length is not above zero, the normal is zero, or there are more
-        than 4096 points.
+        If a number is not finite, if a length is not above zero, if the normal is zero, or if there
+        are more than 4096 points.
 
     Examples
     --------

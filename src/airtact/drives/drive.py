@@ -32,7 +32,7 @@ class Drive:
     Raises
     ------
     InvalidInput
-        If the array is empty, a number is not finite, or a magnitude exceeds 1.
+        If the array is empty, if a number is not finite, or if a magnitude exceeds 1.
     """
 
     amplitudes: Amplitudes
@@ -163,8 +163,8 @@ class Drive:
         Raises
         ------
         InvalidInput
-            If the array or the matrix has a different number of elements, the ending is unknown, or
-            the file cannot be written.
+            If the array or the matrix has a different number of elements, if the ending of the file
+            name is unknown, or if the file cannot be written.
 
         Examples
         --------

@@ -89,8 +89,8 @@ def inverse_filter(
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``weighted_gerchberg_saxton``, or if the suppression points
-        are not those of the matrix or the weight is negative.
+        Under the conditions listed in ``weighted_gerchberg_saxton``, if the suppression points are
+        not those of the matrix, or if the weight is negative.
     """
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])

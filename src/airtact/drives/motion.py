@@ -60,9 +60,9 @@ class Motion:
     Raises
     ------
     InvalidInput
-        If ``kind``, ``path`` or ``along`` is unknown, a number is not above zero, there are
-        fewer than 4 or more than 1024 frames, or ``size``, ``frames`` or ``along`` is given
-        for a path through the points.
+        If ``kind``, ``path`` or ``along`` is unknown, if a number is not above zero, if there are
+        fewer than 4 or more than 1024 frames, or if ``size``, ``frames`` or ``along`` is given for
+        a path through the points.
     """
 
     kind: Literal["lm", "stm"]
@@ -233,8 +233,8 @@ def moving_foci(
     Raises
     ------
     InvalidInput
-        If the points do not fill whole frames, ``turns`` is too large for the clock, or the method
-        raises this error.
+        If the points do not fill whole frames, if ``turns`` is too large for the clock, or if the
+        method raises this error.
     """
     of_kind(target, Target, "the target", "moving_target(target, paths)")
     points = len(target.points)

@@ -39,8 +39,8 @@ class Sequence:
     Raises
     ------
     InvalidInput
-        If there are no frames, a number is not finite, a magnitude exceeds 1, or the rate is not
-        above zero.
+        If there are no frames, if a number is not finite, if a magnitude exceeds 1, or if the rate
+        is not above zero.
     """
 
     drives: Complex128[np.ndarray, "frames elements"]

@@ -48,7 +48,7 @@ class TransferMatrix:
     Raises
     ------
     InvalidInput
-        If the matrix is empty or not (F, E), an entry is not finite, or every entry is zero.
+        If the matrix is empty or not (F, E), if an entry is not finite, or if every entry is zero.
     """
 
     matrix: Complex128[np.ndarray, "foci elements"]
@@ -147,8 +147,8 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     Raises
     ------
     InvalidInput
-        If the sources are not unit beacons, an element reaches into a body, a focus or a body is
-        behind the face of a directional element, or the field is unknown at an element.
+        If the sources are not unit beacons, if an element reaches into a body, if a focus or a body
+        is behind the face of a directional element, or if the field is unknown at an element.
 
     Warns
     -----
@@ -284,8 +284,8 @@ def focus_by_distance(
     Raises
     ------
     InvalidInput
-        If a focus is behind the face of a directional element, the frequency is outside 1 kHz to
-        1 MHz, or an argument has the wrong type.
+        If a focus is behind the face of a directional element, if the frequency is outside 1 kHz to
+        1 MHz, or if an argument has the wrong type.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     of_kind(target, Target, "the target", "Target(points, pressures)")
@@ -306,8 +306,9 @@ def rounding_error(
 ) -> Float64[np.ndarray, "foci"]:
     """Return the relative change of the pressure at each focus due to rounding.
 
-    Boards with two amplitude levels raise weak elements to full scale. For these boards the two
-    drives are compared at equal energy Σ|d|²; for all other boards they are compared as they are.
+    Boards with two amplitude levels raise weak elements to full scale. For these boards, the two
+    drives are compared at equal energy Σ|d|²; for all other boards, they are compared without
+    scaling.
 
     Parameters
     ----------

@@ -78,8 +78,8 @@ class TransferEnsemble(TransferMatrix):
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``TransferMatrix``, or if there are no samples or their shape
-        does not match.
+        Under the conditions listed in ``TransferMatrix``, if there are no samples, or if their
+        shape does not match.
     """
 
     geometry: Complex128[np.ndarray, "samples foci elements"]
@@ -174,10 +174,10 @@ def ensemble(
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``transfer_matrix``, or if ``samples`` or ``seed`` is out
-        of range, all samples are impossible, the scene has no body for ``along_skin``, samples in
-        front of a plane need ``solver``, or the temperature or humidity is uncertain but the medium
-        is not air.
+        Under the conditions listed in ``transfer_matrix``, if ``samples`` or ``seed`` is out of
+        range, if all samples are impossible, if the scene has no body for ``along_skin``, if
+        samples in front of a plane need ``solver``, or if the temperature or humidity is uncertain
+        but the medium is not air.
 
     Examples
     --------

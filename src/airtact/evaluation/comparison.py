@@ -39,7 +39,8 @@ class Comparison:
     field : field with one excitation per drive, scaled so that its strongest element is at full
         scale. For each drive with unequal amplitudes, a further excitation has the same phases and
         every element at full scale.
-    phase_columns : for each drive, the index of the excitation of ``field`` with its phases alone.
+    phase_columns : for each drive, the index of its phase-only version among the excitations of
+        ``field``.
     at_foci : (F, S) complex pressure of each excitation of ``field`` at the foci [Pa].
     """
 
@@ -78,7 +79,7 @@ class Comparison:
         return steepening(field.scene, field.sources, self.target.points, pressures, column)
 
     def column(self, name: str, phase_only: bool = False) -> int:
-        """Return the index of a drive's excitation in ``field``, or that of its phases alone.
+        """Return the index in ``field`` of a drive's excitation or of its phase-only version.
 
         The method raises ``InvalidInput`` if no drive has that name.
         """
@@ -220,7 +221,8 @@ def compare(
 ) -> Comparison:
     """Compare the pressures of several drives at the foci by one solve.
 
-    The pressures are stated at equal peak, at equal energy, and for the phases of the drives alone.
+    The pressures are stated at equal peak, at equal energy, and for the phase-only version of each
+    drive.
 
     Parameters
     ----------
@@ -243,8 +245,8 @@ def compare(
     Raises
     ------
     InvalidInput
-        If there is no drive, a drive is silent or does not have as many elements as the array,
-        or the array, the scene and the foci do not fit together (see ``evaluate``).
+        If there is no drive, if a drive is silent or does not have as many elements as the array,
+        or if the array, the scene and the foci do not fit together (see ``evaluate``).
     """
     of_kind(drives, Mapping, "the drives", 'a dict of drives by name, {"hand considered": drive}')
     of_kind(target, Target, "the target", "Target(points, pressures)")

@@ -36,7 +36,7 @@ def drive_sources(
     Raises
     ------
     InvalidInput
-        If there is no drive, or a drive is silent, does not have as many elements as the array
+        If there is no drive, or if a drive is silent, does not have as many elements as the array
         or is not a ``Drive``.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
@@ -130,9 +130,9 @@ def field_map(
     Raises
     ------
     InvalidInput
-        If the drive is silent or does not have as many elements as the array, an element is
-        inside a body, a body is behind the face of a directional element, a point is NaN,
-        infinite or on a source, or an argument has the wrong type.
+        If the drive is silent or does not have as many elements as the array, if an element is
+        inside a body, if a body is behind the face of a directional element, if a point is NaN,
+        infinite or on a source, or if an argument has the wrong type.
     """
     points = points_of(points, "points", least=0)
     # Check before the solve, because that may take a minute.

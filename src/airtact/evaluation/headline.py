@@ -26,8 +26,8 @@ def headline(
     ----------
     comparison : results of the drive that considers the bodies, optionally followed by those of a
         drive that ignores them (by the same method).
-    drive : the drive that considers the bodies, as it is emitted. If it is at full scale, the two
-        drives are compared at equal peak, and otherwise at equal energy.
+    drive : the emitted drive, which considers the bodies. If it is at full scale, the two drives
+        are compared at equal peak, and otherwise at equal energy.
     word : the word for the bodies, such as "hand".
     foci : a name for each focus; the sentence names the focus whose pressure decreases most.
     """
@@ -77,7 +77,7 @@ def shortfalls(
     target : the requested pressures.
     foci : a name for each focus.
     reached : (F,) peak pressure at the foci [Pa].
-    drive : the drive as it is emitted.
+    drive : the emitted drive.
     """
     if target.pressures is None:
         return ()

@@ -15,7 +15,7 @@ from airtact.evaluation.metrics import pascals
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """The pressure of several drives at the weakest focus, over samples not used to compute them.
+    """The pressure at the weakest focus for several drives, on samples not used to compute them.
 
     Attributes
     ----------

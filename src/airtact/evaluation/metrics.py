@@ -221,9 +221,9 @@ def evaluate(
     Raises
     ------
     InvalidInput
-        If the drive is silent or does not have as many elements as the array, an element or a
-        focus is inside a body, a focus or a body is behind the face of a directional element, a
-        focus is on an element, or an argument has the wrong type.
+        If the drive is silent or does not have as many elements as the array, if an element or a
+        focus is inside a body, if a focus or a body is behind the face of a directional element, if
+        a focus is on an element, or if an argument has the wrong type.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     field = radiate_drives(scene, array, [drive], solver, foci=target.points, progress=progress)

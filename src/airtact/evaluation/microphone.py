@@ -26,8 +26,8 @@ class Microphone:
     Raises
     ------
     InvalidInput
-        If the diameter is not above zero or exceeds 20 mm, the axis has no length, or the length of
-        the housing is not between 0 and 1 m.
+        If the diameter is not above zero or exceeds 20 mm, if the axis has no length, or if the
+        length of the housing is not between 0 and 1 m.
     """
 
     diameter: float = 6.35e-3

@@ -69,7 +69,7 @@ class RadiationMap:
         return one_line(self, f"{len(self.points)} points on surfaces")
 
     def force(self, body: int) -> Float64[np.ndarray, "3"]:
-        """Return the force (3,) of the sound on one body, given by its index [N]."""
+        """Return the force (3,) [N] that the sound exerts on a body; ``body`` is its index."""
         # Pressure acts against the outward normal.
         chosen = self.body == body
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
@@ -94,8 +94,8 @@ class RadiationMap:
 def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
     """Compute the radiation pressure on all surfaces for one excitation of a solved field.
 
-    The function raises ``InvalidInput`` if the scene has no body, a body is not sound-hard, or
-    the solver does not compute the velocity on a surface.
+    The function raises ``InvalidInput`` if the scene has no body, if a body is not sound-hard, or
+    if the solver does not compute the velocity on a surface.
     """
     scene = field.scene
     if not scene.obstacles:

@@ -98,8 +98,8 @@ def load_scan(path: str | Path) -> Scan:
     Raises
     ------
     InvalidInput
-        If the file cannot be read, a column is missing, a value is not a number, or the scan is not
-        valid.
+        If the file cannot be read, if a column is missing, if a value is not a number, or if the
+        scan is not valid.
     """
     table = read_text_table(Path(path))
     table.require("x", "y", "z", "pressure")
@@ -176,8 +176,8 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     Raises
     ------
     InvalidInput
-        If the shapes differ, fewer than 3 positions can be compared, the prediction is 0 at all
-        of them, or the scan fits far better after negating its phases.
+        If the shapes differ, if fewer than 3 positions can be compared, if the prediction is 0 at
+        all of them, or if the scan fits far better after negating its phases.
 
     Examples
     --------

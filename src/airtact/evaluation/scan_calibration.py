@@ -249,8 +249,8 @@ def calibrate_from_scans(
     Raises
     ------
     InvalidInput
-        If the numbers of scans, drives and elements do not match, a drive is silent, the scene
-        has bodies or planes, or the scans fit far better after negating their phases.
+        If the numbers of scans, drives and elements do not match, if a drive is silent, if the
+        scene has bodies or planes, or if the scans fit far better after negating their phases.
     NotConverged
         With the code "pose_not_found", if no small misalignment explains a scan to within 50 %.
     """

@@ -177,8 +177,8 @@ def verify(
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``evaluate``, or if a suppression point or a point of the head is
-        in a body or on an element, or a body is not sound-hard.
+        For the reasons listed in ``evaluate``, if a suppression point or a point of the head is in
+        a body or on an element, or if a body is not sound-hard.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     head = np.empty((0, 3)) if head is None else np.atleast_2d(head)

@@ -30,7 +30,7 @@ class Pose:
     Raises
     ------
     InvalidInput
-        If the matrix is not a rotation (orthonormal to 1e-6, no reflection) or a number is not
+        If the matrix is not a rotation (orthonormal to 1e-6, no reflection), or if a number is not
         finite.
 
     Examples
@@ -107,7 +107,7 @@ class Pose:
         Raises
         ------
         InvalidInput
-            If the axis is zero, a number is not real or finite, or the angle exceeds 2π.
+            If the axis is zero, if a number is not real or finite, or if the angle exceeds 2π.
         """
         along = real_numbers(np.asarray(axis), "the axis of a rotation")
         angle = number(angle, "the angle of a rotation", "rad")

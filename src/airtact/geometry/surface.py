@@ -67,9 +67,10 @@ class Surface:
     Raises
     ------
     InvalidInput
-        If an array has the wrong shape, a number is NaN or infinite, an index is out of range, the
-        extent is over 2 m or under 0.5 mm, a triangle is degenerate, the mesh is open or inside
-        out, or neighbours do not share their midpoints. ``Scene`` checks for self-intersections.
+        If an array has the wrong shape, if a number is NaN or infinite, if an index is out of
+        range, if the extent is over 2 m or under 0.5 mm, if a triangle is degenerate, if the mesh
+        is open or inside out, or if neighbours do not share their midpoints. ``Scene`` checks for
+        self-intersections.
 
     Examples
     --------

@@ -51,8 +51,8 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     Raises
     ------
     InvalidInput
-        If there are no bodies, a body has self-intersections, bodies are farther apart than the
-        gap, or a part of the merged body is thinner than 0.5 mm.
+        If there are no bodies, if a body has self-intersections, if bodies are farther apart than
+        the gap, or if a part of the merged body is thinner than 0.5 mm.
 
     Examples
     --------

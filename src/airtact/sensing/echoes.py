@@ -63,9 +63,9 @@ class Echoes:
     Raises
     ------
     InvalidInput
-        If shapes do not match or are empty, a value is NaN or infinite (omit dead receivers from
-        ``receivers``), a code exceeds full scale, a receiver does not exist or is listed twice, a
-        transmission is silent, or no pressure is valid.
+        If shapes do not match or are empty, if a value is NaN or infinite (omit dead receivers from
+        ``receivers``), if a code exceeds full scale, if a receiver does not exist or is listed
+        twice, if a transmission is silent, or if no pressure is valid.
 
     Examples
     --------

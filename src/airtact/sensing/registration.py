@@ -140,10 +140,10 @@ def locate(
     Raises
     ------
     InvalidInput
-        If the echoes or the scattering matrix do not match the scene and the array; the signal is
-        too weak or clipped; the initial pose is impossible; both a family and a scattering matrix
-        are given; or the echoes do not determine a motion (such as the rotation of a ball) or the
-        opening. Also under the conditions listed in ``scattering_matrix``.
+        If the echoes or the scattering matrix do not match the scene and the array; if the signal
+        is too weak or clipped; if the initial pose is impossible; if both a family and a scattering
+        matrix are given; or if the echoes do not determine a motion (such as the rotation of a
+        ball) or the opening. Also under the conditions listed in ``scattering_matrix``.
 
     Examples
     --------

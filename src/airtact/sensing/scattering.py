@@ -110,8 +110,8 @@ def scattering_matrix(
     Raises
     ------
     InvalidInput
-        If there are no bodies, ``accuracy`` is out of range, the bodies need orders above 80, or
-        the solver has no field around them; or under the conditions listed for the solver.
+        If there are no bodies, if ``accuracy`` is out of range, if the bodies need orders above 80,
+        or if the solver has no field around them; or under the conditions listed for the solver.
 
     Examples
     --------
@@ -375,9 +375,9 @@ def scattering_family(
     Raises
     ------
     InvalidInput
-        If the values are invalid, the scenes have different media, frequencies or numbers of
-        bodies, the bodies do not depend on the parameter, or the interpolation error exceeds 2 %;
-        or under the conditions listed in ``scattering_matrix``.
+        If the values are invalid, if the scenes have different media, frequencies or numbers of
+        bodies, if the bodies do not depend on the parameter, or if the interpolation error exceeds
+        2 %; or under the conditions listed in ``scattering_matrix``.
 
     Examples
     --------

@@ -99,7 +99,11 @@ class Calibrated:
 
     @property
     def deviation(self) -> tuple[float, float, float]:
-        """Largest standard deviations of the boards [m], [rad] and of the sound speed [m/s]."""
+        """Standard deviations of the boards' poses and of the sound speed.
+
+        The tuple contains the largest deviation of a board's position [m], the largest deviation of
+        a board's rotation [rad], and the deviation of the sound speed [m/s].
+        """
         variances = np.diag(self.covariance)
         boards = variances[:-1].reshape(-1, 2, 3).sum(axis=2).max(axis=0)
         return float(np.sqrt(boards[0])), float(np.sqrt(boards[1])), float(np.sqrt(variances[-1]))
@@ -378,9 +382,9 @@ def calibrate(
     Raises
     ------
     InvalidInput
-        If the array does not match the echoes, the codes do not separate the elements, elements or
-        boards do not face any others, the signal is unusable, or the transmissions do not determine
-        a combination of unknowns.
+        If the array does not match the echoes, if the codes do not separate the elements, if
+        elements or boards do not face any others, if the signal is unusable, or if the
+        transmissions do not determine a combination of unknowns.
 
     Examples
     --------

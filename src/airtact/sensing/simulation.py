@@ -114,9 +114,9 @@ def simulate_echoes(
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``Echoes`` and ``transfer_matrix``; or if an element is
-        inside the ball around the bodies, the codes belong to another array, the scattering matrix
-        belongs to another scene, or ``noise`` or ``seed`` is out of range.
+        Under the conditions listed in ``Echoes`` and ``transfer_matrix``, if an element is inside
+        the ball around the bodies, if the codes belong to another array, if the scattering matrix
+        belongs to another scene, or if ``noise`` or ``seed`` is out of range.
 
     Examples
     --------

@@ -54,7 +54,7 @@ def gmres(
     Raises
     ------
     NotConverged
-        If the tolerance was not reached, or the right-hand sides are not finite.
+        If the tolerance was not reached, or if the right-hand sides are not finite.
     """
     finite = np.isfinite(right_sides)
     if not finite.all():

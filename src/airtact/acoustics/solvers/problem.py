@@ -159,7 +159,7 @@ class RadiatedField(ABC):
         Raises
         ------
         InvalidInput
-            If a point is NaN or infinite, the shape is wrong, or a point is at a source.
+            If a point is NaN, infinite or at a source, or if the shape is wrong.
         """
         return self._at(self._receivers(points))
 

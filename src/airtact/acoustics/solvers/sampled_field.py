@@ -54,8 +54,8 @@ class SampledField(RadiatedField):
     Raises
     ------
     InvalidInput
-        If shapes do not match, a number is NaN or infinite, there are fewer than four nodes, two
-        nodes coincide, or all nodes lie in one plane.
+        If shapes do not match, if a number is NaN or infinite, if there are fewer than four nodes,
+        if two nodes coincide, or if all nodes lie in one plane.
     """
 
     report: SolveReport = field(init=False)
@@ -187,8 +187,9 @@ def load_samples(
     Raises
     ------
     InvalidInput
-        If the file cannot be read, columns are missing, nodes coincide or lie in one plane, numbers
-        are NaN, all pressures are 0, or the phases near the sources contradict ``time_sign``.
+        If the file cannot be read, if columns are missing, if nodes coincide or lie in one plane,
+        if numbers are NaN, if all pressures are 0, or if the phases near the sources contradict
+        ``time_sign``.
     """
     path = Path(path)
     check_choice(time_sign, "time_sign", ("e^{-iωt}", "e^{+jωt}"))

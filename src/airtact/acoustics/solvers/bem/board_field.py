@@ -30,8 +30,8 @@ class BoardField(RadiatedField):
 
     Attributes
     ----------
-    scene : the other bodies.
-    boards : the boards alone.
+    scene : scene with the other bodies.
+    boards : scene with only the boards.
     around : field whose sources are the elements and the boards.
     reach : distance from a board within which the field is unknown [m].
     """

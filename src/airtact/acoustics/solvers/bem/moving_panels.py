@@ -32,7 +32,7 @@ from airtact.geometry.mesh.arrays import QuadraticTriangles
 
 @dataclass(frozen=True, eq=False)
 class MovingPanels:
-    """Panels of one body, as they were meshed; ``facing`` returns a part of them.
+    """Panels of one body before it moves; ``facing`` returns a part of them.
 
     Attributes
     ----------

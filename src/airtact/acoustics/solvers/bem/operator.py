@@ -82,7 +82,7 @@ def dual_surface(
     precision: str,
     least_thickness: Float64[np.ndarray, "nodes"] | None = None,
 ) -> DualSurface:
-    """Build the dual-surface equation, with its second points inside the bodies.
+    """Build the dual-surface equation, with its second collocation points inside the bodies.
 
     Each second point lies below the surface at 0.3 times the local thickness, but at most at 0.2 λ.
 

@@ -414,7 +414,7 @@ class BoundaryElement(Solver):
 
         Returns
         -------
-        The panels, as meshed, with their collocation points.
+        The panels before any motion, with their collocation points.
         """
         _check_bodies(scene)
         panels = _in_block_order(self._panels(scene, refined))

@@ -92,8 +92,8 @@ class FiniteElement(Solver):
         Raises
         ------
         InvalidInput
-            If there are no bodies, a source is inside a body, a body cannot be meshed, or there is
-            not enough memory.
+            If there are no bodies, if a source is inside a body, if a body cannot be meshed, or if
+            there is not enough memory.
         """
         check_sources(scene, sources)
         return self.factorised(scene).radiate(scene, sources)

@@ -181,7 +181,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     Raises
     ------
     InvalidInput
-        If there are no bodies, or the field is not known everywhere around them.
+        If there are no bodies, or if the field is not known everywhere around them.
 
     Examples
     --------

@@ -150,8 +150,8 @@ class SphereSeries(Solver):
         Raises
         ------
         InvalidInput
-            If the scene is not a single sphere, a source is inside the sphere, or an argument has
-            the wrong type.
+            If the scene is not a single sphere, if a source is inside the sphere, or if an argument
+            has the wrong type.
         """
         check_sources(scene, sources)
         clock = Clock()

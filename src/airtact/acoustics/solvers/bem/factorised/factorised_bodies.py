@@ -258,7 +258,7 @@ class FactorisedBodies(Solver):
 
     Attributes
     ----------
-    scene : the bodies as they were factorised.
+    scene : the bodies in the poses in which they were factorised.
     bodies : the reduced bodies.
     fallback : solver for scenes in which two bodies are too close together.
     tolerance : relative residual of the iteration over the bodies.
@@ -292,7 +292,7 @@ class FactorisedBodies(Solver):
         Raises
         ------
         InvalidInput
-            If the bodies, medium or frequency differ, or a source is inside a body.
+            If the bodies, medium or frequency differ, or if a source is inside a body.
         NotConverged
             If the iteration over the bodies does not reach the tolerance.
         """
