@@ -36,21 +36,21 @@ class Uncertainty:
 
     Attributes
     ----------
-    position : position of the hand along each of x, y and z [m].
-    rotation : angle of the hand's rotation about a random axis through the middle of the foci
-        [degree].
-    own_position, own_rotation : additional shift along each axis [m] and additional rotation
-        [degree] of each body, or of each bone with a focus. A body rotates about the middle of its
-        foci.
-    along_skin : position of each focus on its body, in each of two directions along the surface
-        [m].
-    age : time between the measurement of the pose and the emission, relative to its expected value
-        [s]. An older pose shifts the hand farther along ``velocity``.
+    position : standard deviation of the hand's position along each of x, y and z [m].
+    rotation : standard deviation of the angle by which the hand rotates about a random axis through
+        the middle of the foci [degree].
+    own_position, own_rotation : standard deviations of an additional shift along each axis [m] and
+        an additional rotation [degree] of each body, or of each bone with a focus. A body rotates
+        about the middle of its foci.
+    along_skin : standard deviation of the position of each focus on its body, in each of two
+        directions along the surface [m].
+    age : standard deviation of the time between the measurement of the pose and the emission [s].
+        An older pose shifts the hand farther along ``velocity``.
     velocity : (3,) velocity of the hand in the obstacles' frame [m/s].
-    temperature : temperature of the air [K].
-    humidity : relative humidity of the air, as a fraction.
-    gain : amplitude of each element, as a fraction of its nominal amplitude.
-    phase : phase of each element [degree].
+    temperature : standard deviation of the air's temperature [K].
+    humidity : standard deviation of the air's relative humidity, which is a fraction from 0 to 1.
+    gain : standard deviation of each element's amplitude, as a fraction of its nominal amplitude.
+    phase : standard deviation of each element's phase [degree].
     dead : expected fraction of the elements that emit nothing.
 
     Raises

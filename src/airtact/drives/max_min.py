@@ -233,8 +233,8 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     then drops the weakest signals, a few at a time with iterations in between, until one is left
     (our own scheme). From there it runs ``iterations`` steps of weighted Gerchberg-Saxton. It also
     tries the starts of ``weighted_gerchberg_saxton``, and returns the best drive. The result is
-    deterministic. With dozens of foci close together, the iterations may not converge; ``gradient``
-    then continues from the best drive. The target's phases and suppression points have no effect.
+    deterministic. With dozens of foci close together, the iterations may not converge; ``best``
+    then continues with ``gradient``. The target's phases and suppression points have no effect.
 
     Parameters
     ----------

@@ -162,8 +162,8 @@ def ensemble(
     uncertainty : standard deviations of the motions, the air and the gains.
     samples : number of samples, 1 to 10,000. Powers of 2 sample the distributions most evenly.
     seed : seed of the random numbers, 0 or more.
-    solver : solver for the samples if bodies move independently, foci move along the skin, or there
-        is a plane.
+    solver : solver for the samples if bodies move independently, if foci move along the skin, or if
+        there is a plane.
 
     Returns
     -------

@@ -234,9 +234,9 @@ def calibrate_from_scans(
 
     Parameters
     ----------
-    scans : scans of the field of the empty array, in pascals (peak). All have the same
-        misalignment and reference phase. If a scan has no phases, magnitudes are compared and
-        no gain is determined.
+    scans : scans of the field of the empty array, in pascals (peak). All scans have the same
+        misalignment and reference phase. If a scan has no phases, magnitudes are compared and no
+        gain is determined.
     drives : the drive of each scan.
     array : the array at its assumed position, in the frame of the scans.
     scene : medium and frequency, without bodies and planes.

@@ -12,7 +12,7 @@ THRESHOLDS: dict[str, float] = {"amplitude": 557.0, "spatiotemporal": 334.0}
 
 
 def constant_force_note(fastest: float = np.inf) -> str:
-    """Return a note that recommends modulation, at up to ``fastest`` [Hz], the limit of the boards.
+    """Return a note that recommends modulation; boards modulate at up to ``fastest`` [Hz].
 
     Examples
     --------

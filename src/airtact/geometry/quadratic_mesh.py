@@ -222,8 +222,8 @@ class QuadraticMesh:
     def levelled(self, panels: QuadraticTriangles) -> QuadraticTriangles:
         """Move nodes of panels (P, 6, 3) along normals to minimise the mean square distance.
 
-        Panels with nodes on the surface lie inside a round surface, and follow the roughness of a
-        scan at their nodes. The least-squares quadratic avoids both.
+        A panel whose nodes are all on the surface lies inside a round surface, and follows the
+        roughness of a scan at its nodes. A least-squares fit avoids both.
         """
         depth = self.depth(np.einsum("qn,tnd->tqd", _RULE_SHAPE, panels).reshape(-1, 3))
         rise = depth.reshape(-1, len(_RULE_POINTS)) @ _RULE_FIT.T

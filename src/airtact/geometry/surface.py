@@ -219,7 +219,7 @@ class Surface:
 
 
 def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
-    """Return the least-squares rigid motion from a surface to another with the same triangles.
+    """Return the least-squares rigid motion from one surface to another with the same triangles.
 
     The second result is the largest remaining distance of a vertex or edge midpoint [m]. It is
     infinite if the triangles or their curvature rules differ.

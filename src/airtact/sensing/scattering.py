@@ -302,7 +302,7 @@ class ScatteringFamily:
         return replace(self.matrices[0], matrix=self._polynomial(value))
 
     def derivative(self, value: float) -> ScatteringMatrix:
-        """Return the derivative of the matrix with respect to the parameter, at a value."""
+        """Return the derivative of the matrix with respect to the parameter, at a value of it."""
         return replace(self.matrices[0], matrix=self._polynomial.derivative(value))
 
     @cached_property

@@ -60,8 +60,8 @@ class Calibrated:
         ``reception`` for elements that do not receive. Only their products can be measured, so both
         are scaled to the same mean.
     covariance : (6 B − 5, 6 B − 5) covariance for boards 1 to B − 1 and for the sound speed [m/s],
-        which comes last. Each board has the translation of its centre [m] and a small rotation
-        about it [rad], along the array's axes.
+        which comes last. The six entries of a board are the translation of its centre [m] and a
+        small rotation about the centre [rad], along the array's axes.
     gain_deviation : relative rms standard deviation of the gains, equal to that of their phases
         [rad].
     residual : rms of the residual, including noise, divided by the rms of the direct sound.
@@ -297,7 +297,7 @@ class ArrayFit:
         return reception, emission
 
     def equations(self, here: ArrayState, units: Step) -> tuple[Squares, Step]:
-        """Set up the normal equations without the gains, and half of the gradient.
+        """Set up the normal equations after eliminating the gains, and half of the gradient.
 
         The unknowns are the motions of all boards except the first and the wavenumber, in
         ``units``.
@@ -364,14 +364,14 @@ def calibrate(
 
     The space between the boards must be empty, and the echoes must include the direct sound. Only
     pairs of elements on different boards that face each other within 60 degrees are used. The given
-    poses may be wrong by 2 mm and 1 degree, and the sound speed by 4 m/s (7 °C).
+    poses may be wrong by up to 2 mm and 1 degree, and the sound speed by up to 4 m/s (7 °C).
 
     Parameters
     ----------
     echoes : transmissions of the empty array, with codes that separate all elements.
     array : array with the assumed poses of its boards; its gains are ignored.
     medium : the assumed air; its absorption is not corrected.
-    boards : number of boards. All have the same number of elements, and the array lists them
+    boards : number of boards. All boards have the same number of elements, and the array lists them
         one after another. By default the number is inferred from the known kinds of boards.
 
     Returns
@@ -388,7 +388,7 @@ def calibrate(
 
     Examples
     --------
-    Two small boards 6 cm apart, the second 0.3 mm off:
+    Two small boards 6 cm apart; the assumed position of the second is wrong by 0.3 mm:
 
     >>> import airtact as at
     >>> from airtact.sensing import hadamard_codes, simulate_transmissions

@@ -146,7 +146,7 @@ def simulate_transmissions(
     array : array, whose gains apply to emission.
     medium : the air.
     codes : (E, M) codes, as in ``Echoes``.
-    boards : number of boards. All have the same number of elements, and the array lists them
+    boards : number of boards. All boards have the same number of elements, and the array lists them
         one after another. By default the number is inferred from the known kinds of boards.
     frequency : frequency of the sound [Hz].
     reception : (E,) reception gains; by default those of the array.

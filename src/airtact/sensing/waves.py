@@ -74,7 +74,7 @@ def harmonics(
 def outgoing_radial(
     order: int, radii: Real[np.ndarray, "points"], wavenumber: complex
 ) -> Complex128[np.ndarray, "orders points"]:
-    """Return the Hankel functions h_n(kr) of all orders, (order + 1, P)."""
+    """Return the (order + 1, P) Hankel functions h_n(kr) of all orders at P distances."""
     argument = wavenumber * np.asarray(radii, dtype=np.complex128)
     hankel = np.empty((order + 2, len(argument)), dtype=np.complex128)
     hankel[0] = -1j * np.exp(1j * argument) / argument

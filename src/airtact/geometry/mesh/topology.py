@@ -66,7 +66,7 @@ def are_among(
 
 
 def shells(triangles: AnyTriangles, twins: Twins | None = None) -> TriangleLabels:
-    """Label the triangles (T,) of a closed mesh by piece; pieces are numbered by first triangle."""
+    """Label the triangles (T,) of a closed mesh by piece, in the order of the first triangles."""
     twins = edge_twins(triangles) if twins is None else twins
     count = len(twins)
     graph = csr_array(

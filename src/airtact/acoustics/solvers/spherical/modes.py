@@ -48,7 +48,8 @@ class SphereModes:
     ----------
     radius : radius a [m].
     wavenumber : wavenumber k outside [1/m].
-    admittance : ρc/Z of the surface; 0 for sound-hard, and unused if there is a fluid inside.
+    admittance : ρc/Z of the surface; 0 for a sound-hard sphere, and unused if there is a fluid
+        inside.
     inner_wavenumber : wavenumber k1 of the fluid inside [1/m], or None.
     density_ratio : density outside divided by density inside; unused without a fluid inside.
     """

@@ -40,8 +40,9 @@ MAX_COMPILED_VECTORS = 8
 class RoundedMatrix:
     """A complex matrix in half the memory of single precision.
 
-    Each row consists of 16-bit integers (real and imaginary parts in turn) times its own scale. The
-    error of a number is at most half of the scale: 1.5e-5 of the largest number in its row.
+    Each row consists of 16-bit integers (real and imaginary parts in turn), which are multiplied by
+    a scale for the row. The error of a number is at most half of the scale: 1.5e-5 of the largest
+    number in its row.
     """
 
     numbers: Int16[np.ndarray, "rows columns 2"]
