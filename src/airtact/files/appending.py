@@ -23,7 +23,7 @@ from airtact.timing import give_way
 
 # Rows per chunk. Only complete chunks are written, because writing a compressed chunk again leaves
 # unused space in the file.
-CHUNK = 128
+CHUNK = 256
 
 
 def main(path: str, messages: BinaryIO) -> None:
