@@ -178,7 +178,7 @@ FLAT = at.transducers.board_array("nano16", [at.Pose.identity(), at.Pose.shift((
     ("code", "changed", "array", "boards"),
     [
         ("sizes_differ", lambda p: {}, at.transducers.board_array("nano16"), 2),
-        ("given_twice", lambda p: {"codes": CODES[:, :8], "pressures": p[:, :8]}, pair(), 2),
+        ("too_few", lambda p: {"codes": CODES[:, :8], "pressures": p[:, :8]}, pair(), 2),
         ("signal_unusable", lambda p: {"pressures": 0 * p}, pair(), 2),
         ("misplaced", lambda p: {}, FLAT, 2),
         ("unknown_name", lambda p: {}, pair(), None),

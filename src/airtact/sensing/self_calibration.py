@@ -465,7 +465,7 @@ def _separated(echoes: Echoes) -> tuple[Pairs, float]:
             f"{counted(codes.shape[1], 'transmission separates', 'transmissions separate')} only "
             f"{separated} of {len(codes)} elements, but calibration needs all; use the codes "
             f"hadamard_codes({len(codes)}).",
-            code="given_twice",
+            code="too_few",
         )
     inverse = vectors / values @ vectors.conj().T
     alone = np.zeros((len(codes), len(codes)), dtype=np.complex128)
