@@ -87,7 +87,8 @@ def polyline(
     lengths = np.linalg.norm(steps, axis=1)
     if lengths.min() == 0.0:
         raise InvalidInput(
-            f"line {int(lengths.argmin())} of a polyline has no length: its ends coincide.",
+            f"line {int(lengths.argmin())} of a polyline has no length: its ends coincide. Remove "
+            "one of these corners.",
             code="all_zero",
         )
     # Rounding must not add a point if the length is a multiple of the spacing.

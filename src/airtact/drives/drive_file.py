@@ -377,7 +377,7 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
         modulation = AmplitudeModulation(raw["modulation_frequency"], raw["modulation_depth"])
     elif kind != "none":
         raise InvalidInput(
-            f"the modulation is {kind!r}, but must be none or am.", code="unknown_name"
+            f"the modulation is {kind!r}, but it must be 'none' or 'am'.", code="unknown_name"
         )
     for name in ("wanted_pressures", "transfer_matrix"):
         if name in raw:
@@ -409,7 +409,10 @@ def _drives(
             code="wrong_shape",
         )
     if amplitude.size == 0:
-        raise InvalidInput("the sequence has no frames.", code="empty")
+        raise InvalidInput(
+            "amplitude is empty, but a drive needs at least one frame and one element.",
+            code="empty",
+        )
     amplitude = np.atleast_2d(amplitude)
     check_finite(amplitude, "amplitude")
     check_finite(phase, "phase")

@@ -196,7 +196,8 @@ def scaled_to_target(
     largest = np.abs(amplitudes).max()
     if not largest > 0.0:
         raise InvalidInput(
-            "the contributions of the foci cancel at every element, so all amplitudes are 0.",
+            "the contributions of the foci cancel at every element, so all amplitudes are 0. "
+            "Request other phases or move a focus.",
             code="all_zero",
         )
     # The fraction at full scale determines whether the drive must be scaled down.

@@ -76,7 +76,9 @@ class TransferMatrix:
         check_finite(matrix, "the transfer matrix (focus, element)")
         if not matrix.any():
             raise InvalidInput(
-                "the transfer matrix is 0: no element reaches a focus.", code="all_zero"
+                "the transfer matrix is 0: no element produces pressure at a focus. Check the "
+                "gains and the placement of the array.",
+                code="all_zero",
             )
         matrix.flags.writeable = False
         object.__setattr__(self, "matrix", matrix)
@@ -102,7 +104,7 @@ class TransferMatrix:
         if len(drive) != self.matrix.shape[1]:
             raise InvalidInput(
                 f"the drive has {counted(len(drive), 'element', 'elements')}, but the transfer "
-                f"matrix has {self.matrix.shape[1]}.",
+                f"matrix has {self.matrix.shape[1]}. Use a drive and a matrix of the same array.",
                 code="sizes_differ",
             )
 

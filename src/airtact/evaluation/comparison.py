@@ -253,7 +253,9 @@ def compare(
     for name, drive in drives.items():
         check_drive(drive, f"drive {name!r}")
         if drive.peak == 0.0:
-            raise InvalidInput(f"drive {name!r} is silent: all amplitudes are 0.", code="all_zero")
+            raise InvalidInput(
+                f"drive {name!r} is silent: all amplitudes are 0. Omit it.", code="all_zero"
+            )
     strongest = [drive.at_full_scale() for drive in drives.values()]
     excitations = list(strongest)
     phase_columns = []

@@ -47,13 +47,14 @@ def drive_sources(
         if len(drive) != len(array):
             raise InvalidInput(
                 f"drive {index} has {counted(len(drive), 'element', 'elements')}, but the array "
-                f"has {len(array)}.",
+                f"has {len(array)}. Use the array for which the drive was computed.",
                 code="sizes_differ",
             )
         # Dead elements have a gain of 0, so a drive that uses only those is silent as well.
         if not (array.gains * drive.amplitudes).any():
             raise InvalidInput(
-                f"drive {index} is silent: all amplitudes are 0 or belong to dead elements.",
+                f"drive {index} is silent: all amplitudes are 0 or belong to dead elements. Use a "
+                "drive with sound.",
                 code="all_zero",
             )
     # (E, 1) gains times (E, S) amplitudes, then (1, Q, 1) weights: element by element, as

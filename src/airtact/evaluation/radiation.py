@@ -100,7 +100,7 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
     scene = field.scene
     if not scene.obstacles:
         raise InvalidInput(
-            "the scene has no body, so there is no radiation pressure.", code="empty"
+            "the scene has no body, so there is no radiation pressure; add a body.", code="empty"
         )
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary != "sound_hard":

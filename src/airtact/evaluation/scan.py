@@ -207,7 +207,11 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
         model = np.abs(model).astype(np.complex128)
         measured = np.abs(measured).astype(np.complex128)
     if not model.any():
-        raise InvalidInput("the prediction is 0 Pa at all positions of the scan.", code="all_zero")
+        raise InvalidInput(
+            "the prediction is 0 Pa at all positions of the scan. Check the drive and the "
+            "positions.",
+            code="all_zero",
+        )
     scale, error = fitted(measured, model)
     # Instruments with the convention e^(+iωt) store conjugated phases.
     mirrored = fitted(measured, model.conj())[1] if scan.phased else error

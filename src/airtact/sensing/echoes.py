@@ -303,7 +303,8 @@ def _checked_receivers(
     values, counts = np.unique(numbers, return_counts=True)
     if counts.max() > 1:
         raise InvalidInput(
-            f"element {values[counts.argmax()]} occurs {counts.max()} times among the receivers.",
+            f"element {values[counts.argmax()]} occurs {counts.max()} times among the receivers; "
+            "list it once.",
             code="given_twice",
         )
     return numbers.astype(np.int64)

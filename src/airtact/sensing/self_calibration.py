@@ -299,7 +299,7 @@ class ArrayFit:
     def equations(self, here: ArrayState, units: Step) -> tuple[Squares, Step]:
         """Set up the normal equations after eliminating the gains, and half of the gradient.
 
-        The unknowns are the motions of all boards except the first and the wavenumber, in
+        The unknowns are the wavenumber and the motions of all boards except the first, in
         ``units``.
         """
         size = len(here.boards[0])

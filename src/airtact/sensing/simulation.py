@@ -132,7 +132,8 @@ def simulate_echoes(
     check_placement(scene, array)
     if len(codes) != len(array):
         raise InvalidInput(
-            f"the codes are for {len(codes)} elements, but the array has {len(array)}.",
+            f"the codes are for {len(codes)} elements, but the array has {len(array)}; use one "
+            "row of codes for each element.",
             code="sizes_differ",
         )
     check_seed(seed)

@@ -173,7 +173,8 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
     count = len(scene.obstacles)
     if count != 1:
         raise InvalidInput(
-            f"SphereSeries solves for one sphere, but the scene has {count} obstacles.",
+            f"SphereSeries solves for one sphere, but the scene has {count} obstacles; use "
+            "BoundaryElement.",
             code="not_supported",
         )
     obstacle = scene.obstacles[0]
