@@ -60,8 +60,8 @@ def polyline(
 
     Parameters
     ----------
-    corners : (C, 3) corners [m]. Each is returned as one point; a closed line does not repeat
-        the first corner at its end.
+    corners : (C, 3) corners [m]. Each corner is returned as one point; a closed line does not
+        repeat the first corner at its end.
     spacing : largest distance between neighbours [m].
     closed : whether a line connects the last corner to the first.
 

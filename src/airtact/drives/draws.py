@@ -19,7 +19,7 @@ from airtact.geometry.pose import Pose
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """One sample of an uncertainty.
+    """One random sample of the uncertain quantities.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ def draws(
     groups: Sequence[Real[np.ndarray, "3"]],
     foci: int,
 ) -> Iterator[Draw]:
-    """Yield random samples of an uncertainty, one ``Draw`` at a time.
+    """Yield random samples of the uncertain quantities, one ``Draw`` at a time.
 
     The hand rotates about ``middle`` [m], and each group of foci about its pivot in ``groups`` [m].
     The random numbers for the hand, the air and the foci do not depend on how the foci are grouped.

@@ -134,9 +134,9 @@ class Evaluation:
     def counted(self) -> Float64[np.ndarray, "counted"]:
         """Values from which ``worst``, ``mean`` and ``uniformity`` are computed.
 
-        Only foci with a request are included. The values are fractions of the requested pressures
-        if pressures are requested. Otherwise they are pressures [Pa], divided by the requested
-        shares if there are any.
+        Foci whose requested pressure or share is 0 are left out. The values are fractions of the
+        requested pressures if pressures are requested. Otherwise they are pressures [Pa], divided
+        by the requested shares if there are any.
         """
         # Foci without a request have no share and must not be treated as the worst.
         if self.target.pressures is not None:
@@ -146,12 +146,12 @@ class Evaluation:
 
     @property
     def worst(self) -> float:
-        """Smallest of ``counted``: a fraction, or a pressure [Pa] if none is requested."""
+        """Smallest of ``counted``: a fraction, or a pressure [Pa] if no pressure is requested."""
         return float(self.counted.min())
 
     @property
     def mean(self) -> float:
-        """Mean of ``counted``: a fraction, or a pressure [Pa] if none is requested."""
+        """Mean of ``counted``: a fraction, or a pressure [Pa] if no pressure is requested."""
         return float(self.counted.mean())
 
     @property
