@@ -40,9 +40,10 @@ class Obstacle:
     Attributes
     ----------
     surface : closed surface of the body.
-    boundary : ``"sound_hard"`` (∂p/∂n = 0), ``"impedance"`` (∂p/∂n + (ik/ratio) p = 0) or
-        ``"filled"`` (another fluid).
-    ratio : relative impedance Z/(ρc) if ``boundary`` is "impedance", otherwise None.
+    boundary : ``"sound_hard"`` (∂p/∂n = 0), ``"impedance"`` (∂p/∂n + (ik/ratio) p = 0 with n
+        outward, for the time factor e^{-iωt}) or ``"filled"`` (another fluid).
+    ratio : real or complex relative impedance Z/(ρc) if ``boundary`` is "impedance", otherwise
+        None.
     medium : fluid inside the body if ``boundary`` is "filled", otherwise None.
     board : whether the body consists of reflecting boards of the array, with elements in their
         faces, as built by ``reflecting_boards``.
@@ -101,7 +102,16 @@ class Obstacle:
 
 
 def sound_hard(surface: Surface) -> Obstacle:
-    """Build a rigid body from its closed surface: ∂p/∂n = 0."""
+    """Build a rigid body, on whose surface ∂p/∂n = 0.
+
+    Parameters
+    ----------
+    surface : closed surface of the body.
+
+    Returns
+    -------
+    The body, for use in a ``Scene``.
+    """
     return Obstacle(surface, "sound_hard")
 
 
@@ -129,7 +139,19 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 
 
 def filled(surface: Surface, medium: Medium) -> Obstacle:
-    """Build a fluid-filled body, which sound can enter, from its closed surface and its fluid."""
+    """Build a body filled with a fluid, which sound can enter.
+
+    Only ``FiniteElement`` and ``SphereSeries`` solve such bodies.
+
+    Parameters
+    ----------
+    surface : closed surface of the body.
+    medium : fluid in the body.
+
+    Returns
+    -------
+    The body, for use in a ``Scene``.
+    """
     return Obstacle(surface, "filled", medium=medium)
 
 

@@ -146,9 +146,9 @@ def robust(
 def robust_phase_only(
     ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth"
 ) -> Drive:
-    """Compute the best drive over all samples, with every element at full scale.
+    """Compute a robust drive with every element at full scale.
 
-    This is ``robust`` with ``limit="phases"``.
+    This is ``robust`` with ``limit="phases"``, which also documents the arguments and the result.
     """
     return robust(ensemble, target, goal, limit="phases")
 

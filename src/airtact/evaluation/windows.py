@@ -14,7 +14,15 @@ AXES = dict(zip("xyz", np.eye(3), strict=True))
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A rectangular grid of points in a plane, in metres; ``right`` and ``up`` are unit vectors."""
+    """A rectangular grid of points in a plane.
+
+    Attributes
+    ----------
+    centre : (3,) centre of the rectangle [m].
+    right, up : (3,) unit vectors along its sides.
+    width, height : lengths of the sides along ``right`` and ``up`` [m].
+    step : distance between neighbouring points [m].
+    """
 
     centre: Float64[np.ndarray, "3"]
     right: Float64[np.ndarray, "3"]
@@ -150,7 +158,14 @@ def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A grid of points in a cuboid along the frame's axes; ``origin`` is its lowest corner [m]."""
+    """A grid of points in a cuboid whose edges are parallel to the axes.
+
+    Attributes
+    ----------
+    origin : (3,) corner with the smallest coordinates [m].
+    step : distance between neighbouring points [m].
+    counts : numbers of points along x, y and z.
+    """
 
     origin: Float64[np.ndarray, "3"]
     step: float

@@ -45,7 +45,7 @@ from airtact.geometry.shape import Shape
 
 
 class Body:
-    """Identity of a rigid body, shared by its surfaces at all poses."""
+    """Identity of a rigid body: two surfaces with the same ``Body`` are one body at two poses."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,8 @@ class Client:
 
     Parameters
     ----------
-    address : websocket address at which the loop listens.
+    address : websocket address that the loop prints when it starts, such as
+        ``"ws://127.0.0.1:8765"``.
     timeout : longest time to wait for the loop to accept the connection [s].
 
     Attributes

@@ -40,18 +40,20 @@ REPORT_INTERVAL = 0.5
 
 @dataclass(frozen=True)
 class Status:
-    """State of the live loop, averaged over the last second.
+    """State of the live loop; numbers are averaged over the last second.
 
     Attributes
     ----------
-    state : state of the loop, with the reasons for silence and for rejected frames.
-    processes : processes that have ended; empty if all are running.
-    rate : drives per second.
+    state : state of the loop in words, such as "playing" or "waiting for a hand", with the
+        reasons for silence and for rejected frames.
+    processes : names of processes that have ended; empty if all are running.
+    rate : drives sent to the boards per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without
         drives.
-    kept : median of the expected fraction of the attainable pressure; NaN if unknown.
+    kept : median of the expected pressure as a fraction of the pressure that a fresh solve for the
+        exact hand would reach; NaN if unknown.
     unrecorded : data missing from the session, with the reason; None if it is complete.
-    rejected : reason why the newest message was rejected; empty after a few
+    rejected : reason why the newest message of an application was rejected; empty after a few
         seconds.
     """
 

@@ -37,7 +37,7 @@ Version = Annotated[int, Meta(ge=VERSION, le=VERSION)]
 
 
 class PoseMessage(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A rotation followed by a translation.
+    """Pose of an object in the scene: its points are rotated, then translated.
 
     Attributes
     ----------
@@ -427,7 +427,7 @@ def written(message: Message | Answer) -> bytes:
 
 
 def message_schema() -> str:
-    """Return the JSON schema of all messages as a JSON text."""
+    """Return the JSON schema of all messages between applications and the loop, as JSON text."""
     (made,), definitions = msgspec.json.schema_components(
         [Message | Answer], ref_template="#/$defs/{name}"
     )

@@ -138,7 +138,11 @@ class Controls:
 
 
 class DriveMaker(ABC):
-    """Interface of objects that compute drives for a moving hand; no method may block."""
+    """Interface for computing drives in the live loop; implement it to test another method.
+
+    The loop passes each frame of the hand to ``take`` and requests each drive from ``make``. No
+    method may wait for anything, because the loop waits for the method.
+    """
 
     @abstractmethod
     def take(self, frame: HandFrame) -> None:

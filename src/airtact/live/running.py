@@ -311,7 +311,18 @@ def output_to(
 
 
 def drive_at_rest(setup: Setup) -> DriveFile:
-    """Return a drive that ignores scattering by the scene's hand, for finding a safe level."""
+    """Compute the drive for the scene's hand at rest, ignoring its scattering.
+
+    The result serves to find a safe level before the live loop starts.
+
+    Parameters
+    ----------
+    setup : the scene, the array and the foci.
+
+    Returns
+    -------
+    The drive with all data required to play it, as in ``drive.h5``.
+    """
     scene = live_scene(setup)
     drive = focus_by_distance(scene.array, setup.target, scene.medium, scene.frequency)
     return DriveFile(

@@ -484,6 +484,10 @@ def recording_of(path: str | Path) -> Recording:
     ----------
     path : file ``session.h5``, or the folder that contains it.
 
+    Returns
+    -------
+    The frames of the hand, which ``live`` can follow again.
+
     Raises
     ------
     InvalidInput

@@ -259,6 +259,10 @@ def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
     result : map, as returned by ``reach``.
     ax : axes with ``projection="3d"`` to draw into; by default, those of a new figure, with the
         skin seen from the side of the array.
+
+    Returns
+    -------
+    The axes.
     """
     of_kind(result, ReachMap, "the plotted result", "the result of reach()")
     if ax is None:

@@ -307,10 +307,22 @@ def compute(setup: Setup, clock: Clock, store: Path | None = None) -> ComputedDr
 
 
 def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> Rendering:
-    """Verify a drive with a more accurate solve; the second half of ``render``.
+    """Verify a drive: compute its pressures by a more accurate solve with all elements as sources.
 
-    If the target requests pressures and the drive is below full scale, the drive is rescaled so
-    that the verified foci reach these pressures. Otherwise the drive does not change.
+    ``render`` calls ``compute``, then this function. If the target requests pressures and the
+    strongest element is below full scale, all amplitudes are multiplied by the same factor, so that
+    the weakest focus, relative to its request, reaches its pressure. Otherwise the drive does not
+    change.
+
+    Parameters
+    ----------
+    computed : drive and setup, as returned by ``compute``.
+    clock : clock that records how long each step takes.
+    store : folder in which solved fields are stored and looked up; None stores nothing.
+
+    Returns
+    -------
+    The drive, its pressures with and without the bodies, and their errors.
     """
     setup = computed.setup
     transfer = computed.transfer

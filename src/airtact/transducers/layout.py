@@ -434,7 +434,15 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
 
 
 def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
-    """Join arrays with the same element into one array, in the given order.
+    """Join arrays with the same element into one array.
+
+    Parameters
+    ----------
+    arrays : list of arrays.
+
+    Returns
+    -------
+    One array with the elements of all arrays, in the given order.
 
     Raises
     ------

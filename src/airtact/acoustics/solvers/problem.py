@@ -296,7 +296,11 @@ def surrounding_points(scene: Scene, points: Vectors) -> Float64[np.ndarray, "ar
 
 
 class Solver(ABC):
-    """A method that computes the sound field of a scene."""
+    """Interface of the solvers, which compute the sound field around the bodies of a scene.
+
+    Implementations are ``BoundaryElement``, ``FiniteElement``, ``SphereSeries`` and ``FreeField``.
+    Create one with its settings, and pass it to ``render`` or call ``radiate``.
+    """
 
     @abstractmethod
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:

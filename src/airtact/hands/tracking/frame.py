@@ -39,7 +39,7 @@ MAX_SEQUENCE = 2**53
 
 
 class FaultyFrame(InvalidInput):
-    """A frame that cannot be used.
+    """Error raised for a frame of a tracker that cannot be used.
 
     Attributes
     ----------

@@ -72,8 +72,8 @@ def register(
 ) -> Registration:
     """Find the pose of a tracker in a scene from touches of known points.
 
-    The pose is fitted by least squares. A touch is reported and ignored if the others agree much
-    better without it.
+    The pose is fitted by least squares. A touch is excluded if it is 5 times as far from its point
+    as the others are without it; ``Registration.repeat`` is its index.
 
     Parameters
     ----------
@@ -86,7 +86,8 @@ def register(
 
     Returns
     -------
-    The pose of the tracker, its uncertainty, and the residual of each touch.
+    The pose as ``tracker``, which maps the tracker's frame to the scene, with its standard
+    deviations ``position_error`` and ``angle_error``, and the ``residuals`` of the touches.
 
     Raises
     ------
