@@ -94,7 +94,7 @@ def test_triangles_of_panels_of_one_size_are_closed_and_right(name):
     assert cone_volumes(vertices[triangles]).sum() == pytest.approx(EXACT[name], rel=0.04)
 
 
-BOX = Box(np.array([-0.01, 0.0, 0.02]), 1e-3, (4, 3, 2))
+BOX = Box(np.array([-0.01, 0.0, 0.02]), np.array([1e-3, 1e-3, 2e-3]), (4, 3, 2))
 
 
 def plane_wave(points):

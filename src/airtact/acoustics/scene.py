@@ -255,11 +255,14 @@ class Scene:
         """Wavelength [m]."""
         return self.medium.wavelength(self.frequency)
 
-    def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+    def depth(
+        self, points: Real[np.ndarray, "points 3"], within: float = np.inf
+    ) -> Float64[np.ndarray, "points"]:
         """Return how deep [m] each of P points (P, 3) lies inside the bodies.
 
         The depth (P,) is negative outside all bodies, and -inf if there are no bodies. If a point
-        is inside several bodies, the largest of its depths in them is returned.
+        is inside several bodies, the largest of its depths in them is returned. Points farther than
+        ``within`` [m] from the box around a body are not measured, and count as infinitely far.
 
         The method raises ``InvalidInput`` if the points have the wrong shape, or are NaN or
         infinite.
@@ -267,7 +270,14 @@ class Scene:
         points = points_of(points, "points", least=0)
         depth = np.full(len(points), -np.inf)
         for obstacle in self.obstacles:
-            depth = np.maximum(depth, obstacle.surface.depth(points))
+            surface = obstacle.surface
+            if np.isinf(within):
+                depth = np.maximum(depth, surface.depth(points))
+                continue
+            extremes = surface.shape.extreme_points()
+            off = np.maximum(extremes.min(axis=0) - points, points - extremes.max(axis=0))
+            close = (off < within).all(axis=1)
+            depth[close] = np.maximum(depth[close], surface.depth(points[close]))
         return depth
 
 
@@ -316,7 +326,7 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], name: str)
     ``name`` is the word for a point in the message, such as "focus" or "transducer".
     """
     points = points_of(points, f"{name} points")
-    check_not_inside(scene.depth(points), points, name)
+    check_not_inside(scene.depth(points, within=scene.wavelength), points, name)
     check_before_planes(scene.planes, points, name)
 
 

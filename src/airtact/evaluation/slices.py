@@ -46,6 +46,14 @@ class Slices:
 
     __repr__ = in_short
 
+    @property
+    def box(self) -> Box:
+        """The evaluated points, as a grid along the axes of the frame."""
+        counts = np.array(self.samples.shape[2::-1])
+        steps = self.steps * (np.array(self.depth.shape[::-1]) - 1) / (counts - 1)
+        across, along, deep = (counts @ self.axes).astype(int).tolist()
+        return Box(self.corner, steps @ self.axes, (across, along, deep))
+
 
 def slices_around(
     field: RadiatedField, columns: Sequence[int], foci: Real[np.ndarray, "foci 3"], window: Window
@@ -138,9 +146,9 @@ def box_pressure(
     Parameters
     ----------
     field : the field of the slices.
-    slices : slices whose ``any_axis`` is True.
+    slices : slices of the field.
     excitation : index of the excitation in the field and the slices.
-    box : a box inside the slices.
+    box : a box inside the slices, which has the evaluated points if ``any_axis`` is False.
 
     Returns
     -------
@@ -153,7 +161,7 @@ def box_pressure(
             first = slices.corner[direction]
             last = first + slices.steps[2 - index] * (slices.depth.shape[index] - 1)
             samples = np.linspace(first, last, values.shape[index])
-            along = box.origin[direction] + box.step * np.arange(box.counts[direction])
+            along = box.origin[direction] + box.step[direction] * np.arange(box.counts[direction])
             values = make_interp_spline(samples, values, k=3, axis=index)(along)
         return values.transpose(np.argsort(directions)).ravel(order="F")
 
@@ -337,7 +345,7 @@ def pressure_on_surfaces(
     from scipy.spatial import KDTree
 
     surface = field.on_surface
-    wavenumber = field.scene.wavenumber
+    wavenumber = field.scene.wavenumber.real  # absorption is negligible over a few millimetres
     neighbours = min(10, len(surface.points))
     distances, nearest = KDTree(surface.points).query(points, k=neighbours)
     normals = surface.normals[nearest]

@@ -163,12 +163,12 @@ class Box:
     Attributes
     ----------
     origin : (3,) corner with the smallest coordinates [m].
-    step : distance between neighbouring points [m].
+    step : (3,) distance between neighbouring points along each axis [m].
     counts : numbers of points along x, y and z.
     """
 
     origin: Float64[np.ndarray, "3"]
-    step: float
+    step: Float64[np.ndarray, "3"]
     counts: tuple[int, int, int]
 
     @property
@@ -187,4 +187,4 @@ def box_around(
     size = foci.max(axis=0) + 1.5 * wavelength - lowest
     step = float(max(wavelength / 8, np.cbrt(np.prod(size) / max_points)))
     across, along, deep = (max(2, int(length / step) + 1) for length in size)
-    return Box(lowest, step, (across, along, deep))
+    return Box(lowest, np.full(3, step), (across, along, deep))

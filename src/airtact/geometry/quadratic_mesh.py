@@ -217,18 +217,25 @@ class QuadraticMesh:
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
         """Fit panels (P, 6, 3) [m] to the surface by least squares."""
-        return self.levelled(self.project(panels.reshape(-1, 3)).reshape(-1, 6, 3))
+        return self.levelled(self.project(panels.reshape(-1, 3)).reshape(-1, 6, 3))[0]
 
-    def levelled(self, panels: QuadraticTriangles) -> QuadraticTriangles:
+    def levelled(
+        self, panels: QuadraticTriangles
+    ) -> tuple[QuadraticTriangles, Float64[np.ndarray, "panels"]]:
         """Move nodes of panels (P, 6, 3) along normals to minimise the mean square distance.
+
+        The second result is an estimate of the root mean square distance (P,) that remains [m],
+        which mostly agrees with ``deviation`` within 10 %.
 
         A panel whose nodes are all on the surface lies inside a round surface, and follows the
         roughness of a scan at its nodes. A least-squares fit avoids both.
         """
-        depth = self.depth(np.einsum("qn,tnd->tqd", _RULE_SHAPE, panels).reshape(-1, 3))
-        rise = depth.reshape(-1, len(_RULE_POINTS)) @ _RULE_FIT.T
+        points = np.einsum("qn,tnd->tqd", _RULE_SHAPE, panels).reshape(-1, 3)
+        depth = self.depth(points).reshape(-1, len(_RULE_POINTS))
+        rise = depth @ _RULE_FIT.T
+        remaining = np.sqrt((depth - rise @ _RULE_SHAPE.T) ** 2 @ (2 * _RULE_WEIGHTS))
         normals = np.stack([normals_at(panels, node) for node in NODE_REFERENCES], axis=1)
-        return panels + rise[:, :, None] * unit(normals)
+        return panels + rise[:, :, None] * unit(normals), remaining
 
     @cached_property
     def area(self) -> float:

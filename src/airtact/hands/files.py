@@ -15,9 +15,6 @@ from airtact.files.meshes import read_node_positions, read_vertices
 from airtact.hands.hand import Hand, hand_from_joints
 from airtact.hands.joints import NAMES, Points, Side, side_named
 
-# Largest distance of a focus from a named position on a hand [m].
-ROOM = 0.2
-
 # File name extensions of point clouds.
 CLOUD_ENDINGS = (".ply", ".xyz")
 

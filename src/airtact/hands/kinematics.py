@@ -6,7 +6,6 @@ from typing import cast
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from airtact.errors import InvalidInput
@@ -110,6 +109,8 @@ def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: 
         values = [excess(float(angle)) for angle in angles]
         for index in range(len(angles) - 1):
             if min(values[index : index + 2]) <= 0.0 <= max(values[index : index + 2]):
+                from scipy.optimize import brentq  # importing it takes 0.2 s
+
                 root = brentq(excess, angles[index], angles[index + 1], xtol=1e-9)
                 return both_turned(float(cast("float", root)))
         excesses += values

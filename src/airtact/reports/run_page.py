@@ -56,12 +56,9 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
             field = run.verification.field
             if view.slices.any_axis:
                 box = box_around(setup.target.points, scene.wavelength)
-                pressure = box_pressure(field, view.slices, 0, box)
-            else:
-                # Planes in the 3-D scene are too far apart to interpolate the field between them.
-                box = box_around(setup.target.points, scene.wavelength, max_points=36_000)
-                pressure = field.for_pictures.at(box.points)[:, 0]
-            pressure *= run.drive.peak
+            else:  # the planes are too far apart to interpolate the field between them
+                box = view.slices.box
+            pressure = run.drive.peak * box_pressure(field, view.slices, 0, box)
             write_field(files[0], box, pressure, [obstacle.surface for obstacle in scene.obstacles])
         progress("drawing the report")
         space = viewer_values(view)

@@ -20,6 +20,9 @@ from airtact.setup.tables import MediumTable, ObstacleTable, PoseTable, SceneFil
 
 Made = TypeVar("Made")
 
+# Largest distance of a focus from a named position on a hand [m]
+ROOM = 0.2
+
 # Named points of bodies, with the outward normal there and the distance to the next body [m]
 NamedPoints = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
 
@@ -134,9 +137,6 @@ def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
         return {"capsule": built(at.capsule, table.capsule)}, {}, []
     if table.sphere is not None:
         return {"sphere": built(at.sphere, table.sphere)}, {}, []
-    # Importing hands takes time, so only do it for scenes with hands.
-    from airtact.hands.files import ROOM
-
     if table.hand is not None:
         hand = at.load_hand(folder / table.hand, table.gap)
         # Where fingers touch, a place lies inside the body; this only matters if a focus is there.

@@ -159,7 +159,7 @@ def _write_image(group: h5py.Group, box: Box, pressure: Complex[np.ndarray, "poi
     across, along, deep = box.counts
     group.attrs["WholeExtent"] = np.array([0, across - 1, 0, along - 1, 0, deep - 1])
     group.attrs["Origin"] = box.origin
-    group.attrs["Spacing"] = np.full(3, box.step)
+    group.attrs["Spacing"] = box.step
     group.attrs["Direction"] = np.eye(3).ravel()
     data = group.create_group("PointData")
     for name, part in (("pressure_real", np.real(pressure)), ("pressure_imag", np.imag(pressure))):

@@ -536,7 +536,7 @@ class BoundaryElement(Solver):
         return {
             "shapes": [obstacle.surface.shape for obstacle in scene.obstacles],
             "edge": 2 * smallest,
-            "near": refined[scene.depth(refined) > -2 * smallest],
+            "near": refined[scene.depth(refined, within=2 * smallest) > -2 * smallest],
             "smallest": smallest,
             "bend": 2 * np.pi / around,
             # Moving a surface by d changes the phase of the reflected sound by 2 k d.
