@@ -47,7 +47,7 @@ def text(
     Raises
     ------
     InvalidInput
-        If the text is empty, if a letter is not in the font, or under the conditions listed in
+        If the text is empty or a letter is not in the font. Also under the conditions listed in
         ``polyline``.
 
     Examples
@@ -102,8 +102,8 @@ def svg_path(
     Raises
     ------
     InvalidInput
-        If the file cannot be read, is not SVG, or contains no lines or too many curves; or
-        under the conditions listed in ``polyline``.
+        If the file cannot be read, is not an SVG file, contains no lines or contains too many
+        curves. Also under the conditions listed in ``polyline``.
     """
     width = positive(width, "the width of the drawing", "m")
     spacing = positive(spacing, "the spacing", "m")
@@ -120,15 +120,15 @@ def svg_path(
     farthest = np.abs(corners).max(initial=0.0)
     if not farthest <= LARGEST_NUMBER:
         raise InvalidInput(
-            f"{name} has a line at {farthest:.3g}, beyond {LARGEST_NUMBER:g} units; scale the "
-            "drawing down.",
+            f"{name} has a coordinate of {farthest:.3g} units, but at most {LARGEST_NUMBER:g} are "
+            "allowed. Scale the drawing down.",
             code="out_of_range",
         )
     extent = np.ptp(corners, axis=0) if len(corners) else np.zeros(2)
     # An upright line has no width.
     size = extent[0] if extent[0] > 0.0 else extent[1]
     if size < SMALLEST_NUMBER:
-        raise InvalidInput(f"all lines in {name} have length 0.", code="empty")
+        raise InvalidInput(f"all lines in {name} have length 0. Draw longer lines.", code="empty")
     upright = [stroke * [width / size, -width / size] for stroke in strokes]  # y points down in SVG
     return _laid_out(upright, name, spacing, centre, normal, up)
 
@@ -216,7 +216,7 @@ def _laid_out(
     strokes: Strokes, name: str, spacing: float, centre: Vector, normal: Vector, up: Vector | None
 ) -> Points:
     if not strokes:
-        raise InvalidInput(f"{name} has no strokes.", code="empty")
+        raise InvalidInput(f"{name} has no strokes. Use visible letters or lines.", code="empty")
     right, upwards, _ = frame_of(normal, up)
     corners = np.concatenate(strokes)
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))

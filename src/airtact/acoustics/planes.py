@@ -112,7 +112,7 @@ def plane(point: Vector, normal: Vector) -> Plane:
 
 
 def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plane, ...]:
-    """Check the planes of a scene: there is at most one, and no body touches or crosses it."""
+    """Check that a scene has at most one plane, and that no body touches or crosses the plane."""
     if isinstance(planes, Plane) or not isinstance(planes, Iterable):
         raise InvalidInput(
             f"the planes of a scene must be a list such as [plane], not a {type(planes).__name__}.",

@@ -170,9 +170,9 @@ class Scene:
     ------
     InvalidInput
         If the frequency is outside its range, or so low that every body is smaller than 1/50 of a
-        wavelength; if a body is more than 10 m from the origin; if the absorption exceeds 1 Np per
-        wavelength; if a surface intersects itself; if two bodies overlap; if a body touches or
-        crosses a plane; if there are several planes; or if an argument has the wrong type.
+        wavelength. If a body is more than 10 m from the origin, overlaps another body, intersects
+        itself, or touches or crosses a plane. If the absorption exceeds 1 Np per wavelength, if
+        there are several planes, or if an argument has the wrong type.
 
     Examples
     --------

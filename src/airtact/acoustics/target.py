@@ -55,8 +55,9 @@ class Target:
     ----------
     points : (F, 3) foci in the obstacles' frame [m].
     pressures : (F,) requested peak pressures [Pa]; None makes the foci as strong as possible.
-    shares : (F,) relative pressures, or None. The foci get these proportions, at the highest
-        level that the array allows. Without pressures and shares, all foci have equal weight.
+    shares : (F,) relative pressures, or None. The pressures at the foci have these ratios, at the
+        highest level that the array allows. Without pressures and shares, all foci have equal
+        weight.
     phases : (F,) requested phases [rad], from complex pressures or shares; None if the drive method
         chooses them.
     suppression_points : (Q, 3) points where the pressure is suppressed [m]; none by default.
@@ -197,7 +198,7 @@ def _per_focus(values: PerFocus, foci: int, name: str, unit: str) -> Num[np.ndar
     if numbers.ndim != 0 and numbers.shape != (foci,):
         raise InvalidInput(
             f"{name}s have shape {numbers.shape}, but the target has "
-            f"{counted(foci, 'focus', 'foci')}; use one number or ({foci},).",
+            f"{counted(foci, 'focus', 'foci')}; use one number, or an array of shape ({foci},).",
             code="wrong_shape",
         )
     if not np.iscomplexobj(numbers) and numbers.min() < 0.0:

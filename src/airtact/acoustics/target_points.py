@@ -188,7 +188,7 @@ def surface_points(
     Raises
     ------
     InvalidInput
-        If the spacing is not above zero or results in more than 4096 points, or no part of the
+        If the spacing is not above zero or results in more than 4096 points, or if no part of the
         surface faces the given direction.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
@@ -232,8 +232,8 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     Raises
     ------
     InvalidInput
-        If the offset is negative or above 20 mm, or a shifted point is closer to the surface than
-        half of the offset, as in a crevice.
+        If the offset is negative or above 20 mm, or if a shifted point is closer to the surface
+        than half of the offset, as in a crevice.
 
     Examples
     --------

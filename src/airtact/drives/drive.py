@@ -62,7 +62,7 @@ class Drive:
             count = counted(int(np.sum(magnitudes > FULL_SCALE)), "element is", "elements are")
             raise InvalidInput(
                 f"{count} driven above full scale; the largest amplitude is "
-                f"{magnitudes.max():.4g}. Divide the drive by this value.",
+                f"{magnitudes.max():.4g}. Divide the drive by its largest amplitude.",
                 code="over_full_scale",
             )
         # The array is read-only because drives are shared and their magnitudes are checked only
@@ -109,7 +109,7 @@ class Drive:
     def factor_to_match(
         self, reference: "Drive", held_equal: Literal["energy", "peak"] = "energy"
     ) -> float:
-        """Return the factor that gives this drive the same energy or peak as another drive.
+        """Return the factor that scales this drive to the energy or the peak of another drive.
 
         Parameters
         ----------
@@ -152,8 +152,8 @@ class Drive:
             complete.
         array : the array for which the drive was computed; emission to boards requires it.
         scene : the scene whose frequency and medium are stored.
-        transfer : pressure at the foci per unit drive. ``emit`` uses it to compute the pressure
-            lost by rounding.
+        transfer : transfer matrix from which the drive was computed. ``emit`` uses it to compute
+            the pressure lost by rounding.
         target : the foci.
         levels : amplitude and phase levels of the boards. The file contains both the exact
             drive and the drive rounded to these levels.
@@ -193,7 +193,7 @@ class Drive:
 
 
 def check_drive(drive: Drive, name: str) -> None:
-    """Raise ``InvalidInput`` unless ``drive`` is a ``Drive``; the message calls it ``name``."""
+    """Raise ``InvalidInput`` if ``drive``, called ``name`` in the message, is not a ``Drive``."""
     # The likely mistake is a Frame, whose amplitudes are levels.
     of_kind(drive, Drive, name, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
 

@@ -133,13 +133,14 @@ class DriveFile:
     def frame_rate(self, rate: float | None = None) -> float | None:
         """Return ``rate`` if it is not None, and otherwise the rate in the file.
 
-        A single drive has no rate (None). If there are several frames but no rate, the method
-        raises ``InvalidInput`` with the code "data_missing".
+        The result can be None for a single drive. If there are several frames but no rate, the
+        method raises ``InvalidInput`` with the code "data_missing".
         """
         rate = self.rate if rate is None else rate
         if rate is None and len(self.drives) > 1:
             raise InvalidInput(
-                f"a sequence of {len(self.drives)} frames requires a rate in frames per second.",
+                f"a sequence of {len(self.drives)} frames requires a rate. Pass rate in frames per "
+                "second.",
                 code="data_missing",
             )
         return rate
@@ -189,8 +190,8 @@ def save_drives(
 def _check_count(count: int, elements: int, name: str) -> None:
     if count != elements:
         raise InvalidInput(
-            f"{name} has {count} elements, but the drive has {elements}. Use {name} for which the "
-            "drive was computed.",
+            f"{name} has {count} elements, but the drive has {elements}. Pass the object for which "
+            "the drive was computed.",
             code="sizes_differ",
         )
 
@@ -214,7 +215,7 @@ def write_drive_file(path: Path, contents: DriveFile) -> None:
 
 
 def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
-    """Return the ending of a file name in lower case, and check that it is allowed."""
+    """Return the lower-case ending of a file name after checking that it is an allowed ending."""
     ending = path.suffix.lower()
     if ending not in endings:
         raise InvalidInput(

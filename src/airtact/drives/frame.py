@@ -55,8 +55,8 @@ class Frame:
             object.__setattr__(self, name, levels)
         if len(self.amplitude) != len(self.phase):
             raise InvalidInput(
-                f"a frame needs one amplitude and one phase per element, not "
-                f"{len(self.amplitude)} and {len(self.phase)}.",
+                "a frame needs one amplitude and one phase per element, but has "
+                f"{len(self.amplitude)} amplitudes and {len(self.phase)} phases.",
                 code="sizes_differ",
             )
 

@@ -42,8 +42,8 @@ def weighted_gerchberg_saxton(
     Raises
     ------
     InvalidInput
-        If the foci of the target are not those of the matrix, if there are more foci than elements,
-        if two foci are too close together, if a focus is shadowed, or if ``iterations`` is below 1.
+        If the transfer matrix was computed for other foci, if there are more foci than elements, if
+        two foci are too close together, if a focus is shadowed, or if ``iterations`` is below 1.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)

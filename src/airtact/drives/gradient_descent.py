@@ -49,8 +49,8 @@ def gradient(
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``weighted_gerchberg_saxton``, if the suppression points are
-        not those of the matrix, or if the loss is out of range.
+        Under the conditions listed in ``weighted_gerchberg_saxton``, if the matrix has no rows for
+        the suppression points, or if the loss is out of range.
 
     Warns
     -----

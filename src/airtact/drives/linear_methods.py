@@ -42,7 +42,7 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
     Raises
     ------
     InvalidInput
-        If the foci of the target are not those of the matrix, or the contributions of the foci
+        If the transfer matrix was computed for other foci, or if the contributions of the foci
         cancel at every element.
     """
     return scaled_to_target(transfer, target, _reversed(transfer, target))
@@ -89,8 +89,8 @@ def inverse_filter(
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``weighted_gerchberg_saxton``, if the suppression points are
-        not those of the matrix, or if the weight is negative.
+        Under the conditions listed in ``weighted_gerchberg_saxton``, if the matrix has no rows for
+        the suppression points, or if the weight is negative.
     """
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])
@@ -166,7 +166,7 @@ def exact_amplitudes(
     iterations: int = 50,
     sufficient_peak: float = 0.0,
 ) -> Amplitudes:
-    """Return the amplitudes d with H d = w whose largest magnitude is least.
+    """Return the amplitudes d that satisfy H d = w with the smallest peak max_e |d_e|.
 
     The iteration starts at the amplitudes of least energy and stops once the peak is at most
     ``sufficient_peak``.

@@ -40,8 +40,8 @@ class UpperBound:
     Attributes
     ----------
     worst : √Σ_e y_e, an upper bound on the smallest fraction of the requested pressures. If the
-        target requests shares, or makes no request (equal shares), ``worst`` instead bounds the
-        smallest ratio of pressure to share [Pa].
+        target requests only relative pressures (shares), or nothing (equal shares), ``worst``
+        instead bounds the smallest ratio of pressure to share [Pa].
     relaxed : value reached by the relaxation; no choice of multipliers makes ``worst`` smaller than
         this.
     multipliers : (F,) μ_f; 0 for foci without a request.

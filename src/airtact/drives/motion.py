@@ -190,7 +190,7 @@ def moving_target(target: Target, paths: Paths) -> Target:
 
     Returns
     -------
-    A target with F N foci: all foci of the first frame, then those of the next.
+    A target with F·N foci: all foci of the first frame, then those of the next.
     """
     points = paths.transpose(1, 0, 2).reshape(-1, 3)
     phases = 1.0 if target.phases is None else np.exp(1j * target.phases)

@@ -17,7 +17,7 @@ MIN_FOCUS_DISTANCE = 0.1
 
 
 def check_foci(transfer: TransferMatrix, target: Target) -> None:
-    """Raise ``InvalidInput`` if the points of a target are not those of the transfer matrix.
+    """Raise ``InvalidInput`` if the target and the transfer matrix have different points.
 
     The rows of the matrix are the target's foci, or its foci followed by its suppression points.
     """

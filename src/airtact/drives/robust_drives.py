@@ -127,7 +127,7 @@ def robust(
     certain = len(samples) == 1
 
     def reached(amplitudes: Amplitudes) -> float:
-        """Return the value of the goal after scaling the drive to the limit."""
+        """Return the value of the goal for a drive scaled to unit energy or unit peak."""
         scale = np.linalg.norm(amplitudes) if limit == "energy" else np.abs(amplitudes).max()
         return _statistic(np.abs(samples @ amplitudes).min(axis=1), goal) / float(scale)
 
@@ -191,7 +191,7 @@ def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
 
 
 def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
-    """Return the rows of the samples, divided by the requests; one sample if all are equal."""
+    """Return the rows of all samples (of one if all are equal), divided by the requests."""
     nominal, requests = asked_rows(ensemble, target)
     if not isinstance(ensemble, TransferEnsemble):
         return (nominal / requests[:, None])[None]

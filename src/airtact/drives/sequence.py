@@ -60,7 +60,7 @@ class Sequence:
         if largest.max() > FULL_SCALE:
             raise InvalidInput(
                 f"frame {int(largest.argmax())} of a sequence drives an element at "
-                f"{largest.max():.4g} times full scale. Divide the sequence by this value.",
+                f"{largest.max():.4g} times full scale. Divide the sequence by this factor.",
                 code="over_full_scale",
             )
         drives.flags.writeable = False

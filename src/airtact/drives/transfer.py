@@ -167,9 +167,9 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     sources = beacons.sources
     if not np.array_equal(sources.strengths, np.eye(len(sources.positions))):
         raise InvalidInput(
-            "the field must be that of unit beacons (one excitation of 1 Pa·m per point), but its "
-            f"strengths have shape {sources.strengths.shape} and a largest magnitude of "
-            f"{np.abs(sources.strengths).max():g} Pa·m: solve for target.beacons().",
+            "the field must be that of unit beacons, with one excitation of 1 Pa·m per point. The "
+            f"strengths of its sources have shape {sources.strengths.shape} and a largest "
+            f"magnitude of {np.abs(sources.strengths).max():g} Pa·m. Solve for target.beacons().",
             code="wrong_kind",
         )
     check_placement(beacons.scene, array, sources.positions)
@@ -314,9 +314,9 @@ def rounding_error(
 
     Parameters
     ----------
-    transfer : pressure at the foci per unit drive.
-    drive : the computed drive.
-    frame : the emitted levels.
+    transfer : transfer matrix from which the drive was computed.
+    drive : the computed drive, before rounding.
+    frame : the drive rounded to the levels of the boards.
 
     Returns
     -------

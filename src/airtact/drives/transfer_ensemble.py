@@ -175,9 +175,9 @@ def ensemble(
     ------
     InvalidInput
         Under the conditions listed in ``transfer_matrix``, if ``samples`` or ``seed`` is out of
-        range, if all samples are impossible, if the scene has no body for ``along_skin``, if
-        samples in front of a plane need ``solver``, or if the temperature or humidity is uncertain
-        but the medium is not air.
+        range, or if all samples are impossible. Also if ``along_skin`` is set for a scene without
+        bodies, if ``solver`` is missing but needed for samples in front of a plane, or if the
+        temperature or humidity is uncertain but the medium is not air.
 
     Examples
     --------
@@ -483,8 +483,8 @@ class _Sampler:
             return self.field
         if self.solver is None:
             raise InvalidInput(
-                "the scene has a plane, so samples with a lifted or tilted hand, separately "
-                "moved bodies or foci, or different air require a solve each. Pass "
+                "the scene has a plane, so each sample with a lifted or tilted hand, separately "
+                "moved bodies or foci, or different air must be solved. Pass "
                 "solver=BoundaryElement(), or set these deviations to 0.",
                 code="not_converged",
             )

@@ -31,7 +31,7 @@ def drive_sources(
     Returns
     -------
     E·Q monopoles, element by element, each with S strengths sensitivity · w_j · g_e · d_e [Pa·m],
-    where g_e is the gain of element e.
+    where w_j is the weight of the face point, g_e the gain of the element and d_e its drive.
 
     Raises
     ------

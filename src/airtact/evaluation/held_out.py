@@ -39,7 +39,7 @@ class HeldOut:
         return np.quantile(self.pressures, 0.1, axis=1)
 
     def sentence(self) -> str:
-        """Sentence with the pressure that the weakest focus exceeds in 9 out of 10 samples."""
+        """Sentence stating the pressure that the weakest focus exceeds in 9 out of 10 samples."""
         first, *rest = self.lowest_tenth
         words = [f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], rest, strict=True)]
         compared = f" ({', '.join(words)} at equal energy)" if words else ""

@@ -24,7 +24,7 @@ NOT_MODELLED = (
 
 
 def not_modelled(report: SolveReport) -> str:
-    """Return a sentence on the effects that the pressures of a report do not include."""
+    """Return a sentence that lists the effects that a solver's pressures do not include."""
     # Solvers record planes and boards in their settings, which are stored with a field.
     planes = PLANES in report.settings
     if BOARDS in report.settings:
@@ -53,7 +53,7 @@ def pascals(pressure: float) -> str:
 def in_real_air(
     pressures: Num[np.ndarray, "foci"], steepening: Steepening | None
 ) -> tuple[str, ...]:
-    """State the pressure in real air at the focus where the sound steepens most, if noticeable.
+    """State the pressure in real air at the focus with the most steepening, if it is noticeable.
 
     Parameters
     ----------

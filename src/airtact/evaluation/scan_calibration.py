@@ -256,8 +256,9 @@ def calibrate_from_scans(
     """
     if not scans or len(scans) != len(drives):
         raise InvalidInput(
-            f"{counted(len(scans), 'scan', 'scans')} with "
-            f"{counted(len(drives), 'drive', 'drives')}: pass one drive per scan.",
+            f"got {counted(len(scans), 'scan', 'scans')} and "
+            f"{counted(len(drives), 'drive', 'drives')}. Pass at least one scan, and one drive per "
+            "scan.",
             code="sizes_differ",
         )
     if scene.obstacles or scene.planes:

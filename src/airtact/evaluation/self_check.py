@@ -50,7 +50,7 @@ class SelfCheck:
     instructions : instruction set of the compiled loops.
     threads : number of threads of the compiled loops.
     asked : requested accuracy of the solver.
-    fields : known fields, in the order in which they were solved.
+    fields : comparisons with known fields, in the order in which they were solved.
     """
 
     instructions: str

@@ -12,7 +12,7 @@ THRESHOLDS: dict[str, float] = {"amplitude": 557.0, "spatiotemporal": 334.0}
 
 
 def constant_force_note(fastest: float = np.inf) -> str:
-    """Return a note that recommends modulation; boards modulate at up to ``fastest`` [Hz].
+    """Return a note that recommends amplitude modulation at 200 Hz, or at ``fastest`` if lower.
 
     Examples
     --------

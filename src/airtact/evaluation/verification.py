@@ -159,7 +159,7 @@ def verify(
     levels: Levels = EIGHT_BITS,
     progress: Progress | None = None,
 ) -> Verification:
-    """Verify a drive: foci, attainable pressure, side lobes, skin, thresholds, rounding and head.
+    """Compute the pressures, side lobes, skin forces, rounding loss and head level of a drive.
 
     Parameters
     ----------

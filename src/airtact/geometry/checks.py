@@ -179,7 +179,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
 
 
 def approach(first: Surface, second: Surface, within: float = np.inf) -> Approach | None:
-    """Return the distance [m] between two true surfaces; None if it is more than ``within``."""
+    """Return the distance [m] between two true surfaces, or None if it exceeds ``within``."""
     if isinstance(first.shape, Capsule) and isinstance(second.shape, Capsule):
         on_first, on_second = nearest_on_segments(first.shape.axis, second.shape.axis)
         across = on_second - on_first

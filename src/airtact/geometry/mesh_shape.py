@@ -165,8 +165,8 @@ def covered(
         shorter *= shrink
     raise fault or InvalidInput(
         f"panels with edges of {1e3 * edge:.3g} to {2e3 * shorter:.3g} mm do not enclose the "
-        f"volume of {1e6 * mesh.volume:.4g} cm³ to within 3 %: the surface is too rough or too "
-        "thin; simplify it, or make it thicker.",
+        f"volume of {1e6 * mesh.volume:.4g} cm³ to within 3 %, because the surface is too rough or "
+        "too thin. Simplify it, or make it thicker.",
         code="mesh_faulty",
     )
 

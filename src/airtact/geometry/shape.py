@@ -28,7 +28,7 @@ class Shape(ABC):
     @property
     @abstractmethod
     def extent(self) -> float:
-        """Largest distance [m] between two points, or largest side of the original bounding box."""
+        """Length [m] of a closed form, or longest side of a mesh's original bounding box."""
 
     @property
     @abstractmethod
@@ -65,7 +65,7 @@ class Shape(ABC):
         return np.zeros((0, 2), dtype=np.int64)
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
-        """Find a piece inside another; return both indices, the depth and a point [m], or None."""
+        """Return the indices of a piece and the one around it, its depth and a point, or None."""
         return None
 
     @abstractmethod

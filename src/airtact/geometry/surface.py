@@ -62,7 +62,8 @@ class Surface:
     sharp_degrees : angle between neighbouring triangles above which their edge remains sharp
         [degrees]; 0 keeps the triangles flat.
     repairs : a sentence for each kind of damage that was repaired.
-    shape : the true surface: the exact shape or, without one, the curved triangles.
+    shape : the true surface, which is the exact shape if there is one, or else the curved
+        triangles.
 
     Raises
     ------
@@ -189,7 +190,7 @@ class Surface:
         Raises
         ------
         InvalidInput
-            If the edge is not above zero, or the surface cannot be remeshed.
+            If the edge is not above zero, or if the surface cannot be remeshed.
         """
         edge = positive(edge, "edge", "m")
         return panels_of([self.shape], edge, np.empty((0, 3)), smallest=0.5 * edge)
@@ -221,8 +222,8 @@ class Surface:
 def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
     """Return the least-squares rigid motion from one surface to another with the same triangles.
 
-    The second result is the largest remaining distance of a vertex or edge midpoint [m]. It is
-    infinite if the triangles or their curvature rules differ.
+    The second result is the largest remaining distance of a vertex or edge midpoint [m]. This
+    distance is infinite if the surfaces differ in their triangles or in how these are curved.
     """
     if before is after:
         return Pose.identity(), 0.0

@@ -38,7 +38,8 @@ class Look(NamedTuple):
     distance : (P,) distance from the skin [m], negative inside.
     gradient : (P, 3) gradient of the distance at constant blend radius.
     bend : (P,) radius of curvature of the skin [m].
-    facing : (P,) distance from the closest hull that is separate from the nearest hull [m].
+    facing : (P,) distance from the closest of the hulls that stay separate from the nearest hull
+        [m].
     nearest : (P,) index of the nearest hull.
     """
 

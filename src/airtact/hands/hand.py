@@ -92,7 +92,7 @@ class Hand:
 
     @property
     def touches(self) -> tuple[Touch, ...]:
-        """Separate parts whose skins are merged because they are less than 0.3 mm apart."""
+        """Pairs of parts whose skins are merged because they are less than 0.3 mm apart."""
         return self._body[1]
 
     @cached_property
@@ -187,7 +187,7 @@ class Hand:
         ----------
         array : elements that radiate to one side, such as a board.
         height : distance of the position from the array's centre, along its mean normal [m].
-        place : one of ``places``.
+        place : name of the position, one of ``places``.
 
         Returns
         -------
@@ -196,8 +196,8 @@ class Hand:
         Raises
         ------
         InvalidInput
-            Under the conditions listed in ``place``; or if the height is not between 0 and 1 m, or
-            the elements radiate in all directions, so that the array has no front.
+            If the height is not between 0 and 1 m, or if the elements radiate in all directions, so
+            that the array has no front. Also under the conditions listed in ``place``.
         """
         slip = "is it in millimetres? Use metres."
         height = within(height, 0.0, 1.0, "the height of a hand", "m", slip)
@@ -318,9 +318,9 @@ def hand_from_joints(
     Raises
     ------
     InvalidInput
-        If joints are missing, NaN or in millimetres, bones have impossible lengths, fingers are out
-        of order, radii are implausible, or the bends of the fingers contradict the side or do not
-        determine it.
+        If joints are missing, NaN or in millimetres, if bones have impossible lengths, if fingers
+        are out of order, if radii are implausible, or if the bends of the fingers contradict the
+        side or do not determine it.
     """
     # The order of checks matters: swapped fingers would be reported as an unclear side.
     joints = joints_of(positions)

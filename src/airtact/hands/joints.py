@@ -238,8 +238,8 @@ def checked_side(
 ) -> Side:
     """Return the side of a hand, which by default is inferred from the bends of its fingers.
 
-    The function raises ``InvalidInput`` if the bends contradict ``side``. It also does so if no
-    side is given and the magnitude of ``side_evidence`` is below ``min_evidence``.
+    The function raises ``InvalidInput`` if the bends contradict ``side``, or if no side is given
+    and the magnitude of ``side_evidence`` is below ``min_evidence``.
     """
     known = side_named(side)
     evidence = side_evidence(joints)
@@ -247,15 +247,15 @@ def checked_side(
     if known is None and abs(evidence) < min_evidence:
         raise InvalidInput(
             f"the {word} do not show whether this is a left or a right hand, because the fingers "
-            f"are too straight (the sum of bends is {evidence:+z.2f}, but its magnitude must be at "
-            f"least {min_evidence:g}): set side.",
+            f"are too straight. The sum of their bends is {evidence:+z.2f}, but its magnitude must "
+            f"be at least {min_evidence:g}. Set side.",
             code="side_unclear",
         )
     if known not in (None, bent_as) and abs(evidence) >= min_evidence:
         raise InvalidInput(
-            f"the {word} are labelled as a {known} hand, but fingers and thumb bend like those "
-            f"of a {bent_as} hand (the sum of bends is {evidence:+z.2f}, and positive for a right "
-            "hand): are they mirrored?",
+            f"the {word} are labelled as a {known} hand, but fingers and thumb bend like those of "
+            f"a {bent_as} hand. The sum of bends is {evidence:+z.2f}; it is positive for a right "
+            f"hand. Are the {word} mirrored?",
             code="wrong_side",
         )
     return known or bent_as
@@ -266,9 +266,9 @@ def side_evidence(joints: Joints) -> float:
 
     The result is the sum of the sines of all bends and of the angle of the thumb from the palm.
     Small bends do not count, because the fingers of the other hand can also bend backwards: by up
-    to 30 degrees at a knuckle, and by 9 and 17 degrees at the next joints. For larger bends, the
-    sine of this limit is subtracted. The result is negative for a left hand, and about 0 for
-    straight fingers.
+    to 30 degrees at a knuckle, and by 9 and 17 degrees at the next joints. From the sine of a
+    larger bend, the sine of the limit is subtracted. The result is negative for a left hand, and
+    about 0 for straight fingers.
     """
     # Fingers bend toward the palm. Viewed across the palm from the little finger, all bends of a
     # right hand turn one way, and those of a left hand the other way.

@@ -59,7 +59,7 @@ class Pinch:
         if not 0.0 <= offset < self.gap:
             raise InvalidInput(
                 f"foci {offset * 1e3:g} mm from the pads do not lie in the gap of "
-                f"{self.gap * 1e3:g} mm; use an offset of 0 or more, below the gap.",
+                f"{self.gap * 1e3:g} mm. Use an offset that is at least 0 and less than the gap.",
                 code="out_of_range",
             )
         return self.pads + offset * self.normals

@@ -50,7 +50,7 @@ class HandShape(Shape):
 
     @cached_property
     def keyframe(self) -> "HandShape":
-        """Keyframe for the next frame: ``follows`` if similar to this shape, else this shape."""
+        """Keyframe for the next frame: this shape, or ``follows`` if both are similar."""
         if self.follows is None or motion(self.follows.hulls, self.hulls) > NEAR_KEYFRAME:
             return self
         return self.follows
@@ -106,7 +106,7 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Return lower bounds (P,) [m] on diameters of balls that fit inside, up to ``largest``."""
+        """Return diameters (P,) [m] of balls that fit inside at each point, at most ``largest``."""
         smallest = self.least_thickness
         if smallest >= largest:
             return np.full(len(points), smallest)

@@ -104,7 +104,7 @@ def scene_view(
     at_foci : pressure of the field at the foci [Pa].
     drives : drives by name, with the amplitudes for which the field was solved.
     scales : (D,) factor by which each drive is multiplied for the picture.
-    window : plane of the foci.
+    window : grid of points in a plane through the foci; the slices are nearly parallel to it.
     held_equal : quantity that these factors make equal for all drives, in words.
     """
     columns = list(range(len(drives)))

@@ -76,7 +76,7 @@ class EchoModel:
         return cls(scattering, emitted, waves[:, receivers], valid)
 
     def part(self, receivers: Int64[np.ndarray, "chosen"], transmissions: int) -> "EchoModel":
-        """Return the model of selected receivers and the first transmissions."""
+        """Return the same model for only some receivers and the first transmissions."""
         return replace(
             self,
             emitted=np.ascontiguousarray(self.emitted[:, :transmissions]),
@@ -136,10 +136,10 @@ def _array_waves(
     element = int(nearest.argmin())
     if nearest[element] <= scattering.radius:
         raise InvalidInput(
-            f"element {element} of {len(array)} is {1e3 * nearest[element]:.3g} mm from the "
-            f"centre of the bodies, inside the ball of {1e3 * scattering.radius:.3g} mm radius "
-            "around the bodies, where spherical waves are not valid. Move the bodies away from "
-            "the array, or remove parts that are far from the foci.",
+            f"element {element} of {len(array)} is {1e3 * nearest[element]:.3g} mm from the centre "
+            f"of the bodies, but must be outside the ball of {1e3 * scattering.radius:.3g} mm "
+            "radius around the bodies. Move the bodies away from the array, or remove parts that "
+            "are far from the foci.",
             code="bodies_overlap",
         )
     waves = np.zeros((wave_count(order), len(array)), dtype=np.complex64)

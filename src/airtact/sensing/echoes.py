@@ -103,8 +103,9 @@ class Echoes:
         if magnitude.max() > FULL_SCALE:
             element, column = np.unravel_index(magnitude.argmax(), codes.shape)
             raise InvalidInput(
-                f"element {element} has the code {magnitude.max():.4g} in transmission {column}, "
-                "but 1 is full scale; divide all codes by this number.",
+                f"the code of element {element} in transmission {column} has the magnitude "
+                f"{magnitude.max():.4g}, but at most 1 (full scale) is allowed. Divide all codes "
+                "by this magnitude.",
                 code="over_full_scale",
             )
         silent = np.flatnonzero(~codes.any(axis=0))
@@ -194,8 +195,8 @@ def load_echoes(path: str | Path) -> Echoes:
     Raises
     ------
     InvalidInput
-        If the file is missing or unreadable, has another format or version, or lacks a dataset; or
-        under the conditions listed in ``Echoes``.
+        If the file is missing or unreadable, has another format or version, or lacks a dataset.
+        Also under the conditions listed in ``Echoes``.
     """
     path = _checked_path(path)
     raw = datasets_of(path, LAYOUT, newest=2)
@@ -256,7 +257,7 @@ def _table(
             code="wrong_shape",
         )
     if table.size == 0:
-        raise InvalidInput(f"{name} of shape {table.shape} are empty.", code="empty")
+        raise InvalidInput(f"{name} are empty: their shape is {table.shape}.", code="empty")
     check_finite(table, name)
     return table
 

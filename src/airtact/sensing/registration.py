@@ -56,8 +56,8 @@ class Located:
         column belong to ``opening``. The covariance follows from the residual. It is increased if
         receivers in different places disagree by more than the noise, or if the residual indicates
         a wrong shape.
-    bound : Cramér-Rao bound, an array like ``covariance``: the smallest covariance that the
-        noise allows; NaN if the noise is unknown.
+    bound : Cramér-Rao bound, the smallest covariance that the noise allows, in the same shape and
+        units as ``covariance``; NaN if the noise is unknown.
     residual : rms of the residual, including noise, divided by the rms of the echoes.
     misfit : like ``residual``, but without the contribution of noise; 0.2 or more for a wrong
         model, such as another hand.
@@ -140,10 +140,11 @@ def locate(
     Raises
     ------
     InvalidInput
-        If the echoes or the scattering matrix do not match the scene and the array; if the signal
-        is too weak or clipped; if the initial pose is impossible; if both a family and a scattering
-        matrix are given; or if the echoes do not determine a motion (such as the rotation of a
-        ball) or the opening. Also under the conditions listed in ``scattering_matrix``.
+        If the echoes or the scattering matrix do not match the scene and the array, if the signal
+        is too weak or clipped, or if the initial pose is impossible. Also if both a family and a
+        scattering matrix are given, or if the echoes do not determine the opening or one of the
+        motions, such as the rotation of a ball. Also under the conditions listed in
+        ``scattering_matrix``.
 
     Examples
     --------

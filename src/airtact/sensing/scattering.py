@@ -111,7 +111,7 @@ def scattering_matrix(
     ------
     InvalidInput
         If there are no bodies, if ``accuracy`` is out of range, if the bodies need orders above 80,
-        or if the solver has no field around them; or under the conditions listed for the solver.
+        or if the solver has no field around them. Also under the conditions listed for the solver.
 
     Examples
     --------
@@ -326,7 +326,7 @@ class ScatteringFamily:
 
     @cached_property
     def effect(self) -> float:
-        """Change of the matrix per unit of the parameter, relative to that per metre of motion."""
+        """Change of the matrix per unit of the parameter, divided by that per metre of motion."""
         middle = 0.5 * (self.low + self.high)
         here = self.at(middle).matrix
         change = self.derivative(middle).matrix
@@ -377,7 +377,7 @@ def scattering_family(
     InvalidInput
         If the values are invalid, if the scenes have different media, frequencies or numbers of
         bodies, if the bodies do not depend on the parameter, or if the interpolation error exceeds
-        2 %; or under the conditions listed in ``scattering_matrix``.
+        2 %. Also under the conditions listed in ``scattering_matrix``.
 
     Examples
     --------

@@ -237,7 +237,7 @@ class ArrayFit:
         return self.follow(start, best.wavenumber)
 
     def follow(self, boards: tuple[PhasedArray, ...], wavenumber: complex) -> ArrayState:
-        """Take damped steps from the given boards until they converge."""
+        """Fit by damped Gauss-Newton steps, starting at the given boards and wavenumber."""
         ones = np.ones(len(self.measured), dtype=np.complex128)
         here = self._state(boards, wavenumber, ones, ones)
         units = _units(boards, wavenumber)
@@ -297,10 +297,10 @@ class ArrayFit:
         return reception, emission
 
     def equations(self, here: ArrayState, units: Step) -> tuple[Squares, Step]:
-        """Set up the normal equations after eliminating the gains, and half of the gradient.
+        """Return the matrix of the normal equations without the gains, and half of the gradient.
 
-        The unknowns are the wavenumber and the motions of all boards except the first, in
-        ``units``.
+        The unknowns are the motions of all boards except the first, and the wavenumber. Each is
+        divided by its entry in ``units``.
         """
         size = len(here.boards[0])
         elements = len(self.measured)
@@ -462,9 +462,10 @@ def _separated(echoes: Echoes) -> tuple[Pairs, float]:
     separated = int(np.sum(values > 1e-6 * values.max()))
     if separated < len(codes):
         raise InvalidInput(
-            f"{counted(codes.shape[1], 'transmission separates', 'transmissions separate')} only "
-            f"{separated} of {len(codes)} elements, but calibration needs all; use the codes "
-            f"hadamard_codes({len(codes)}).",
+            "the codes of "
+            f"{counted(codes.shape[1], 'transmission separate', 'transmissions separate')} only "
+            f"{separated} of {len(codes)} elements, but calibration must separate all. Use the "
+            f"codes hadamard_codes({len(codes)}).",
             code="too_few",
         )
     inverse = vectors / values @ vectors.conj().T

@@ -165,7 +165,7 @@ def simulate_echoes(
 def noisy(
     pressures: Num[np.ndarray, "receivers transmissions"], decibels: float, seed: int
 ) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float]:
-    """Return the pressures plus normal noise ``decibels`` below them, and the noise's rms [Pa]."""
+    """Add normal noise ``decibels`` below the pressures; return the sum and the rms noise [Pa]."""
     decibels = between(
         decibels, -300.0, 300.0, "the noise", "dB", "it is the ratio of the echoes to the noise."
     )

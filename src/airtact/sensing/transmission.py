@@ -175,7 +175,7 @@ def simulate_transmissions(
     if len(codes) != len(array) or received.shape != (len(array),):
         raise InvalidInput(
             f"there are {len(codes)} codes and {len(received)} reception gains for {len(array)} "
-            "elements; pass one for each element.",
+            "elements. Pass one code and one gain for each element.",
             code="sizes_differ",
         )
     size = len(parts[0])

@@ -33,14 +33,14 @@ def wave_count(order: int) -> int:
 
 
 def order_of(waves: Waves) -> int:
-    """Return the highest order of waves, computed from their number."""
+    """Return the highest order of a set of waves, computed from the number of waves."""
     return round(np.sqrt(len(waves))) - 1
 
 
 def harmonics(
     order: int, offsets: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "waves points"]:
-    """Return real harmonics (waves, P) in the directions of offsets (P, 3) from the centre.
+    """Return real spherical harmonics (waves, P) in the directions of offsets (P, 3).
 
     The normalised Legendre functions are computed from those of the two lower orders, for all
     degrees m at once (DLMF 14.10.3). The recurrence is stable because the functions grow with n.

@@ -646,18 +646,19 @@ class UncertaintyTable(Table, frozen=True):
 
     Attributes
     ----------
-    position : deviation of the whole hand along each axis [m].
-    rotation : deviation of the whole hand about a random axis [°].
-    own_position : deviation of each body along each axis [m].
-    own_rotation : deviation of each body about a random axis [°].
-    along_skin : deviation of each focus along the surface [m].
-    age : deviation of the pose's age [s].
+    position : standard deviation of the hand's position along each axis [m].
+    rotation : standard deviation of the angle by which the hand rotates about a random axis [°].
+    own_position : standard deviation of an additional shift of each body along each axis [m].
+    own_rotation : standard deviation of an additional rotation of each body about a random axis
+        [°].
+    along_skin : standard deviation of the position of each focus along the surface [m].
+    age : standard deviation of the time between the measurement of the pose and the emission [s].
     velocity : velocity of the hand [m/s].
-    temperature : deviation of the temperature of the air [K].
-    humidity : deviation of the relative humidity of the air [1].
-    gain : relative deviation of the gain of each element [1].
-    phase : deviation of the phase of each element [°].
-    dead : fraction of the elements that emit nothing.
+    temperature : standard deviation of the air's temperature [K].
+    humidity : standard deviation of the air's relative humidity, which is a fraction from 0 to 1.
+    gain : standard deviation of each element's amplitude, as a fraction of its nominal amplitude.
+    phase : standard deviation of each element's phase [°].
+    dead : expected fraction of the elements that emit nothing.
     samples : number of samples that the method uses.
     seed : seed of the random samples.
     """

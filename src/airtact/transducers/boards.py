@@ -38,7 +38,7 @@ class Board:
         only an example.
     max_boards : largest number of boards on one link.
     amplitudes, phases : number of amplitude levels and of phase levels.
-    transducer : kind of transducer.
+    transducer : manufacturer's name of the transducer.
     radius : radius of a piston with the directivity of this transducer [m]; see
         ``piston``.
     source : documents that describe the board's layout and the format of its messages.
@@ -119,7 +119,7 @@ def _whole_boards(board: Board, elements: int) -> int:
 def kind_of_array(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> tuple[Board, list[Pose]] | None:
-    """Return the kind and the poses of an array's boards; None if it does not consist of boards."""
+    """Return the kind and poses of an array's boards, or None if the array has no boards."""
     # Kinds with the same pitch differ in the order of their elements, so at most one matches.
     for board in BOARDS.values():
         if board.placed:
@@ -144,8 +144,8 @@ def poses_of_boards(
 
     Returns
     -------
-    One pose per board, from its own frame to that of the array. It is the identity for boards that
-    do not fix the positions of their transducers.
+    One pose per board, from its own frame to that of the array. The pose is the identity for boards
+    that do not fix the positions of their transducers.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def _board_pose(
         raise InvalidInput(
             f"elements {first} to {first + len(board) - 1} are not laid out like board {index} of "
             f"{board.name}: element {first + worst} is {off[worst] * 1e3:.3g} mm from its "
-            f"position, and normals differ by up to {np.degrees(lean.max()):.3g} degrees; compute "
+            f"position, and normals differ by up to {np.degrees(lean.max()):.3g} degrees. Compute "
             "the drive for the layout of this board.",
             code="wrong_kind",
         )

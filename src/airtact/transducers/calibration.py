@@ -40,8 +40,8 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, a column is missing, or a line contains a cell that is not a
-        number, an element that does not exist or is repeated, or a gain outside 0 to 10. The
+        If the file cannot be read, if a column is missing, or if a line contains a cell that is not
+        a number, an element that does not exist or is repeated, or a gain outside 0 to 10. The
         message states the line.
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
@@ -90,8 +90,8 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``load_calibration``, or if a displacement reaches 0.1 m or a
-        rotation half a turn.
+        For the reasons listed in ``load_calibration``, or if a displacement is 0.1 m or more, or a
+        rotation half a turn or more.
     """
     gains = load_calibration(path, len(array))
     table = read_text_table(Path(path))

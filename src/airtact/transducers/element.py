@@ -48,8 +48,8 @@ class Element:
     Raises
     ------
     InvalidInput
-        If a number is not finite, the weights do not match the points or do not add up to 1, the
-        sensitivity is not above zero, or the radius is negative.
+        If a number is not finite, if the weights do not match the points or do not add up to 1, if
+        the sensitivity is not above zero, or if the radius is negative.
 
     Examples
     --------
@@ -72,7 +72,8 @@ class Element:
         if weights.shape != (len(points),):
             raise InvalidInput(
                 f"the weights have shape {weights.shape}, but the element has "
-                f"{counted(len(points), 'face point', 'face points')}.",
+                f"{counted(len(points), 'face point', 'face points')}. Pass one weight for each "
+                "point.",
                 code="wrong_shape",
             )
         if not abs(weights.sum() - 1.0) < 1e-9:
@@ -184,8 +185,8 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     Raises
     ------
     InvalidInput
-        If the radius or the sensitivity is not above zero, the radius exceeds 0.1 m, or the number
-        of points is neither 12 nor 19.
+        If the radius or the sensitivity is not above zero, if the radius exceeds 0.1 m, or if the
+        number of points is neither 12 nor 19.
 
     Examples
     --------

@@ -51,9 +51,9 @@ class PhasedArray:
     Raises
     ------
     InvalidInput
-        If there is no element, shapes do not match, a number is not finite, the elements span more
-        than 10 m, a normal is zero, a tangent is not perpendicular to its normal, or all elements
-        are dead.
+        If there is no element, if shapes do not match, if a number is not finite, if the elements
+        span more than 10 m, if a normal is zero, if a tangent is not perpendicular to its normal,
+        or if all elements are dead.
     """
 
     positions: Float64[np.ndarray, "elements 3"]
@@ -183,8 +183,8 @@ class PhasedArray:
         Raises
         ------
         InvalidInput
-            If the array has no front, because its elements radiate in all directions; if the
-            direction is zero; or if the distance is not above zero.
+            If the array has no front because its elements radiate in all directions, if the
+            direction is zero, or if the distance is not above zero.
 
         Examples
         --------
@@ -220,7 +220,7 @@ class PhasedArray:
         Raises
         ------
         InvalidInput
-            If the number of gains is wrong, a gain is not finite, or all gains are 0.
+            If the number of gains is wrong, if a gain is not finite, or if all gains are 0.
         """
         return PhasedArray(self.positions, self.normals, self.element, self.tangents, gains)
 
@@ -260,7 +260,8 @@ def _unit(vectors: Real[np.ndarray, "elements 3"], name: str) -> Float64[np.ndar
     if bad.any():
         first = int(np.argmax(bad))
         raise InvalidInput(
-            f"the {name} of element {first} has no direction: {vectors[first]}.",
+            f"the {name} of element {first} is {vectors[first]} and has no direction. Use a "
+            "nonzero vector.",
             code="all_zero",
         )
     return fixed(vectors / lengths[:, None])

@@ -86,7 +86,7 @@ def check_apart(array: PhasedArray) -> None:
 def overlapping_boards(
     array: PhasedArray,
 ) -> tuple[int, int, Float64[np.ndarray, "3"]] | None:
-    """Return the indices of two overlapping boards and a point in both [m]; None if none overlap.
+    """Return the indices of two overlapping boards and a point in both [m], or None.
 
     Overlaps of up to 6 mm at the edges are allowed, because those in the paper's box are 5.7 mm.
     """

@@ -57,7 +57,7 @@ class Bead:
         return max(self.radius, scene.wavelength / 16.0)
 
     def factors(self, scene: Scene) -> tuple[float, float]:
-        """Return a and b of the potential U = a|p|² − b|∇p|², for peak values of the pressure.
+        """Return the factors a and b of the potential U = a|p|² − b|∇p|² for peak pressures p.
 
         a = V f₁/(4ρc²) and b = V 3f₂/(8ρω²), because the particle velocity is ∇p/(iωρ).
         """
@@ -143,9 +143,10 @@ def force(
     Raises
     ------
     InvalidInput
-        If the bead would be closer to a body, a plane or an element than the larger of its radius
-        and a sixteenth of a wavelength; if it would be behind the face of a directional element; if
-        a number is out of range; or for the reasons listed in ``at.field_map``.
+        If the bead's centre is closer to a body, a plane or an element than the radius of the bead
+        or a sixteenth of a wavelength, whichever is larger. Also if the bead is behind the face of
+        a directional element, if a number is out of range, or for the reasons listed in
+        ``at.field_map``.
 
     Examples
     --------
@@ -184,7 +185,7 @@ def stiffness(
 
 
 def bead_of(scene: Scene, radius: float, density: float, sound_speed: float) -> Bead:
-    """Return the bead; raise ``InvalidInput`` if a number is out of range."""
+    """Return the bead, or raise ``InvalidInput`` if a number is out of range."""
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     # At this limit, the force is already overestimated by 40 %.
     slip = (
@@ -227,13 +228,13 @@ def derivatives(
 ) -> Derivatives:
     """Return the pressure and its derivatives at bead positions, without truncation error.
 
-    ``excitations`` (P,) selects the excitation of the field for each point; the first by default.
+    ``excitations`` (P,) selects the excitation of the field for each point; by default the first.
 
     In a ball without sources and bodies, the pressure is a sum of regular spherical waves j_l(kr)
     Y_lm. The moments of the pressure over a sphere around the point determine the waves of order l
     ≤ 3, and only these contribute to derivatives up to the third at the centre. For a plane wave
     e^{iks·x}, the moment of order l is i^l j_l(kr) times the trace-free tensor of s, and the
-    derivatives are (ik)^l s…s. The factors below follow from this.
+    derivatives are (ik)^l s…s. The factors in the code follow from this case.
     """
     points = points_of(points, "bead points")
     wavenumber = field.scene.wavenumber

@@ -64,7 +64,7 @@ class Trap:
         return point_of(self.point, "a trap") + wavelength / 6.0 * ways
 
     def bead(self, scene: Scene) -> Bead:
-        """Return the bead; raise ``InvalidInput`` if a number is out of range."""
+        """Return the bead, or raise ``InvalidInput`` if a number is out of range."""
         return bead_of(scene, self.radius, self.density, self.sound_speed)
 
     @property
@@ -172,8 +172,8 @@ def hold(
     Raises
     ------
     InvalidInput
-        If a lobe or a focus is in a body or behind the array, the kind is unknown, or the axis is
-        zero.
+        If a lobe or a focus is in a body or behind the array, if the kind is unknown, or if the
+        axis is zero.
 
     Examples
     --------

@@ -58,8 +58,8 @@ def body_force(
     ------
     InvalidInput
         If another body, a plane or an element is inside the smallest sphere around the body, or
-        within 1/50 of a wavelength of it; if the body is over 16 wavelengths across; or for the
-        reasons listed in ``at.field_map``.
+        within 1/50 of a wavelength of this sphere. Also if the body is over 16 wavelengths across,
+        or for the reasons listed in ``at.field_map``.
 
     Examples
     --------

@@ -61,8 +61,8 @@ def path(
     Raises
     ------
     InvalidInput
-        If the bead would be lost between two frames, there are fewer than two corners, or a number
-        is out of range; or for the reasons listed in ``hold``.
+        If the bead would be lost between two frames, if there are fewer than two corners, or if a
+        number is out of range. Also for the reasons listed in ``hold``.
 
     Examples
     --------

@@ -146,7 +146,7 @@ def judge(
 
 
 def settled(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: Bead) -> Verdict:
-    """Return the verdict on the equilibrium nearest to a point, or on the point without one."""
+    """Return the verdict on the equilibrium nearest to a point, or on the point if it has none."""
     place = descend(field, point, bead)
     return judge(field, (point if np.isnan(place).any() else place)[None], bead)[0]
 
@@ -175,10 +175,11 @@ def find(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3"]:
-    """Return the minimum (P, 3) of the potential near each point [m]; arguments as for ``force``.
+    """Return the position (P, 3) [m] of the potential's minimum near each of P points.
 
-    A row is NaN if there is no minimum within half a wavelength. The weight of the bead is not
-    included: it lowers the bead by its weight divided by the stiffness.
+    The function takes the same arguments as ``force``. A row is NaN if there is no minimum within
+    half a wavelength of the point. The weight of the bead is not included: it lowers the bead by
+    its weight divided by the stiffness.
     """
     field, starts, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return np.stack([descend(field, start, bead) for start in starts])

@@ -29,11 +29,10 @@ def signature(
     ----------
     array : the transducers.
     drive : drive that creates a focus at the position of the trap.
-    kind : "twin" shifts the half of the elements on the side of ``axis`` by π.
-        "vortex" adds to each phase the angle of the element around the array's
-        front direction. "bottle" shifts the elements within a radius of that
-        direction by π; the radius is chosen so that they have about half of the
-        total amplitude.
+    kind : "twin" shifts the elements in the half of the array toward which ``axis`` points by π.
+        "vortex" adds to each phase the angle of the element around the array's front direction.
+        "bottle" shifts the elements within a radius of that direction by π; the radius is chosen so
+        that they have about half of the total amplitude.
     axis : (3,) direction of any length. If the array has no front direction,
         because its elements face each other, vortices and bottles are built around
         ``axis``.
@@ -45,8 +44,8 @@ def signature(
     Raises
     ------
     InvalidInput
-        If the drive does not have as many elements as the array, the kind is unknown, the
-        axis is zero, or all elements lie on one side.
+        If the drive does not have as many elements as the array, if the kind is unknown, if the
+        axis is zero, or if all elements lie on one side.
 
     Examples
     --------
@@ -60,7 +59,7 @@ def signature(
     if len(drive) != len(array):
         raise InvalidInput(
             f"the drive is for {counted(len(drive), 'element', 'elements')}, but the array has "
-            f"{len(array)}.",
+            f"{len(array)}. Use the array for which the drive was computed.",
             code="sizes_differ",
         )
     check_choice(kind, "the kind of trap", ("twin", "vortex", "bottle"))

@@ -101,7 +101,7 @@ def stiffest(
     shifts = np.einsum("tik,tk,tjk->tij", ways, 30.0 / (scene.wavelength * sizes), ways)
 
     def loss(phases: Float64[np.ndarray, "elements"]) -> tuple[float, np.ndarray]:
-        """Return the smooth maximum of the negative stiffness, and its derivatives by phase."""
+        """Return a smooth maximum of the negative stiffnesses, and its gradient by the phases."""
         amplitudes = np.exp(1j * phases)
         sound = sound_of(amplitudes)
         values, ways = np.linalg.eigh(stiffness_of(sound, bead, scene))

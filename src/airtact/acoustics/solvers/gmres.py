@@ -46,7 +46,7 @@ def gmres(
     product : function that returns A v for each row v of an array (sides, unknowns).
     right_sides : the right-hand sides b, as rows.
     tolerance : relative residual that all right-hand sides must reach.
-    error : approximate relative error of the solution at which to stop. If A is
+    error : approximate relative error of the solution at which the iteration stops. If A is
         ill-conditioned, as for sound in a cavity, this error is large even if the residual is
         small, and more iterations are made.
     most_iterations : largest number of iterations.

@@ -192,9 +192,9 @@ class RadiatedField(ABC):
 
         The velocity is computed by central differences of ``at`` over 1/40 of a wavelength, or less
         near a surface. Points within 1/200 of a wavelength of a surface are treated as lying on it;
-        the result there is the tangential velocity and, on an impedance, the normal velocity. The
-        velocity is NaN where the field is not ``valid``, and on the surface of a filled body. The
-        method raises the same errors as ``at``.
+        the result there is the tangential velocity and, on an impedance surface, the normal
+        velocity. The velocity is NaN where the field is not ``valid``, and on the surface of a
+        filled body. The method raises the same errors as ``at``.
         """
         points = self._receivers(points)
         scene = self.scene
@@ -282,7 +282,8 @@ class RadiatedField(ABC):
 def surrounding_points(scene: Scene, points: Vectors) -> Float64[np.ndarray, "around 3"]:
     """Return 128 points on a sphere 8 λ outside the bodies, where an array would typically be.
 
-    The points lie on a Fibonacci spiral. Solvers compare two solutions at the points.
+    The points lie on a Fibonacci spiral. To estimate the error of a field, a solver compares two
+    solutions at these points.
     """
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = np.linalg.norm(points - centre, axis=1).max() + 8 * scene.wavelength

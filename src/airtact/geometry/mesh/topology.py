@@ -100,7 +100,7 @@ def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
 
 
 def check_size(extent: float) -> None:
-    """Raise ``InvalidInput`` for an extent [m] outside 0.5 mm to 2 m (a wrong unit)."""
+    """Raise ``InvalidInput`` for an extent outside 0.5 mm to 2 m, which suggests a wrong unit."""
     largest = 2.0
     smallest = 0.5e-3
     if extent > largest * (1.0 + 1e-9):

@@ -171,9 +171,9 @@ def fit_hand(
     Raises
     ------
     InvalidInput
-        If landmarks are missing, NaN, in millimetres, swapped or implausible; the side is unclear;
-        the cloud is too small, in millimetres or far from the landmarks, or contains another body;
-        the camera is among the points; or no hand matches the points.
+        If landmarks are missing, NaN, in millimetres, swapped or implausible, if the side is
+        unclear, if the camera is among the points, or if no hand matches the points. Also if the
+        cloud is too small, is in millimetres, is far from the landmarks or contains another body.
     """
     joints = joints_of(landmarks, LANDMARK_TOLERANCE)
     check_finger_order(joints, LANDMARK_TOLERANCE)
@@ -380,9 +380,11 @@ def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer
 
 
 def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface | None:
-    """Shift a body's skin to points (N, 3) on the true skin; return None if triangles cross.
+    """Return a body's skin moved toward nearby measured points (N, 3), or None if it would cross.
 
-    The model and the real hand differ by 0.5 to 2 mm, which matters at a wavelength of 8.6 mm.
+    Each vertex moves by the mean distance of the points near it. The model and the real hand differ
+    by 0.5 to 2 mm, which matters at a wavelength of 8.6 mm. The skin is meshed with the first of
+    the edge lengths ``edges`` [m] for which its triangles do not cross.
     """
     for edge in edges:
         skin = even_skin(hulls, edge)

@@ -122,7 +122,7 @@ class HandAnatomy:
         return self.frames >= 8
 
     def learned(self, sizes: Sizes, covariance: SizesMatrix) -> "HandAnatomy":
-        """Include the sizes (62,) of a frame and their ``covariance`` in the mean over the frames.
+        """Return the anatomy averaged over one more frame, with sizes (62,) and their covariance.
 
         The covariance is not divided by the number of frames, because the shape of the model has
         the same error in every frame.

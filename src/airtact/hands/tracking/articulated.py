@@ -153,7 +153,7 @@ class ArticulatedHand:
         self.covariance[np.ix_(free, free)] = inverse @ inverse.T
 
     def joints_at(self, time: float) -> Joints:
-        """Return the joints extrapolated to a time, with all bends within their limits [m]."""
+        """Return the joints [m] extrapolated to a time, with all bends limited to their range."""
         step = time - self.time
         change = np.zeros(COUNT)
         change[MOVING] = step * self.rates + _shares(step)[0] * self.accelerations

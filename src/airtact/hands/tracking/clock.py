@@ -71,8 +71,8 @@ class FrameClock:
     def fault(self) -> str | None:
         """Reason why the times of frames cannot be used yet; None if they can.
 
-        A slow clock is one of the reasons: the delay of its frames would seem to grow, so that the
-        hand would be predicted too far ahead.
+        For example, the clock may be too slow: the delay of its frames would seem to grow, so that
+        the hand would be predicted too far ahead.
         """
         if not self._recent:
             return None

@@ -30,7 +30,7 @@ STREAMER_LINE = re.compile(r"\s*(left|right) (wrist|landmarks):,?(.*)", re.IGNOR
 
 
 def foreign_format(values: Any) -> str:
-    """Recognise parsed JSON in another program's format; return its name with advice, or ""."""
+    """Return advice if parsed JSON has the format of another program, or else an empty text."""
     keys = set(values) if isinstance(values, dict) else set()
     if {"schema", "frames"} <= keys:
         return "an action recording from IWER: load it as a file"
@@ -80,8 +80,8 @@ def _matrices(values: Any) -> Float64[np.ndarray, "joints 4 4"] | None:
 def frames_of_matrices(messages: Iterable[dict[str, Any]]) -> Iterator[Item]:
     """Read messages with the matrices of both hands, from vuer or VisionProTeleop.
 
-    The joints of VisionProTeleop are relative to the matrix of its wrist. Messages without the key
-    ``time`` are assumed to be 1/60 s apart, beginning at time 0.
+    In messages from VisionProTeleop, the joints are relative to the matrix of the wrist. Messages
+    without the key ``time`` are assumed to be 1/60 s apart, beginning at time 0.
     """
     for index, message in enumerate(messages):
         for side in ("left", "right"):
@@ -120,7 +120,7 @@ def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
 
 
 def frames_of_streamer(lines: Iterable[str]) -> Iterator[Item]:
-    """Read lines from hand-tracking-streamer, which have no times; assume 70 frames per second.
+    """Read lines from hand-tracking-streamer, which lack times, at an assumed 70 frames/s.
 
     A wrist line contains its position and quaternion. A landmark line contains 21 positions
     relative to the wrist, in the left-handed axes of Unity.

@@ -86,7 +86,7 @@ class StreamHealth:
     interrupted: int = 0
 
     def rejected_since(self, before: "StreamHealth") -> str:
-        """Return a text with the number of frames rejected since ``before`` and the main reason."""
+        """Return how many frames were rejected since the counts ``before``, and the main reason."""
         counts = {name: getattr(self, name) - getattr(before, name) for name in get_args(Fault)}
         main = max(counts, key=counts.__getitem__)
         if not counts[main]:
@@ -193,7 +193,7 @@ class HandStream:
 
     @property
     def idle(self) -> float:
-        """Time [s] since the last message, whether valid or not; initially since construction."""
+        """Time [s] since the last message, whether valid or not, or since construction."""
         return self._clock() - self._received
 
     def remark(self) -> str:
@@ -219,13 +219,13 @@ class HandStream:
         Parameters
         ----------
         frame : a frame, or the exception for an unreadable frame.
-        source : connection that sent it. Other connections cannot send the same hand until this one
-            ends, or until ``silence`` has passed since its last used frame.
+        source : connection that sent the frame. Other connections cannot send the same hand until
+            this one ends, or until ``silence`` has passed since its last used frame.
 
         Returns
         -------
-        The exception if the frame is faulty, for example not later than the previous frame of its
-        hand; None if the frame is used.
+        The exception if the frame is faulty, for example if it is not later than the previous frame
+        of its hand; None if the frame is used.
         """
         with self._changed:
             self._counts["received"] += 1
@@ -404,9 +404,9 @@ class HandStream:
             raise FaultyFrame(
                 "mirrored",
                 f"the landmarks are labelled as a {frame.side} hand, but fingers and thumb bend "
-                f"like those of the other hand (the sum of bends is {evidence:+z.2f} in this "
-                f"frame, and positive for a {frame.side} hand): swap left and right, or negate z "
-                "if the axes are left-handed, as in Unity.",
+                f"like those of the other hand. The sum of bends is {evidence:+z.2f} in this "
+                f"frame, but positive for a {frame.side} hand. Swap left and right, or negate z if "
+                "the axes are left-handed, as in Unity.",
             )
 
     def _check_speed(self, frame: HandFrame) -> None:

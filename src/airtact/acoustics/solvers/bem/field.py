@@ -47,7 +47,7 @@ _NODE_ORDER = np.linalg.norm(_TURNED_RULE[:, None] - RULE_POINTS, axis=2).argmin
 
 
 def surface_with_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSurface:
-    """Return the surface of the bodies, followed by that of their images."""
+    """Return the surface of the bodies, followed by the surface of their images in the planes."""
     for plane in planes:
         nodes = surface.nodes
         panels = nodes.quadratic_triangles
@@ -112,7 +112,7 @@ class BoundaryField(RadiatedField):
 
     @cached_property
     def direct(self) -> DirectSolution:
-        """The direct solution; raise ``InvalidInput`` if it was not computed."""
+        """The direct solution; accessing it raises ``InvalidInput`` if it was not computed."""
         if self.pressure is None:
             raise InvalidInput(
                 "this solution does not provide the pressure on or near the surface, because "
@@ -143,7 +143,7 @@ class BoundaryField(RadiatedField):
     def scattering_sources(self) -> Monopoles | None:
         """Monopoles of the transposed solution, and the image of each source on a body.
 
-        It is None in front of a plane, because the images of the sources would be missing.
+        The result is None in front of a plane, because the images of the sources would be missing.
         """
         if self.density is None or self.scene.planes:
             return None

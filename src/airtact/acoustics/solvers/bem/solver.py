@@ -90,11 +90,11 @@ Equation = Literal["transposed", "direct"]
 class BoundaryElement(Solver):
     """Boundary element method without interior resonances, for sound-hard and impedance bodies.
 
-    The dual-surface equation is discretised by a discontinuous quadratic Nyström method on
-    curved six-node panels. GMRES solves it in two forms. The transposed form is accurate away
-    from the bodies, even for sources on or near their surfaces. The direct form provides the
-    pressure on and near the surfaces. The error is estimated from the difference between the
-    two. With hundreds of excitations, Gaussian elimination replaces GMRES.
+    The dual-surface equation is discretised by a discontinuous quadratic Nyström method on curved
+    six-node panels. GMRES solves it in two forms. The transposed form is accurate away from the
+    bodies, even for sources on or near their surfaces. The direct form provides the pressure on and
+    near the surfaces. The error is estimated from the difference between the two solutions. With
+    hundreds of excitations, Gaussian elimination replaces GMRES.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class BoundaryElement(Solver):
     Raises
     ------
     InvalidInput
-        If ``accuracy`` or ``enough`` is not between 0.0001 and 0.3, or the precision is unknown.
+        If ``accuracy`` or ``enough`` is not between 0.0001 and 0.3, or if the precision is unknown.
 
     Examples
     --------
@@ -168,10 +168,10 @@ class BoundaryElement(Solver):
         Parameters
         ----------
         scene : sound-hard or impedance bodies. Their images in a plane add no unknowns.
-        sources : monopoles outside the bodies or on their surfaces. If there is a plane,
-            they must be in front of it or on it. If some lie in the faces of reflecting
-            boards, the returned field is that around the other bodies, and panels are not
-            refined near these sources.
+        sources : monopoles outside the bodies or on their surfaces. If there is a plane, they must
+            be in front of it or on it. If sources lie in the faces of reflecting boards, the
+            returned field is only known around the other bodies, and panels are not refined near
+            these sources.
 
         Returns
         -------

@@ -124,7 +124,7 @@ class Pardiso(Factor):
         weakref.finalize(self, self._call, -1)
 
     def solve_shared(self, right: Coefficients) -> Coefficients:
-        """Solve and refine until the residual is small; raise ``NotConverged`` if it stalls."""
+        """Solve and refine until the residual is small, or raise ``NotConverged`` if it stalls."""
         residual = np.where(self.free[:, None], right, 0)
         size = _norms(residual)
         solution = np.zeros_like(residual)
@@ -265,7 +265,7 @@ def check_memory(
             f"finite elements of order {order} need about {unknowns:.2g} unknowns and "
             f"{size / 2**30:.1f} GiB for a box of "
             f"{(box.high - box.low).prod() / wavelength**3:.0f} cubic wavelengths, but "
-            f"{free / 2**30:.1f} GiB of memory are free; use BoundaryElement, a lower order for a "
+            f"{free / 2**30:.1f} GiB of memory are free. Use BoundaryElement, a lower order for a "
             "preview, or fewer bodies.",
             code="too_little_memory",
         )

@@ -185,8 +185,8 @@ def meshed(
         if not _fills_box(mesh, box, surface, filled, scene.wavelength):
             fault = InvalidInput(
                 "Netgen cannot fill the box around the bodies with tetrahedra on triangles of "
-                f"{1e3 * edge:.3g} mm: a body is too thin, or two bodies are too close together; "
-                "increase elements_per_wavelength, or use BoundaryElement.",
+                f"{1e3 * edge:.3g} mm: a body is too thin, or two bodies are too close together. "
+                "Increase elements_per_wavelength, or use BoundaryElement.",
                 code="mesh_faulty",
             )
             continue
@@ -198,7 +198,7 @@ def meshed(
         depths = [obstacle.surface.depth(position[None])[0] for obstacle in scene.obstacles]
         fault = InvalidInput(
             f"body {int(np.argmax(depths))} bends too much for tetrahedra of {1e3 * edge:.3g} mm "
-            f"at {in_mm(position)}: one tetrahedron is folded; increase elements_per_wavelength, "
+            f"at {in_mm(position)}: one tetrahedron is folded. Increase elements_per_wavelength, "
             "or smooth the body there.",
             position,
             code="mesh_faulty",

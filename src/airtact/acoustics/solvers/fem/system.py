@@ -55,7 +55,8 @@ class System:
         unknowns inside tetrahedra are eliminated.
     surface, interior : quadrature points for right-hand sides, on the surfaces and inside the
         filled bodies.
-    coarse_surface : fewer quadrature points on the surfaces, enough for points a wavelength away.
+    coarse_surface : fewer quadrature points on the surfaces, which suffice to evaluate the field a
+        wavelength away.
     weights : (3, bodies) weights w_d, w_s and w_v of the weak form.
     method : solver that factorises the matrix, "pardiso" or "sparsecholesky".
     """

@@ -134,7 +134,7 @@ class Coupling:
 
     @classmethod
     def of(cls, placed: Sequence[PlacedBody]) -> "Coupling | None":
-        """Couple each pair of bodies; return None if two are too close for their skeletons."""
+        """Couple each pair of bodies, or return None if two are too close for their skeletons."""
         for index, first in enumerate(placed):
             for second in placed[:index]:
                 points = second.pose.apply(second.reduced.surface.nodes.points)
