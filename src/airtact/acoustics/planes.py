@@ -138,7 +138,7 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
                 raise InvalidInput(
                     f"body {index} reaches {millimetres(abs(gap), 3)} {side} the plane at "
                     f"{in_mm(nearest)}, but it must be at least {1e3 * MIN_GAP:g} mm in front of "
-                    "it: move it away, or reverse the normal of the plane.",
+                    "it. Move it away, or reverse the normal of the plane.",
                     nearest,
                     code="bodies_overlap",
                 )
@@ -182,7 +182,7 @@ def check_before_planes(
             raise InvalidInput(
                 f"{len(behind)} of {len(points)} {name} points are behind the plane: {name} "
                 f"{deepest} at {in_mm(points[deepest])} is {millimetres(-height[deepest], 3)} "
-                "behind it; move it in front of the plane, or reverse the normal of the plane.",
+                "behind it. Move it in front of the plane, or reverse the normal of the plane.",
                 points[deepest],
                 code="behind_plane",
             )

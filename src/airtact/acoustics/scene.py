@@ -261,8 +261,8 @@ class Scene:
         """Return how deep [m] each of P points (P, 3) lies inside the bodies.
 
         The depth (P,) is negative outside all bodies, and -inf if there are no bodies. If a point
-        is inside several bodies, the largest of its depths in them is returned. Points farther than
-        ``within`` [m] from the box around a body are not measured, and count as infinitely far.
+        is inside several bodies, the largest of its depths in them is returned. For each point,
+        bodies whose bounding box is more than ``within`` [m] away are ignored.
 
         The method raises ``InvalidInput`` if the points have the wrong shape, or are NaN or
         infinite.
@@ -339,8 +339,8 @@ def check_not_inside(
         deepest = int(depth.argmax())
         count_note = f", the deepest of {count}" if count > 1 else ""
         raise InvalidInput(
-            f"{name} {deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm "
-            f"inside a body{count_note}; move this point out of the body, or move the body away.",
+            f"{name} {deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm inside "
+            f"a body{count_note}. Move this point out of the body, or move the body away.",
             points[deepest],
             code="inside_body",
         )

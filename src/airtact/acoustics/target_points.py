@@ -262,8 +262,8 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
         where = projected[short[0]]
         raise InvalidInput(
             f"point {int(short[0])}, shifted {1e3 * offset:.3g} mm off the surface at "
-            f"{in_mm(where)}, lies in a crevice or in front of another part of it; move the "
-            "drawing.",
+            f"{in_mm(where)}, lies in a crevice or in front of another part of the surface. Move "
+            "the drawing.",
             where,
             code="misplaced",
         )

@@ -190,8 +190,8 @@ def save_drives(
 def _check_count(count: int, elements: int, name: str) -> None:
     if count != elements:
         raise InvalidInput(
-            f"{name} has {count} elements, but the drive has {elements}. Pass the object for which "
-            "the drive was computed.",
+            f"{name} has {count} elements, but the drive has {elements}. Pass the array and the "
+            "transfer matrix for which the drive was computed.",
             code="sizes_differ",
         )
 

@@ -25,8 +25,8 @@ def drive_sources(
     ----------
     array : the transducers: E elements with Q face points each.
     drives : S drives of E elements each.
-    scene : the scene; needed if it has reflecting boards, because elements in the face of such a
-        board have half the strength.
+    scene : the scene; required if it contains reflecting boards, because an element in the face of
+        such a board has half the strength.
 
     Returns
     -------
@@ -117,8 +117,8 @@ def field_map(
     scene : the air and the bodies in it.
     array : the transducers in the scene's frame; see ``PhasedArray.seen_from``.
     drive : the drive of the array.
-    points : (P, 3) points [m]. Behind the faces of directional elements the result is meaningless,
-        because real elements are shielded there.
+    points : (P, 3) points at which the pressure is evaluated [m]. Behind the faces of directional
+        elements the result is meaningless, because real elements are shielded there.
     solver : solver for the field. To verify a drive, use a more accurate solver than the one
         for its transfer matrix, or another method.
     progress : function, such as ``print``, that is called with a description of each step as it

@@ -58,7 +58,7 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
     ----------
     samples : samples drawn with a different seed from those used to compute the drives.
     target : the foci; those without a request are ignored.
-    drives : drives by name.
+    drives : drives to compare, by name.
 
     Raises
     ------

@@ -51,7 +51,7 @@ class RadiationMap:
 
     Attributes
     ----------
-    body : (Q,) index of the body.
+    body : (Q,) index of each point's body.
     points, normals, areas : (Q, 3) position [m], (Q, 3) outward normal and (Q,) area [m²] of each
         point.
     pressure : (Q,) total pressure, complex peak value [Pa].

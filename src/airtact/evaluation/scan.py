@@ -28,7 +28,7 @@ class Scan:
 
     Attributes
     ----------
-    points : (N, 3) positions [m].
+    points : (N, 3) positions of the microphone [m].
     pressures : (N,) readings, in any unit; real if no phase was measured.
     phased : whether the phase was measured.
     repeated : number of positions that occur more than once; their readings are averaged.

@@ -240,7 +240,7 @@ def calibrate_from_scans(
     drives : the drive of each scan.
     array : the array at its assumed position, in the frame of the scans.
     scene : medium and frequency, without bodies and planes.
-    microphone : the microphone; a point by default.
+    microphone : size and direction of the microphone; by default, it is a point.
 
     Returns
     -------

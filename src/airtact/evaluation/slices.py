@@ -63,15 +63,15 @@ def slices_around(
     The complex pressure is evaluated at four to five points per wavelength and interpolated by
     cubic splines. At a sound-hard surface its normal derivative vanishes. Near the surface the
     pressure is therefore approximated by a parabola between the solved pressure on the surface and
-    that at a height of ``WALL`` wavelengths. The error is about 2 % on average, and at worst 7 % of
-    the largest pressure.
+    the pressure at a height of ``WALL`` wavelengths. The error is about 2 % on average, and at
+    worst 7 % of the largest pressure.
 
     Parameters
     ----------
     field : field computed by a solver.
-    columns : the S excitations to show.
+    columns : indices of the S excitations to show.
     foci : (F, 3) positions of the foci [m].
-    window : a window through the foci.
+    window : grid of points in a plane through the foci.
 
     Returns
     -------
@@ -148,7 +148,8 @@ def box_pressure(
     field : the field of the slices.
     slices : slices of the field.
     excitation : index of the excitation in the field and the slices.
-    box : a box inside the slices, which has the evaluated points if ``any_axis`` is False.
+    box : a box inside the slices. It must be ``slices.box`` if ``any_axis`` is False, because the
+        planes are then too far apart to interpolate between them.
 
     Returns
     -------
@@ -181,7 +182,7 @@ def window_pressure(
     Parameters
     ----------
     field : field computed by a solver.
-    window : the points of a picture.
+    window : grid of points in the plane of a picture.
 
     Returns
     -------
@@ -272,7 +273,7 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
     Parameters
     ----------
     field : field computed by a solver.
-    columns : the S excitations to show.
+    columns : indices of the S excitations to show.
     """
     if not field.scene.obstacles:
         return None

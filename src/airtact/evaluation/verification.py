@@ -47,7 +47,7 @@ class SideLobe:
     Attributes
     ----------
     pressure : peak pressure [Pa].
-    point : (3,) position [m].
+    point : (3,) position of this pressure [m].
     """
 
     pressure: float
@@ -172,7 +172,7 @@ def verify(
 
     Returns
     -------
-    All results for the drive.
+    The results listed in ``Verification``.
 
     Raises
     ------

@@ -74,7 +74,7 @@ class Window:
         return across - half_width, across + half_width, along - half_height, along + half_height
 
     def seen(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 2"]:
-        """Project points (P, 3) into the picture; return (P, 2) relative to ``origin`` [mm]."""
+        """Return positions (P, 2) [mm] of points (P, 3) in the picture, relative to ``origin``."""
         return 1e3 * (points - self.origin) @ np.stack([self.right, self.up], axis=1)
 
     def height_of(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:

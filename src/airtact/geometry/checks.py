@@ -47,7 +47,7 @@ def check_surface(surface: Surface) -> None:
             thickness, where = part
             raise InvalidInput(
                 f"the body is {thickness * 1e3:.3g} mm thick near {in_mm(where)}, but must be at "
-                f"least {THINNEST * 1e3:g} mm thick; make it thicker there, or load it with "
+                f"least {THINNEST * 1e3:g} mm thick. Make it thicker there, or load it with "
                 "smallest=2e-3, which removes thinner parts.",
                 where,
                 code="out_of_range",

@@ -66,7 +66,7 @@ def panels_of(
 ) -> Panels:
     """Cover bodies with panels, and measure the distances of the panels from their surfaces.
 
-    The parameters, including ``options``, are those of ``covers``.
+    The function takes the same parameters as ``covers``, including its ``options``.
     """
     refined = covers(shapes, edge, near, smallest, **options)
     # Distances are measured at the nodes, the centre and the middles between them.

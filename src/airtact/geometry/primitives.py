@@ -168,9 +168,9 @@ class Capsule(Shape):
             count = _triangle_count(rings, around, self.length / self.radius)
             if count > 2_000_000:  # a length is probably in a wrong unit
                 raise InvalidInput(
-                    f"a capsule of {1e3 * self.radius:.4g} mm radius and "
-                    f"{1e3 * self.length:.4g} mm length needs {count:,} triangles, but at "
-                    "most 2,000,000 are allowed; use all lengths in metres.",
+                    f"a capsule of {1e3 * self.radius:.4g} mm radius and {1e3 * self.length:.4g} "
+                    f"mm length needs {count:,} triangles, but at most 2,000,000 are allowed. Use "
+                    "metres for all lengths.",
                     self.pose.translation,
                     code="too_many",
                 )

@@ -284,7 +284,7 @@ def _check_midpoints(midpoints: np.ndarray, corners: EdgeVectors, twins: Twins) 
         have = counted(len(parted) // 2, "edge has a midpoint", "edges have midpoints")
         raise InvalidInput(
             f"{have} that the two triangles do not share, the first near {in_mm(where)}, "
-            f"{gap[parted[0]] * 1e3:.3g} mm apart; use the same midpoint for both triangles.",
+            f"{gap[parted[0]] * 1e3:.3g} mm apart. Use the same midpoint for both triangles.",
             where,
             code="mesh_faulty",
         )
@@ -294,8 +294,8 @@ def _check_midpoints(midpoints: np.ndarray, corners: EdgeVectors, twins: Twins) 
         triangle, edge = np.unravel_index(bulge.argmax(), bulge.shape)
         raise InvalidInput(
             f"a midpoint of triangle {triangle} lies {away[triangle, edge] * 1e3:.3g} mm from the "
-            f"middle of its edge, {bulge.max():.3g} of the edge's length (limit 0.5); use "
-            "smaller triangles.",
+            f"middle of its edge, {bulge.max():.3g} of the edge's length (limit 0.5). Use smaller "
+            "triangles.",
             midpoints[triangle, edge],
             code="mesh_faulty",
         )

@@ -126,7 +126,7 @@ def _links(
         distance, where = near[first, second]
         raise InvalidInput(
             f"bodies {first} and {second} are {distance * 1e3:.3g} mm apart near {in_mm(where)}, "
-            f"but only gaps of up to {gap * 1e3:.3g} mm are bridged; move them closer, remove one, "
+            f"but only gaps of up to {gap * 1e3:.3g} mm are bridged. Move them closer, remove one, "
             "or use a larger gap.",
             where,
             code="misplaced",

@@ -47,8 +47,8 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
     Raises
     ------
     InvalidInput
-        If the file is unreadable or does not contain a pose, the joints are not those of a
-        plausible hand, or the gap cannot be reached. The message begins with the name of the file.
+        If the file is unreadable or does not contain a pose, if the joints do not form a plausible
+        hand, or if the gap cannot be reached. The message begins with the name of the file.
     """
     path = Path(path)
     with about(path.name or str(path)):
@@ -124,7 +124,7 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
     Raises
     ------
     InvalidInput
-        If the file is unreadable, its rig lacks joints, or the joints are not those of a plausible
+        If the file is unreadable, if its rig lacks joints, or if the joints do not form a plausible
         hand.
     """
     of_kind(path, str | Path, "the path of a hand", "the name of a file")

@@ -156,7 +156,7 @@ class Hand:
         if depth > 1e-6:
             raise InvalidInput(
                 f"{name} at {in_mm(point)} lies {millimetres(depth)} inside the body, because "
-                "fingers touch there; move them apart, for example with open_to(gap, first, "
+                "fingers touch there. Move them apart, for example with open_to(gap, first, "
                 "second).",
                 point,
                 code="inside_body",
@@ -221,7 +221,7 @@ class Hand:
         Parameters
         ----------
         gap : distance between the skins of the last phalanges [m], above 0 and at most 0.15.
-        first, second : "thumb", "index", "middle", "ring" or "pinky".
+        first, second : names of the fingers: "thumb", "index", "middle", "ring" or "pinky".
 
         Returns
         -------

@@ -117,7 +117,7 @@ def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: 
     raise InvalidInput(
         f"the {FINGERS[pair[0]]} and the {FINGERS[pair[1]]} cannot be opened to a gap of "
         f"{1e3 * gap:g} mm. By turning both at their roots, gaps from "
-        f"{1e3 * (min(excesses) + gap):.3g} to {1e3 * (max(excesses) + gap):.3g} mm are possible; "
-        "use a gap in this range, or another pose.",
+        f"{1e3 * (min(excesses) + gap):.3g} to {1e3 * (max(excesses) + gap):.3g} mm are possible. "
+        "Use a gap in this range, or another pose.",
         code="misplaced",
     )

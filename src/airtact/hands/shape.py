@@ -28,8 +28,8 @@ MAX_KEYFRAMES = 16
 class HandShape(Shape):
     """The exact body of a hand in a pose.
 
-    In a sequence, the mesh of a frame is deformed from that of an earlier frame, its keyframe.
-    The mesh of the keyframe is, in turn, deformed from that of the previous keyframe. The poses
+    In a sequence, the mesh of a frame is deformed from the mesh of an earlier frame, its keyframe.
+    The mesh of the keyframe is, in turn, deformed from the mesh of the previous keyframe. The poses
     alone determine the keyframes, so a mesh depends only on the bodies in this chain and not on
     earlier computations.
 

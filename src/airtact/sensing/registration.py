@@ -432,7 +432,7 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
     if rms == 0.0 or (echoes.noise is not None and rms < 1.05 * echoes.noise):
         raise InvalidInput(
             f"the echoes have an rms of {rms:.3g} Pa, hardly more than the noise of "
-            f"{echoes.noise or 0.0:.3g} Pa; use more transmissions, or move the array closer to "
+            f"{echoes.noise or 0.0:.3g} Pa. Use more transmissions, or move the array closer to "
             "the bodies.",
             code="signal_unusable",
         )

@@ -200,7 +200,7 @@ def _order(reach: float, accuracy: float) -> int:
     order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
     if order > 80:  # 6,561 waves need 0.7 GB
         raise InvalidInput(
-            f"the bodies require waves up to order {order}, but 80 is the limit; use smaller "
+            f"the bodies require waves up to order {order}, but at most 80 is allowed. Use smaller "
             "bodies, such as the fingers without the hand, or a larger value of accuracy.",
             code="too_many",
         )
@@ -273,7 +273,7 @@ class ScatteringFamily:
     Attributes
     ----------
     low, high : smallest and largest value of the parameter.
-    start : initial value for ``locate``.
+    start : initial value of the parameter for ``locate``.
     matrices : the matrices at the N solved values, all about the same centre.
     """
 
@@ -326,7 +326,7 @@ class ScatteringFamily:
 
     @cached_property
     def effect(self) -> float:
-        """Change of the matrix per unit of the parameter, divided by that per metre of motion."""
+        """Change of the matrix per unit of the parameter, divided by its change per metre moved."""
         middle = 0.5 * (self.low + self.high)
         here = self.at(middle).matrix
         change = self.derivative(middle).matrix
@@ -364,7 +364,7 @@ def scattering_family(
     scene_of : function that returns the scene for a value of the parameter. The number of bodies,
         the frame, the medium and the frequency must not depend on the value.
     low, high : smallest and largest value of the parameter.
-    start : initial value for ``locate``; by default the middle of the range.
+    start : initial value of the parameter for ``locate``; by default the middle of the range.
     values : number of solved values, 3 to 12.
     accuracy : truncation error of the waves, as in ``scattering_matrix``.
 

@@ -62,8 +62,8 @@ class Calibrated:
     covariance : (6 B − 5, 6 B − 5) covariance for boards 1 to B − 1 and for the sound speed [m/s],
         which comes last. The six entries of a board are the translation of its centre [m] and a
         small rotation about the centre [rad], along the array's axes.
-    gain_deviation : relative rms standard deviation of the gains, equal to that of their phases
-        [rad].
+    gain_deviation : rms of the gains' relative standard deviations, which equals the rms of their
+        phases' standard deviations [rad].
     residual : rms of the residual, including noise, divided by the rms of the direct sound.
     misfit : like ``residual``, but without the contribution of noise.
     converged : whether the iteration converged with a misfit of at most 0.1. If False, do not
@@ -159,7 +159,7 @@ class ArrayState:
     ----------
     boards : B boards with unit gains.
     wavenumber : wavenumber of the sound [1/m].
-    reception, emission : (E,) gains.
+    reception, emission : (E,) gains of the elements as receivers and as emitters.
     slopes : derivatives of the direct sound between boards, for each pair (first, second) with
         first < second.
     model : (E, E) pressure at the receivers from the emitters for unit gains [Pa]; 0 for unused

@@ -103,8 +103,8 @@ def simulate_echoes(
     array : the E transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
     codes : (E, M) codes, as in ``Echoes``.
     receivers : indices of the receiving elements; by default all elements.
-    noise : signal-to-noise ratio: rms of the echoes relative to that of the added complex noise
-        [dB]. None adds no noise.
+    noise : signal-to-noise ratio, the rms of the echoes relative to the rms of the added complex
+        noise [dB]. None adds no noise.
     seed : seed of the random numbers, 0 or more.
 
     Returns

@@ -143,14 +143,14 @@ def simulate_transmissions(
 
     Parameters
     ----------
-    array : array, whose gains apply to emission.
+    array : the array of boards; its gains apply to emission.
     medium : the air.
     codes : (E, M) codes, as in ``Echoes``.
     boards : number of boards. All boards have the same number of elements, and the array lists them
         one after another. By default the number is inferred from the known kinds of boards.
     frequency : frequency of the sound [Hz].
     reception : (E,) reception gains; by default those of the array.
-    noise : signal-to-noise ratio: rms of the pressures relative to that of the added complex
+    noise : signal-to-noise ratio, the rms of the pressures relative to the rms of the added complex
         noise [dB]. None adds no noise.
     seed : seed of the noise, 0 or more.
 

@@ -42,8 +42,9 @@ def harmonics(
 ) -> Float64[np.ndarray, "waves points"]:
     """Return real spherical harmonics (waves, P) in the directions of offsets (P, 3).
 
-    The normalised Legendre functions are computed from those of the two lower orders, for all
-    degrees m at once (DLMF 14.10.3). The recurrence is stable because the functions grow with n.
+    The normalised Legendre functions of each order n are computed from the two preceding orders,
+    for all degrees m at once (DLMF 14.10.3). The recurrence is stable because the functions grow
+    with n.
     """
     x, y, z = (np.asarray(offsets, dtype=np.float64) / np.linalg.norm(offsets, axis=1)[:, None]).T
     sine = np.hypot(x, y)

@@ -439,7 +439,7 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
 
     Parameters
     ----------
-    arrays : list of arrays.
+    arrays : list of the arrays to join.
 
     Returns
     -------

@@ -161,8 +161,7 @@ def hold(
     kind, axis : kind and axis of all traps, see ``Trap``. Between boards that face each other, use
         "twin" along the normal of the boards.
     foci : (F, 3) additional foci on the skin [m]; none by default.
-    focus_share : ratio of the pressure at the foci to that at the lobes of the
-        traps.
+    focus_share : pressure at the foci divided by the pressure at the lobes of the traps.
     solver : solver that computes the field, as for ``force``.
 
     Returns

@@ -33,8 +33,8 @@ def signature(
         "vortex" adds to each phase the angle of the element around the array's front direction.
         "bottle" shifts the elements within a radius of that direction by π; the radius is chosen so
         that they have about half of the total amplitude.
-    axis : (3,) direction of any length. If the array has no front direction,
-        because its elements face each other, vortices and bottles are built around
+    axis : (3,) axis of the trap, a vector of any length above zero. If the array has no front
+        direction, because its elements face each other, vortices and bottles are built around
         ``axis``.
 
     Returns

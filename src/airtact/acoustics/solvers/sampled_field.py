@@ -47,7 +47,7 @@ class SampledField(RadiatedField):
     ----------
     scene : the scene for which the field was computed.
     sources : the monopoles that emit the sound.
-    nodes : (N, 3) positions [m].
+    nodes : (N, 3) positions of the nodes [m].
     pressures : (N, S) pressures [Pa] for the time factor e^{-iωt}, for each of the S excitations of
         the sources. An array of shape (N,) is a single excitation.
 
@@ -307,7 +307,7 @@ def _check_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
     if opposite > max(1.5 * stated, 0.4):
         raise InvalidInput(
             f"time_sign is {time_sign}, but around the sources the pressures fit the other sign "
-            f"{opposite / stated:.2g} times better; use the other sign, or check the positions of "
+            f"{opposite / stated:.2g} times better. Use the other sign, or check the positions of "
             "the sources and the unit of length.",
             code="does_not_match",
         )

@@ -110,14 +110,14 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
     except RuntimeError as fault:
         raise InvalidInput(
             f"the surface of {len(triangles)} triangles cannot be remeshed with an edge of "
-            f"{1e3 * edge:.3g} mm ({fault}); repair it, or use a mesh with fewer slivers.",
+            f"{1e3 * edge:.3g} mm ({fault}). Repair it, or use a mesh with fewer slivers.",
             code="mesh_faulty",
         ) from fault
     result = np.asarray(mesh.get_triangles(), dtype=np.int64)
     if len(result) < 4 or edge_twins(result).min() < 0:
         raise InvalidInput(
             f"the surface of {len(triangles)} triangles does not remain closed when it is remeshed "
-            f"with an edge of {1e3 * edge:.3g} mm; repair it, or use a shorter edge.",
+            f"with an edge of {1e3 * edge:.3g} mm. Repair it, or use a shorter edge.",
             code="mesh_faulty",
         )
     ridges = np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2)

@@ -380,7 +380,7 @@ def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer
 
 
 def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface | None:
-    """Return a body's skin moved toward nearby measured points (N, 3), or None if it would cross.
+    """Return a body's skin moved toward measured points (N, 3), or None if triangles cross.
 
     Each vertex moves by the mean distance of the points near it. The model and the real hand differ
     by 0.5 to 2 mm, which matters at a wavelength of 8.6 mm. The skin is meshed with the first of

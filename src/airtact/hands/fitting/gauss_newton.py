@@ -110,7 +110,7 @@ class SkinResiduals(NamedTuple):
 
     Attributes
     ----------
-    distance : (N,) signed distances [m].
+    distance : (N,) signed distance of each point from the skin [m], positive outside.
     by_balls : (N, 104) derivatives with respect to the centre and radius of each ball.
     hull : (N,) index of the nearest hull.
     """

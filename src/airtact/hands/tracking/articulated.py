@@ -108,8 +108,8 @@ class ArticulatedHand:
     joints : (25, 3) joints in the first frame [m].
     side : ``"left"`` or ``"right"``.
     noise : standard deviation of each coordinate [m].
-    agility : standard deviation of the palm's acceleration [m/s²]; those of the joints'
-        accelerations are proportional to it.
+    agility : standard deviation of the palm's acceleration [m/s²]. The standard deviations of the
+        joints' accelerations are proportional to it.
 
     Attributes
     ----------

@@ -96,7 +96,7 @@ class HandFrame:
             raise FaultyFrame(
                 "unreadable",
                 f"time {self.time!r}, side {self.side!r} or sequence number {self.sequence!r} is "
-                "invalid; use a time below 1e19, the side 'left' or 'right', and a whole sequence "
+                "invalid. Use a time below 1e19, the side 'left' or 'right', and a whole sequence "
                 "number from 0 to 2^53.",
             )
         object.__setattr__(self, "time", float(self.time))

@@ -188,7 +188,7 @@ def _fitted(
     if np.linalg.svd(jacobian / lengths, compute_uv=False)[-1] < 0.05:
         raise InvalidInput(
             "the touched faces have nearly the same direction, so the offset of the fingertip "
-            "cannot be distinguished from the distance of the tracker; set the offset, or touch "
+            "cannot be distinguished from the distance of the tracker. Set the offset, or touch "
             "faces that point in other directions.",
             code="data_missing",
         )

@@ -40,7 +40,7 @@ class BlockPairs(_kernels.Pairs):
 
     @property
     def row(self) -> Int64[np.ndarray, "pairs"]:
-        """Row block of each pair."""
+        """Index of each pair's row block."""
         return np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))
 
 
@@ -160,7 +160,7 @@ def check_memory(count: int, store: Store, blocks: int, factors: int = 0) -> Non
     if size > ALWAYS_FREE and size > 0.9 * (available := available_memory()):
         raise InvalidInput(
             f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but only "
-            f"{available / 2**30:.1f} GiB of memory are free; use a coarser accuracy or remove "
+            f"{available / 2**30:.1f} GiB of memory are free. Use a coarser accuracy or remove "
             "distant bodies.",
             code="too_little_memory",
         )
@@ -184,8 +184,8 @@ def eliminate(
 ) -> GmresResult:
     """Add matrices without low-rank blocks, and solve with the sum by Gaussian elimination.
 
-    The reported residual is that of the sum of all right-hand sides, because computing it takes
-    only one product with the matrix.
+    The reported residual belongs to the sum of all right-hand sides, so computing it takes only one
+    product with the matrix.
     """
     total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
     for matrix in matrices[1:]:

@@ -71,7 +71,7 @@ def surface_with_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSu
 def values_with_images(
     values: Complex128[np.ndarray, "nodes excitations"], planes: Sequence[Plane]
 ) -> Complex128[np.ndarray, "all excitations"]:
-    """Return values at the nodes, such as the pressure, followed by those of the images."""
+    """Return values at the nodes, such as the pressure, followed by the values at their images."""
     for _ in planes:
         by_panel = values.reshape(-1, 6, values.shape[1])
         values = np.concatenate([values, by_panel[:, _NODE_ORDER].reshape(values.shape)])

@@ -65,7 +65,7 @@ class NearRows(_kernels.NearRows):
     """
 
     def split(self, points: int) -> tuple["NearRows", "NearRows"]:
-        """Split the rows into those of the first ``points`` points and those of all others."""
+        """Divide the corrections between the first ``points`` points and all other points."""
         begin = int(self.first[points])
         return (
             NearRows(self.first[: points + 1], self.panel[:begin], self.excess[:begin]),

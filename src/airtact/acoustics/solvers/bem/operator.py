@@ -109,8 +109,9 @@ def assemble(
     error : Frobenius norm of the errors of all low-rank blocks together, divided by the norm of the
         1/2 on the diagonal; None stores every block in full.
     image : plane of the bodies' mirror image; if given, the matrix contains only the contribution
-        of the image. The image has the same pressure, and its double layer at x is that of the
-        bodies at the image of x. Only the collocation points change, and the term 1/2 is omitted.
+        of the image. The image has the same pressure, and its double layer at x equals the double
+        layer of the bodies at the image of x. Only the collocation points change, and the term 1/2
+        is omitted.
 
     Raises
     ------

@@ -594,7 +594,7 @@ def _check_bodies(scene: Scene) -> None:
         if obstacle.boundary == "filled":
             raise InvalidInput(
                 f"obstacle {index} is filled, but BoundaryElement solves sound-hard and impedance "
-                "bodies only; use FiniteElement, or SphereSeries for a single sphere.",
+                "bodies only. Use FiniteElement, or SphereSeries for a single sphere.",
                 code="not_supported",
             )
 

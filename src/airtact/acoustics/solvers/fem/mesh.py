@@ -98,7 +98,7 @@ class Tetrahedra:
         return (along[:, :3] - along[:, 3:]).transpose(0, 2, 1)
 
     def smallest_stretch(self) -> tuple[float, int]:
-        """Smallest ratio of a volume element to that of the straight tetrahedron, and its index.
+        """Smallest ratio of a curved to a straight volume element, and its tetrahedron's index.
 
         A tetrahedron with a ratio of 0 or less is folded. The samples lie 15 % inwards from corners
         and midpoints, because a ratio of 0 is harmless where two faces of a tetrahedron meet on a

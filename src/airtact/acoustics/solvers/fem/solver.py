@@ -167,7 +167,7 @@ class FactorisedScene(Solver):
     settings : the ``FiniteElement`` solver that created this solver.
     system : the assembled system.
     report : report before any excitation is solved.
-    clock : duration of each step.
+    clock : clock that measures the duration of each step.
     """
 
     scene: Scene

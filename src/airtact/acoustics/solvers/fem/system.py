@@ -136,7 +136,7 @@ class System:
         if len(lost):
             raise InvalidInput(
                 f"{len(lost)} of {len(points)} points do not lie in any tetrahedron, the first at "
-                f"{in_mm(points[lost[0]] * self.scene.wavelength)}; increase "
+                f"{in_mm(points[lost[0]] * self.scene.wavelength)}. Increase "
                 "elements_per_wavelength, so that tetrahedra follow the surface more closely.",
                 code="misplaced",
             )

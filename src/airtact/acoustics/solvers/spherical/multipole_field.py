@@ -295,7 +295,7 @@ def _coefficients(
     if unknown:
         raise InvalidInput(
             f"the field is not known at {unknown} of {len(points)} points {1e3 * radius:.3g} mm "
-            "from the middle of the bodies; use a field that is known everywhere around the "
+            "from the middle of the bodies. Use a field that is known everywhere around the "
             "bodies.",
             code="data_missing",
         )
@@ -324,9 +324,8 @@ def _table(
     free = available_memory()
     if size > 0.5 * free:
         raise InvalidInput(
-            f"an expansion of {orders} orders needs {size / 2**30:.2g} GiB, but "
-            f"{free / 2**30:.2g} GiB of memory are free; evaluate the field itself, or solve for "
-            "fewer sources.",
+            f"an expansion of {orders} orders needs {size / 2**30:.2g} GiB, but {free / 2**30:.2g} "
+            "GiB of memory are free. Evaluate the field itself, or solve for fewer sources.",
             code="too_little_memory",
         )
     wide = np.zeros((fine, fine, *series.shape[2:]), dtype=np.complex64)

@@ -367,7 +367,7 @@ class FactorisedBodies(Solver):
             raise InvalidInput(
                 f"the bodies were factorised for {self.scene.frequency:g} Hz in "
                 f"{self.scene.medium}, but the scene is at {scene.frequency:g} Hz in "
-                f"{scene.medium}; factorise the bodies for this scene.",
+                f"{scene.medium}. Factorise the bodies for this scene.",
                 code="not_supported",
             )
         if len(scene.obstacles) != len(self.bodies):
@@ -386,8 +386,8 @@ class FactorisedBodies(Solver):
             # Vertices may deviate by a thousandth of the wavelength.
             if not same or off > 1e-3 * self.scene.wavelength:
                 raise InvalidInput(
-                    f"body {index} differs from the factorised body by more than a rigid motion: "
-                    "factorise the scene again, or solve it with BoundaryElement.",
+                    f"body {index} differs from the factorised body by more than a rigid motion. "
+                    "Factorise the scene again, or solve it with BoundaryElement.",
                     code="not_supported",
                 )
             placed.append(PlacedBody(self.bodies[index], pose))
