@@ -9,7 +9,7 @@ import inspect
 from collections.abc import Callable
 from functools import cache, partial, wraps
 from itertools import count
-from typing import Any
+from typing import Any, get_type_hints
 
 import jaxtyping
 from beartype import BeartypeConf, beartype
@@ -19,26 +19,42 @@ CHECKED_CALLS = 200
 check = beartype(conf=BeartypeConf(is_pep484_tower=True))
 
 _wrapped_at_once = jaxtyping.jaxtyped
+_one_scope = jaxtyping.jaxtyped("context")
+
+
+def _known(hint: Any, names: dict) -> Any:
+    """Return a hint with the names in quotes looked up, where its module knows them."""
+    holder = type("", (), {"__annotations__": {"hint": hint}})
+    try:
+        return get_type_hints(holder, names, include_extras=True)["hint"]
+    except NameError:
+        return Any
+
+
+def _wrapped(function: Callable, typechecker: Callable) -> Callable:
+    written = function.__annotations__
+    function.__annotations__ = {
+        name: _known(hint, function.__globals__) for name, hint in written.items()
+    }
+    # A generator begins when its caller is in another scope, and only jaxtyping's slower way checks it before.
+    if inspect.isgeneratorfunction(function):
+        checked = _wrapped_at_once(function, typechecker=typechecker)
+    else:
+        checked = typechecker(function)
+    function.__annotations__ = written
+    return checked
 
 
 def _checked(function: Callable, typechecker: Callable) -> Callable:
-    @cache
-    def wrapped() -> Callable:
-        # Names in quotes were mostly unknown where they are written, so that nothing could be checked.
-        function.__annotations__ = {
-            name: Any if isinstance(hint, str) else hint
-            for name, hint in function.__annotations__.items()
-        }
-        checked = _wrapped_at_once(function, typechecker=typechecker)
-        function.__annotations__ = written
-        return checked
-
-    written = function.__annotations__
+    wrapped = cache(partial(_wrapped, function, typechecker))
     calls = count()
 
     @wraps(function)
     def checking(*arguments, **named):
-        return (wrapped() if next(calls) < CHECKED_CALLS else function)(*arguments, **named)
+        if next(calls) >= CHECKED_CALLS or jaxtyping.config.jaxtyping_disable:
+            return function(*arguments, **named)
+        with _one_scope:  # in which the name of an axis means one length
+            return wrapped()(*arguments, **named)
 
     checking.is_checked = True
     return checking

@@ -83,51 +83,54 @@ def bent() -> np.ndarray:
     return midpoints
 
 
-SKIN = SCENE.obstacles[0].surface
-STRONGER, FARTHER = (
-    at.Monopoles(AWAY, np.full(1, 1.0 + 1e-15)),
-    at.Monopoles(AWAY * (1 + 1e-12), np.ones(1)),
-)
-MESH = with_surface()
-OTHERS = {
-    "moved vertex": (SOLVER, with_surface(vertices=nudged(SKIN.vertices)), SOURCE),
-    "moved mid-edge point": (SOLVER, with_surface(midpoints=bent()), SOURCE),
-    "no mid-edge points": (SOLVER, with_surface(midpoints=None), SOURCE),
-    "other triangles": (
-        SOLVER,
-        with_surface(triangles=SKIN.triangles[::-1], midpoints=None),
-        SOURCE,
-    ),
-    "closed form": (SOLVER, SCENE, SOURCE),
-    "larger": (SOLVER, ball(radius=3e-3 + 1e-9), SOURCE),
-    "other density": (SOLVER, ball(medium=at.Medium(343.1, 1.3)), SOURCE),
-    "other speed": (SOLVER, ball(medium=at.Medium(343.2, 1.293)), SOURCE),
-    "absorption": (SOLVER, ball(medium=at.Medium(343.1, 1.293, 0.1)), SOURCE),
-    "frequency": (SOLVER, ball(frequency=40e3 + 1e-6), SOURCE),
-    "impedance": (SOLVER, at.Scene(AIR, [at.impedance(SKIN, 50.0)]), SOURCE),
-    "other impedance": (SOLVER, at.Scene(AIR, [at.impedance(SKIN, 50.0 + 1e-9j)]), SOURCE),
-    "filled": (SOLVER, at.Scene(AIR, [at.filled(SKIN, at.Medium(1481.0, 999.7))]), SOURCE),
-    "two bodies": (
-        SOLVER,
-        at.Scene(AIR, [at.sound_hard(SKIN), at.sound_hard(at.sphere(3e-3, 2e-3, (0.02, 0, 0)))]),
-        SOURCE,
-    ),
-    "strength": (SOLVER, SCENE, STRONGER),
-    "place": (SOLVER, SCENE, FARTHER),
-    "two sounds": (SOLVER, SCENE, at.Monopoles(np.tile(AWAY, (2, 1)), np.eye(2))),
-    "beacons": (SOLVER, SCENE, at.Target(AWAY).beacons()),
-    "accuracy": (at.BoundaryElement(accuracy=0.29), SCENE, SOURCE),
-    "precision": (at.BoundaryElement(accuracy=0.3, precision="float64"), SCENE, SOURCE),
-    "solver": (at.SphereSeries(), SCENE, SOURCE),
-    "order": (at.FiniteElement(order=3), SCENE, SOURCE),
-}
+FARTHER = at.Monopoles(AWAY * (1 + 1e-12), np.ones(1))
+
+
+def others() -> dict[str, tuple]:
+    """Solver, scene and sources: each differs from all others in one thing."""
+    skin, stronger = SCENE.obstacles[0].surface, at.Monopoles(AWAY, np.full(1, 1.0 + 1e-15))
+    return {
+        "moved vertex": (SOLVER, with_surface(vertices=nudged(skin.vertices)), SOURCE),
+        "moved mid-edge point": (SOLVER, with_surface(midpoints=bent()), SOURCE),
+        "no mid-edge points": (SOLVER, with_surface(midpoints=None), SOURCE),
+        "other triangles": (
+            SOLVER,
+            with_surface(triangles=skin.triangles[::-1], midpoints=None),
+            SOURCE,
+        ),
+        "closed form": (SOLVER, SCENE, SOURCE),
+        "larger": (SOLVER, ball(radius=3e-3 + 1e-9), SOURCE),
+        "other density": (SOLVER, ball(medium=at.Medium(343.1, 1.3)), SOURCE),
+        "other speed": (SOLVER, ball(medium=at.Medium(343.2, 1.293)), SOURCE),
+        "absorption": (SOLVER, ball(medium=at.Medium(343.1, 1.293, 0.1)), SOURCE),
+        "frequency": (SOLVER, ball(frequency=40e3 + 1e-6), SOURCE),
+        "impedance": (SOLVER, at.Scene(AIR, [at.impedance(skin, 50.0)]), SOURCE),
+        "other impedance": (SOLVER, at.Scene(AIR, [at.impedance(skin, 50.0 + 1e-9j)]), SOURCE),
+        "filled": (SOLVER, at.Scene(AIR, [at.filled(skin, at.Medium(1481.0, 999.7))]), SOURCE),
+        "two bodies": (
+            SOLVER,
+            at.Scene(
+                AIR, [at.sound_hard(skin), at.sound_hard(at.sphere(3e-3, 2e-3, (0.02, 0, 0)))]
+            ),
+            SOURCE,
+        ),
+        "strength": (SOLVER, SCENE, stronger),
+        "place": (SOLVER, SCENE, FARTHER),
+        "two sounds": (SOLVER, SCENE, at.Monopoles(np.tile(AWAY, (2, 1)), np.eye(2))),
+        "beacons": (SOLVER, SCENE, at.Target(AWAY).beacons()),
+        "accuracy": (at.BoundaryElement(accuracy=0.29), SCENE, SOURCE),
+        "precision": (at.BoundaryElement(accuracy=0.3, precision="float64"), SCENE, SOURCE),
+        "solver": (at.SphereSeries(), SCENE, SOURCE),
+        "order": (at.FiniteElement(order=3), SCENE, SOURCE),
+    }
 
 
 def test_whatever_determines_a_field_gives_it_another_name() -> None:
-    names = {name: name_of(*parts) for name, parts in OTHERS.items()}
-    names["mesh"] = name_of(SOLVER, MESH, SOURCE)
-    SOLVER.radiate(MESH, SOURCE)  # which finds out more about the shape, such as its panels
-    assert name_of(SOLVER, MESH, SOURCE) == names["mesh"]
+    names = {name: name_of(*parts) for name, parts in others().items()}
+    mesh = with_surface()
+    names["mesh"] = name_of(SOLVER, mesh, SOURCE)
+    SOLVER.radiate(mesh, SOURCE)  # which finds out more about the shape, such as its panels
+    assert name_of(SOLVER, mesh, SOURCE) == names["mesh"]
     assert len(set(names.values())) == len(names)
     assert name_of(SOLVER, ball(), at.Monopoles(AWAY.copy(), np.ones(1))) == names["closed form"]
     telling = at.FiniteElement(order=3, progress=print)  # progress determines nothing
