@@ -19,10 +19,10 @@ from airtact import _kernels
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.bem.block_matrix import BlockMatrix, blocks_of
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule
-from airtact.acoustics.solvers.bem.operator import DualSurface, dual_surface
 from airtact.acoustics.solvers.bem.quadrature import place_nodes
+from airtact.acoustics.solvers.bem.solutions import DualSurface, dual_surface
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.memory import processor_count
+from airtact.acoustics.solvers.shared import processor_count
 from airtact.acoustics.target import Target
 from airtact.drives.linear_methods import time_reversal
 from airtact.drives.transfer import transfer_matrix

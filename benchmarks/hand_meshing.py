@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.geometry.mesh.topology import cone_volumes, edge_twins, shells
+from airtact.geometry.mesh.triangles import cone_volumes, edge_twins, shells
 from airtact.hands.body import Hulls, hand_hulls
 from airtact.hands.hand import hand_from_joints
 from airtact.hands.joints import joints_of

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact.errors import InvalidInput, in_short
-from airtact.geometry.mesh.topology import cone_volumes
+from airtact.geometry.mesh.triangles import cone_volumes
 from airtact.geometry.primitives import Capsule
 from airtact.hands.body import Hulls
 from airtact.hands.skin_mesh import even_skin

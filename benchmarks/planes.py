@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 import airtact as at
-from airtact.acoustics.solvers.bem.operator import assemble, transposed_right_side
+from airtact.acoustics.solvers.bem.solutions import assemble, transposed_right_side
 from airtact.acoustics.solvers.gmres import gmres
 from airtact.hands.hand import hand_from_joints
 from airtact.live.drives.factors import OpenAir, solved

@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 
 import airtact as at
-from airtact.geometry.mesh.quadratic_triangles import (
+from airtact.geometry.mesh.triangles import (
     enclosed_volume,
     longest_edges,
     smallest_angles,

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from airtact.geometry.mesh.curving import curved
-from airtact.geometry.mesh.topology import SHARP_DEGREES, edge_twins
-from airtact.geometry.quadratic_mesh import QuadraticMesh
+from airtact.geometry.mesh.triangles import SHARP_DEGREES, edge_twins
+from airtact.geometry.mesh_shape import QuadraticMesh
 from airtact.hands.body import OWNER, PARTS
 from airtact.hands.hand import Hand
 from airtact.hands.joints import CHAINS

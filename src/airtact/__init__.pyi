@@ -12,7 +12,6 @@ from . import transducers as transducers
 from . import traps as traps
 from .acoustics.medium import Medium as Medium
 from .acoustics.medium import air as air
-from .acoustics.planes import plane as plane
 from .acoustics.scene import (
     Scene as Scene,
 )
@@ -22,6 +21,7 @@ from .acoustics.scene import (
 from .acoustics.scene import (
     impedance as impedance,
 )
+from .acoustics.scene import plane as plane
 from .acoustics.scene import (
     sound_hard as sound_hard,
 )
@@ -79,7 +79,7 @@ from .sensing.echoes import Echoes as Echoes
 from .sensing.registration import locate as locate
 from .sensing.scattering import scattering_matrix as scattering_matrix
 from .sensing.self_calibration import calibrate as calibrate
-from .sensing.simulation import simulate_echoes as simulate_echoes
+from .sensing.transmission import simulate_echoes as simulate_echoes
 from .setup.building import read_scene as read_scene
 from .setup.comparing import MethodComparison as MethodComparison
 from .setup.comparing import compare as compare
@@ -107,6 +107,6 @@ from .transducers.layout import (
 from .transducers.layout import (
     surrounding_box as surrounding_box,
 )
-from .transducers.plates import reflecting_boards as reflecting_boards
+from .transducers.placement import reflecting_boards as reflecting_boards
 
 __version__: str

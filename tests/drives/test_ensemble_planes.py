@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 
 import airtact as at
-from airtact.acoustics.planes import with_images
-from airtact.drives.draws import draws
+from airtact.acoustics.scene import with_images
+from airtact.acoustics.uncertainty import draws
 from airtact.drives.transfer_ensemble import matrices_at
 from faults import raises_code
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.drives.draws import draws
+from airtact.acoustics.uncertainty import draws
 from airtact.drives.transfer_ensemble import TransferEnsemble, matrices_at
 from faults import raises_code
 

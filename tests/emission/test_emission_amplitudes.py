@@ -9,7 +9,7 @@ from airtact.drives.sequence import Sequence
 from airtact.emission.codecs import codec_of
 from airtact.emission.emission import frames_of_period
 from airtact.emission.link import RecordingLink
-from airtact.transducers.modulation import AmplitudeModulation, check_rate
+from airtact.transducers.levels import AmplitudeModulation, check_rate
 from emission.sounds import VirtualTime, moving, strongest, tone
 from faults import raises_code
 

@@ -16,7 +16,7 @@ from airtact.drives.frame import frame_at
 from airtact.emission.link import LinkFailed, RecordingLink, lock_boards
 from airtact.emission.link_process import Channel
 from airtact.emission.serial_link import SerialLink
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import AmplitudeModulation
 from emission.odd_links import Audit
 from emission.receivers import SonicSurface, wired
 from emission.sounds import VirtualTime, ended, events, moving, playing, strongest, tone

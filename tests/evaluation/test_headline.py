@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.evaluation.comparison import compare
-from airtact.evaluation.headline import body_word, headline, shortfalls
+from airtact.evaluation.comparison import body_word, compare, headline, shortfalls
 from airtact.evaluation.metrics import in_real_air, pascals
 from airtact.evaluation.steepening import Steepening
 

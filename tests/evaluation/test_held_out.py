@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.evaluation.held_out import held_out
+from airtact.evaluation.comparison import held_out
 
 SCENE = at.Scene(at.air(), [at.sound_hard(at.sphere(radius=8e-3, edge=3e-3))], frequency=40e3)
 TARGET = at.Target(np.array([[0.0, 0.0, 8.5e-3], [3e-3, 0.0, 8.2e-3]]))

@@ -6,7 +6,7 @@ import trimesh
 
 import airtact as at
 from airtact.geometry.checks import check_surface
-from airtact.geometry.mesh.topology import cone_volumes
+from airtact.geometry.mesh.triangles import cone_volumes
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh, torus_mesh
 

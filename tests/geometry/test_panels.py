@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import airtact as at
-from airtact.geometry.mesh.quadratic_triangles import (
+from airtact.geometry.mesh.triangles import (
     cut,
     enclosed_volume,
     longest_edges,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import airtact as at
 from airtact.geometry.mesh.intersections import self_crossings
-from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
+from airtact.geometry.mesh.triangles import enclosed_volume
 from airtact.geometry.primitives import Capsule, capsule, nearest_on_segments, sphere
 from faults import raises_code
 

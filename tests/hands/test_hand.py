@@ -7,7 +7,7 @@ import pytest
 
 import airtact as at
 from airtact.geometry.checks import check_surface
-from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
+from airtact.geometry.mesh.triangles import enclosed_volume
 from airtact.hands.joints import CHAINS, TRACKED, side_evidence
 from airtact.hands.kinematics import gap_of
 from airtact.hands.shape import MAX_KEYFRAMES

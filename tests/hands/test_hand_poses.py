@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from airtact.geometry.mesh.topology import edge_twins, shells
+from airtact.geometry.mesh.triangles import edge_twins, shells
 from airtact.hands.body import hand_hulls
 from airtact.hands.joints import joints_of
 from airtact.hands.skin_mesh import even_skin

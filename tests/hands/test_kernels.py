@@ -7,8 +7,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import Delaunay
 
 from airtact import _kernels
-from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, panel_areas
-from airtact.geometry.mesh.topology import edge_twins
+from airtact.geometry.mesh.triangles import edge_twins, enclosed_volume, panel_areas
 from airtact.hands.body import Hulls
 from airtact.hands.shape import curved_panels
 from airtact.hands.skin_mesh import even_skin

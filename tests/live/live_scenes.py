@@ -5,7 +5,7 @@ from threading import Event, Thread
 import numpy as np
 
 import airtact as at
-from airtact.acoustics.solvers.open_air import monopole_pressure
+from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.live.drives.solver_process import SolverProcess
 from airtact.live.moment import Moment, silent_moment
 from airtact.live.page.process import PageProcess

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.solvers.open_air import monopole_pressure
+from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.hands.kinematics import turned
 from airtact.live.drives.bending import BendingHand, bones_of
 from airtact.live.drives.factors import HandFactors, OpenAir, solved

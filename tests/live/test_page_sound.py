@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.geometry.mesh.topology import check_closed
+from airtact.geometry.mesh.triangles import check_closed
 from airtact.live.page.view import MovingSkin
 from live.live_scenes import direct_sound, one_board, playing
 from references.motions import Pinching

@@ -6,7 +6,6 @@ import pytest
 import airtact as at
 from airtact import _kernels
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule, double_layer_pressure
-from airtact.acoustics.solvers.bem.operator import assemble, dual_surface
 from airtact.acoustics.solvers.bem.quadrature import (
     NODAL,
     Nodes,
@@ -14,6 +13,7 @@ from airtact.acoustics.solvers.bem.quadrature import (
     near_quadrature,
     place_nodes,
 )
+from airtact.acoustics.solvers.bem.solutions import assemble, dual_surface
 from airtact.acoustics.solvers.gmres import gmres
 from references import relative_columns
 from worlds import (

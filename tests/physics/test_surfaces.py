@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import airtact as at
-from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, smallest_angles
+from airtact.geometry.mesh.triangles import enclosed_volume, smallest_angles
 from references import axisymmetric, ellipsoid, relative_columns
 from references.assorted_meshes import assorted
 from worlds import WAVELENGTH, ball, directions, far_points, hard, one_each

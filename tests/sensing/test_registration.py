@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import airtact as at
 from airtact.sensing.echo_model import EchoModel, further_motion
-from airtact.sensing.simulation import noisy
+from airtact.sensing.transmission import noisy
 from faults import raises_code
 from sensing.sensed_scenes import (
     AIR,

@@ -7,8 +7,7 @@ import trimesh
 
 import airtact as at
 from airtact.evaluation.windows import Box
-from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, panel_areas
-from airtact.geometry.mesh.topology import cone_volumes, edge_twins
+from airtact.geometry.mesh.triangles import cone_volumes, edge_twins, enclosed_volume, panel_areas
 from airtact.geometry.panels import panels_of
 from airtact.geometry.primitives import sphere
 from airtact.setup.exports import FLAT, flat_triangles, write_field, write_triangles

@@ -8,7 +8,7 @@ import pytest
 
 import airtact as at
 from airtact.cli import main
-from airtact.geometry.mesh.topology import edge_twins
+from airtact.geometry.mesh.triangles import edge_twins
 from faults import raises_code
 from paths import EXAMPLES
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.transducers.placement import check_placement
-from airtact.transducers.plates import THICKNESS
+from airtact.transducers.placement import THICKNESS, check_placement
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh
 from references import relative

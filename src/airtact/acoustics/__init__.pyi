@@ -1,8 +1,8 @@
 from .drawings import svg_path as svg_path
 from .drawings import text as text
-from .planes import Plane as Plane
 from .scene import Obstacle as Obstacle
-from .solvers.bem.factorised.factorised_bodies import FactorisedBodies as FactorisedBodies
+from .scene import Plane as Plane
+from .solvers.bem.factorised_bodies import FactorisedBodies as FactorisedBodies
 from .solvers.bem.moving_panels import MovingPanels as MovingPanels
 from .solvers.problem import (
     RadiatedField as RadiatedField,

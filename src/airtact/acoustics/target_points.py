@@ -22,7 +22,7 @@ from airtact.errors import (
     points_of,
     positive,
 )
-from airtact.geometry.mesh.quadratic_triangles import points_at
+from airtact.geometry.mesh.triangles import points_at
 from airtact.geometry.panels import panels_of
 from airtact.geometry.surface import Surface
 

@@ -104,7 +104,7 @@ def _check_surface(
     import numpy as np
 
     from airtact.errors import about, counted
-    from airtact.geometry.mesh.topology import shells
+    from airtact.geometry.mesh.triangles import shells
     from airtact.setup.solving import unknowns_of
 
     surface = at.load_surface(path, **settings, progress=report_step)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
 
-    from airtact.geometry.mesh.arrays import QuadraticTriangles
+    from airtact.geometry.mesh.triangles import QuadraticTriangles
     from airtact.geometry.mesh_shape import MeshShape
     from airtact.hands.shape import HandShape
 
@@ -220,7 +220,7 @@ def _facts(
     triangles: "QuadraticTriangles",
     places: "Mapping[str, np.ndarray]",
 ) -> list[tuple[str, str]]:
-    from airtact.geometry.mesh.quadratic_triangles import (
+    from airtact.geometry.mesh.triangles import (
         enclosed_volume,
         panel_areas,
         smallest_angles,

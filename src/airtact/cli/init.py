@@ -104,7 +104,7 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
 
     from airtact.emission.codecs import codec_of
     from airtact.setup.building import DEFAULT_OFFSET
-    from airtact.transducers.modulation import DEFAULT_FREQUENCY
+    from airtact.transducers.levels import DEFAULT_FREQUENCY
 
     # A small board can only focus close to itself.
     large = len(board) >= 100

@@ -48,14 +48,14 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None
         from airtact.errors import about
         from airtact.files.atomic import writable_folder
         from airtact.geometry.checks import check_surface
-        from airtact.geometry.mesh.quadratic_triangles import (
+        from airtact.geometry.mesh.triangles import (
+            cone_volumes,
             enclosed_volume,
             longest_edges,
             panel_areas,
             smallest_angles,
             with_middles,
         )
-        from airtact.geometry.mesh.topology import cone_volumes
         from airtact.reports.body_figure import draw_panels
         from airtact.reports.page import write_picture
         from airtact.setup.exports import check_output, write_triangles

@@ -1,7 +1,6 @@
 from .drive_file import DriveFile as DriveFile
 from .frame import Frame as Frame
 from .gerchberg_saxton import gs_pat as gs_pat
-from .gradient_descent import gradient as gradient
 from .head_level import MAX_HEAD_LEVEL as MAX_HEAD_LEVEL
 from .head_level import HeadLevel as HeadLevel
 from .head_level import sound_pressure_level as sound_pressure_level
@@ -10,14 +9,15 @@ from .linear_methods import least_peak as least_peak
 from .linear_methods import phase_conjugate as phase_conjugate
 from .max_min import Stalled as Stalled
 from .max_min import UpperBound as UpperBound
+from .max_min import gradient as gradient
 from .methods import METHODS as METHODS
 from .motion import Motion as Motion
 from .motion import moving_foci as moving_foci
 from .motion import moving_target as moving_target
 from .nearest import nearest_drive as nearest_drive
-from .reach import achieved_fraction as achieved_fraction
 from .robust_drives import goal_value as goal_value
 from .robust_drives import robust_phase_only as robust_phase_only
 from .sequence import Sequence as Sequence
+from .transfer import achieved_fraction as achieved_fraction
 from .transfer import rounding_error as rounding_error
 from .transfer_ensemble import TransferEnsemble as TransferEnsemble

@@ -14,8 +14,7 @@ from airtact.acoustics.target import Target
 from airtact.drives.frame import Frame
 from airtact.errors import InvalidInput, check_finite, complex_numbers, counted, of_kind, one_line
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, AmplitudeModulation, Levels
 
 Amplitudes = Complex128[np.ndarray, "elements"]
 

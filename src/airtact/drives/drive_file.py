@@ -46,8 +46,7 @@ from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.levels import FULL_SCALE, Levels
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import FULL_SCALE, AmplitudeModulation, Levels
 
 VERSION = 1
 """Version of the format."""

@@ -9,8 +9,7 @@ from jaxtyping import Complex64, Complex128, Float32, Float64, Int64
 from airtact import _kernels
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
-from airtact.drives.reach import FociRows, asked_rows, scaled_to_target
-from airtact.drives.transfer import TransferMatrix
+from airtact.drives.transfer import FociRows, TransferMatrix, asked_rows, scaled_to_target
 from airtact.errors import InvalidInput
 
 Sources = Complex128[np.ndarray, "foci"]

@@ -6,14 +6,14 @@ from jaxtyping import Complex128, Float64
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Amplitudes, Drive
 from airtact.drives.gerchberg_saxton import check_iterations
-from airtact.drives.reach import (
+from airtact.drives.transfer import (
     FociRows,
+    TransferMatrix,
     check_solvable,
     foci_rows,
     scaled_to_target,
     suppression_rows,
 )
-from airtact.drives.transfer import TransferMatrix
 from airtact.errors import positive
 
 

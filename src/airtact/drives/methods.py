@@ -9,8 +9,7 @@ import numpy as np
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.max_min import Stalled, max_min
-from airtact.drives.reach import FociRows, check_foci, foci_rows
-from airtact.drives.transfer import TransferMatrix
+from airtact.drives.transfer import FociRows, TransferMatrix, check_foci, foci_rows
 from airtact.transducers.levels import FULL_SCALE
 
 
@@ -189,7 +188,7 @@ METHODS: dict[str, Method] = {
         ),
         Method(
             "gradient",
-            "gradient_descent",
+            "max_min",
             "max_min improved by gradient descent, which also quiets suppression points",
             heeds_suppression_points=True,
         ),

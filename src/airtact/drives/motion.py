@@ -18,9 +18,8 @@ from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import MAX_OFFSET, frame_of, onto_surface, outward
 from airtact.drives.drive import Amplitudes
 from airtact.drives.methods import best
-from airtact.drives.reach import check_foci
 from airtact.drives.sequence import MIN_FRAMES, Sequence
-from airtact.drives.transfer import MakeDrive, TransferMatrix
+from airtact.drives.transfer import MakeDrive, TransferMatrix, check_foci
 from airtact.errors import InvalidInput, check_choice, millimetres, of_kind, positive, within
 
 DEFAULT_FRAMES = 16

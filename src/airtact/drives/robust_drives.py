@@ -32,8 +32,7 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Amplitudes, Drive
 from airtact.drives.gerchberg_saxton import phase
 from airtact.drives.max_min import strongest_sources
-from airtact.drives.reach import FociRows, asked_rows
-from airtact.drives.transfer import TransferMatrix
+from airtact.drives.transfer import FociRows, TransferMatrix, asked_rows
 from airtact.drives.transfer_ensemble import TransferEnsemble
 from airtact.errors import InvalidInput
 from airtact.timing import one_thread

@@ -28,13 +28,12 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
 
-from airtact.acoustics.planes import Plane
-from airtact.acoustics.scene import Scene, check_no_boards
-from airtact.acoustics.solvers.bem.before_plane import BodiesBeforePlane
+from airtact.acoustics.scene import Plane, Scene, check_no_boards
+from airtact.acoustics.solvers.bem.moving_panels import BodiesBeforePlane
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
+from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.acoustics.solvers.spherical.multipole_field import (
     MultipoleField,
     ball_of,
@@ -43,15 +42,13 @@ from airtact.acoustics.solvers.spherical.multipole_field import (
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Beacons
 from airtact.acoustics.target_points import frame_of, outward
-from airtact.acoustics.uncertainty import Uncertainty
-from airtact.drives.draws import Draw, draws, gains
+from airtact.acoustics.uncertainty import Draw, Uncertainty, draws, gains
 from airtact.drives.drive import Drive
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.errors import InvalidInput, check_seed, counted, in_short, of_kind, one_line
 from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.placement import check_placement
-from airtact.transducers.plates import strength_in
+from airtact.transducers.placement import check_placement, strength_in
 
 MAX_SAMPLES = 10_000
 """Largest allowed number of samples; a larger number is probably a mistake."""

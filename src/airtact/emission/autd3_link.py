@@ -13,8 +13,7 @@ from airtact.drives.frame import Frame
 from airtact.emission.link import Link
 from airtact.errors import InvalidInput, extra, of_kind
 from airtact.geometry.pose import Pose
-from airtact.transducers.levels import EIGHT_BITS
-from airtact.transducers.modulation import check_rate
+from airtact.transducers.levels import EIGHT_BITS, check_rate
 
 # Connections to the boards.
 THROUGH = ("audit", "ethercrab", "twincat", "remote", "simulator")

@@ -24,7 +24,7 @@ from airtact.emission.link import Link, LinkFailed
 from airtact.emission.link_process import LinkProcess
 from airtact.emission.player import Settings
 from airtact.errors import InvalidInput, number, of_kind, positive
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import AmplitudeModulation
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from airtact.files.atomic import whole_file
 from airtact.files.bounded import text_of
 from airtact.transducers.boards import boards_needed
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import AmplitudeModulation
 
 
 def load_drive(

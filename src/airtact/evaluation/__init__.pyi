@@ -1,11 +1,11 @@
 from .comparison import HELD_EQUAL as HELD_EQUAL
 from .comparison import Comparison as Comparison
+from .comparison import HeldOut as HeldOut
 from .field import drive_sources as drive_sources
-from .held_out import HeldOut as HeldOut
 from .metrics import Evaluation as Evaluation
-from .microphone import Microphone as Microphone
 from .radiation import RadiationMap as RadiationMap
 from .radiation import radiation_pressure as radiation_pressure
+from .scan import Microphone as Microphone
 from .scan import Overlay as Overlay
 from .scan import Scan as Scan
 from .scan import best_shift as best_shift

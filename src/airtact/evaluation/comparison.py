@@ -1,6 +1,6 @@
-"""Comparison of drives at equal peak, at equal energy and with their phases alone."""
+"""Comparison of drives at equal peak or energy, with phases alone or on samples; headlines."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,9 +11,10 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, check_drive
-from airtact.errors import InvalidInput, as_sentence, counted, of_kind, one_line
+from airtact.drives.transfer_ensemble import TransferEnsemble
+from airtact.errors import InvalidInput, as_sentence, counted, in_short, of_kind, one_line
 from airtact.evaluation.field import radiate_drives
-from airtact.evaluation.metrics import in_real_air, not_modelled
+from airtact.evaluation.metrics import in_real_air, not_modelled, pascals
 from airtact.evaluation.steepening import Steepening, steepening
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
@@ -282,3 +283,179 @@ def compare(
         "phase only": magnitudes[phase_columns],
     }
     return Comparison(tuple(drives), target, pressures, field, tuple(phase_columns), at_foci)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """The pressure at the weakest focus for several drives, on samples not used to compute them.
+
+    Attributes
+    ----------
+    names : names of the D drives.
+    pressures : (D, S) peak pressure at the weakest focus in each sample, with every drive scaled to
+        the energy of the first [Pa].
+    expected : (D,) pressure at the weakest focus without any deviation [Pa].
+    left_out : number of samples skipped because they are impossible.
+    """
+
+    names: tuple[str, ...]
+    pressures: Float64[np.ndarray, "drives samples"]
+    expected: Float64[np.ndarray, "drives"]
+    left_out: int
+
+    __repr__ = in_short
+
+    @property
+    def lowest_tenth(self) -> Float64[np.ndarray, "drives"]:
+        """(D,) pressure [Pa] that the weakest focus exceeds in 9 out of 10 samples."""
+        return np.quantile(self.pressures, 0.1, axis=1)
+
+    def sentence(self) -> str:
+        """Sentence stating the pressure that the weakest focus exceeds in 9 out of 10 samples."""
+        first, *rest = self.lowest_tenth
+        words = [f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], rest, strict=True)]
+        compared = f" ({', '.join(words)} at equal energy)" if words else ""
+        left_out = f"; {self.left_out} samples are impossible" if self.left_out else ""
+        return (
+            "With the given uncertainty, the pressure at the weakest focus is at least "
+            f"{pascals(first)} in 9 of 10 cases, and {pascals(self.expected[0])} without "
+            f"deviations{compared}{left_out}."
+        )
+
+
+def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Drive]) -> HeldOut:
+    """Evaluate drives on samples, with every drive scaled to the energy of the first.
+
+    Parameters
+    ----------
+    samples : samples drawn with a different seed from those used to compute the drives.
+    target : the foci; those without a request are ignored.
+    drives : drives to compare, by name.
+
+    Raises
+    ------
+    InvalidInput
+        If a drive does not have as many elements as the samples.
+    """
+    # The rows of the foci come first; suppression points follow and are ignored.
+    asked = np.flatnonzero(target.weights > 0.0)
+    first = next(iter(drives.values()))
+    factors = np.array([drive.factor_to_match(first) for drive in drives.values()])
+    sampled = [np.abs(samples.pressures(drive)[:, asked]).min(axis=1) for drive in drives.values()]
+    nominal = [np.abs(samples.pressure(drive)[asked]).min() for drive in drives.values()]
+    return HeldOut(
+        names=tuple(drives),
+        pressures=factors[:, None] * np.stack(sampled),
+        expected=factors * np.array(nominal),
+        left_out=samples.left_out,
+    )
+
+
+def body_word(bodies: Sequence[str]) -> str:
+    """Return the word "hand" or "object", depending on the names of the bodies."""
+    parts = ("hand", "finger", "thumb", "palm")
+    return "hand" if any(part in name.lower() for name in bodies for part in parts) else "object"
+
+
+def headline(
+    comparison: Comparison, drive: Drive, word: str = "hand", foci: Sequence[str] = ()
+) -> str:
+    """State the pressure at the weakest focus, and the gain from considering the bodies.
+
+    Parameters
+    ----------
+    comparison : results of the drive that considers the bodies, optionally followed by those of a
+        drive that ignores them (by the same method).
+    drive : the emitted drive, which considers the bodies. If it is at full scale, the two drives
+        are compared at equal peak, and otherwise at equal energy.
+    word : the word for the bodies, such as "hand".
+    foci : a name for each focus; the sentence names the focus whose pressure decreases most.
+    """
+    # Below full scale the hardware does not limit the peak, so compare the drives by energy.
+    held_equal = "equal peak" if drive.is_full_scale else "equal energy"
+    values = _counted(comparison, held_equal)
+    # The comparison holds every drive at full scale, but the drive is emitted at its own peak.
+    first = drive.peak * _counted(comparison, "equal peak")[0].min()
+    amount = _amount(first, comparison.target)
+    sentence = f"{_capital(comparison.names[0])}: {amount} at the weakest focus."
+    if len(values) == 1:
+        return sentence
+    gain = values[0].min() / values[1].min() - 1.0
+    amount = _amount(first / (1.0 + gain), comparison.target)
+    sentence += f" {_capital(comparison.names[1])}: {amount}."
+    error = comparison.report.estimated_error
+    # Never claim a difference below 1 %, even if the estimated error is smaller.
+    if abs(gain) <= max(error, 0.01):
+        if error > 0.03:
+            return (
+                f"{sentence} The effect of the {word} is unknown, because the estimated error of "
+                f"the pressures is {_per_cent(error)}. Set a smaller value of accuracy."
+            )
+        same = _per_cent(max(error, 0.01))
+        return f"{sentence} With and without the {word}, the result is the same to within {same}."
+    same = "hardware" if drive.is_full_scale else "energy"
+    sentence += f" Same {same}: {_signed(gain)}"
+    if values.shape[1] == 1:
+        return f"{sentence}."
+    mean = values[0].mean() / values[1].mean() - 1.0
+    sentence += f" at the weakest focus, {_signed(mean)} on average"
+    losses = 1.0 - values[0] / values[1]
+    worst = int(losses.argmax())
+    if foci and losses[worst] > max(error, 0.02):
+        asked = np.flatnonzero(comparison.target.weights > 0.0)
+        sentence += f"; {foci[asked[worst]]} loses {_per_cent(losses[worst])}"
+    return f"{sentence}."
+
+
+def shortfalls(
+    target: Target, foci: Sequence[str], reached: Float64[np.ndarray, "foci"], drive: Drive
+) -> tuple[str, ...]:
+    """State in one sentence which foci do not reach 98 % of their requested pressure, if any.
+
+    Parameters
+    ----------
+    target : the requested pressures.
+    foci : a name for each focus.
+    reached : (F,) peak pressure at the foci [Pa].
+    drive : the emitted drive.
+    """
+    if target.pressures is None:
+        return ()
+    # The default accuracy is 1 %, so a deficit below 2 % is not worth a sentence.
+    short = [
+        f"{name} {pascals(got)} of {pascals(asked)}"
+        for name, got, asked in zip(foci, reached, target.pressures, strict=True)
+        if got < 0.98 * asked
+    ]
+    if not short:
+        return ()
+    full = ": the transducers are at full scale" if drive.is_full_scale else ""
+    return (f"Requested but not reached: {', '.join(short)}{full}.",)
+
+
+def _counted(comparison: Comparison, held_equal: str) -> Float64[np.ndarray, "drives counted"]:
+    weights = comparison.target.weights
+    asked = weights > 0.0
+    return comparison.pressures[held_equal][:, asked] / weights[asked]
+
+
+def _per_cent(share: float) -> str:
+    # Write a share in per cent, with a space before the sign (ISO 80000-1).
+    return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
+
+
+def _signed(share: float) -> str:
+    return f"{100 * share:+z.0f} %".replace("-", "\u2212")
+
+
+def _amount(weakest: float, target: Target) -> str:
+    # Write a pressure, or its fraction of the request if the foci request different
+    # pressures.
+    weights = target.weights[target.weights > 0.0]
+    if target.pressures is not None and not np.allclose(weights, weights[0]):
+        return f"{weakest:.0%} of the request".replace("%", " %")
+    return pascals(weakest * weights.max())
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]

@@ -12,8 +12,7 @@ from airtact.drives.drive import Drive, check_drive
 from airtact.errors import InvalidInput, counted, of_kind, points_of
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.placement import check_placement
-from airtact.transducers.plates import strength_in
+from airtact.transducers.placement import check_placement, strength_in
 
 
 def drive_sources(

@@ -25,8 +25,7 @@ from airtact.acoustics.scene import Scene
 from airtact.drives.drive import Drive
 from airtact.errors import InvalidInput, NotConverged, counted, one_line
 from airtact.evaluation.field import drive_sources
-from airtact.evaluation.microphone import Microphone
-from airtact.evaluation.scan import Scan, fitted, overlay_scan
+from airtact.evaluation.scan import Microphone, Scan, fitted, overlay_scan
 from airtact.geometry.pose import Pose
 from airtact.transducers.calibration import save_calibration
 from airtact.transducers.element import Element, piston

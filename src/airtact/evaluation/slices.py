@@ -9,8 +9,8 @@ from jaxtyping import Complex128, Float64, Inexact, Int64, Real
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.errors import in_short
 from airtact.evaluation.windows import Box, Window
-from airtact.geometry.mesh.quadratic_triangles import with_middles
 from airtact.geometry.mesh.remeshing import with_short_edges
+from airtact.geometry.mesh.triangles import with_middles
 from airtact.geometry.surface import Surface
 
 # Largest number of points at which the field is evaluated for all planes together

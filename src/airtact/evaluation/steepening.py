@@ -22,8 +22,7 @@ from jaxtyping import Complex128, Float32, Float64, Num, Real
 from scipy.spatial import KDTree
 from scipy.special import j1
 
-from airtact.acoustics.planes import Plane
-from airtact.acoustics.scene import Scene
+from airtact.acoustics.scene import Plane, Scene
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import one_line, points_of
 

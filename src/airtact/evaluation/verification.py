@@ -6,20 +6,17 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 from scipy.spatial import KDTree
 
-from airtact.acoustics.planes import before_planes
-from airtact.acoustics.scene import Scene
+from airtact.acoustics.scene import Scene, before_planes
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.head_level import NO_SAFETY_ASSESSMENT, sound_pressure_level
-from airtact.drives.reach import check_foci
-from airtact.drives.transfer import TransferMatrix, transfer_matrix
+from airtact.drives.transfer import TransferMatrix, check_foci, transfer_matrix
 from airtact.errors import Vector, counted, in_mm, of_kind, one_line, points_of, span
 from airtact.evaluation.field import radiate_drives
-from airtact.evaluation.metrics import Evaluation, in_real_air
+from airtact.evaluation.metrics import Evaluation, in_real_air, sensation
 from airtact.evaluation.radiation import RadiationMap, radiation_of
 from airtact.evaluation.steepening import steepening
-from airtact.evaluation.tactile_thresholds import sensation
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, Levels

@@ -16,15 +16,18 @@ from airtact.errors import (
     counted,
     in_mm,
 )
-from airtact.geometry.mesh.arrays import Points, PointVectors, Vector3, Vertices
-from airtact.geometry.mesh.quadratic_triangles import (
+from airtact.geometry.mesh.triangles import (
+    Points,
+    PointVectors,
+    Vector3,
+    Vertices,
     cut,
     longest_edges,
     panel_areas,
     points_at,
+    shells,
     unit,
 )
-from airtact.geometry.mesh.topology import shells
 from airtact.geometry.primitives import Capsule, nearest_on_segments
 from airtact.geometry.surface import Body, Surface
 

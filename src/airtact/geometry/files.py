@@ -7,13 +7,11 @@ import numpy as np
 from airtact.errors import InvalidInput, about, counted, fixed, of_kind, positive
 from airtact.files.meshes import read_mesh
 from airtact.geometry.checks import check_not_crossed
-from airtact.geometry.mesh.details import without_details
+from airtact.geometry.mesh.gridded import united_parts, without_details
 from airtact.geometry.mesh.repair import repaired
-from airtact.geometry.mesh.topology import SHARP_DEGREES
-from airtact.geometry.mesh.union import united_parts
-from airtact.geometry.mesh_shape import MeshShape
+from airtact.geometry.mesh.triangles import SHARP_DEGREES
+from airtact.geometry.mesh_shape import MeshShape, QuadraticMesh
 from airtact.geometry.pose import Pose
-from airtact.geometry.quadratic_mesh import QuadraticMesh
 from airtact.geometry.surface import Surface
 from airtact.timing import Progress, no_progress
 

@@ -15,10 +15,12 @@ from jaxtyping import Bool, Float64, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact import _kernels
-from airtact.geometry.mesh.arrays import Pieces, Points, QuadraticTriangles
-from airtact.geometry.mesh.quadratic_triangles import (
+from airtact.geometry.mesh.triangles import (
     PanelSizes,
     PanelVectors,
+    Pieces,
+    Points,
+    QuadraticTriangles,
     cut,
     longest_edges,
     middles_of,

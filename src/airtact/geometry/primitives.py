@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.errors import InvalidInput, Vector, fixed, in_short, number, point_of, positive
-from airtact.geometry.mesh.arrays import (
+from airtact.geometry.mesh.remeshing import RidgedMesh
+from airtact.geometry.mesh.triangles import (
     FlatMesh,
     PointLengths,
     Points,
@@ -18,14 +19,11 @@ from airtact.geometry.mesh.arrays import (
     Triangles,
     Vector3,
     Vertices,
-)
-from airtact.geometry.mesh.quadratic_triangles import (
+    check_size,
     enclosed_volume,
     longest_edges,
     with_middles,
 )
-from airtact.geometry.mesh.remeshing import RidgedMesh
-from airtact.geometry.mesh.topology import check_size
 from airtact.geometry.pose import Pose
 from airtact.geometry.shape import BEND, Shape
 from airtact.geometry.surface import Surface

@@ -6,7 +6,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.geometry.mesh.arrays import (
+from airtact.geometry.mesh.remeshing import RidgedMesh
+from airtact.geometry.mesh.triangles import (
     EdgeVectors,
     IndexPairs,
     PointLengths,
@@ -15,7 +16,6 @@ from airtact.geometry.mesh.arrays import (
     QuadraticTriangles,
     Vector3,
 )
-from airtact.geometry.mesh.remeshing import RidgedMesh
 from airtact.geometry.pose import Pose
 
 # Default angle between the normals at opposite edges of a panel on a round surface [rad].

@@ -20,7 +20,8 @@ from airtact.errors import (
     real_numbers,
     sides_in_mm,
 )
-from airtact.geometry.mesh.arrays import (
+from airtact.geometry.mesh.triangles import (
+    SHARP_DEGREES,
     EdgeVectors,
     IndexPairs,
     PointLengths,
@@ -29,15 +30,12 @@ from airtact.geometry.mesh.arrays import (
     Triangles,
     TriangleVectors,
     Twins,
-)
-from airtact.geometry.mesh.quadratic_triangles import edge_lengths
-from airtact.geometry.mesh.topology import (
-    SHARP_DEGREES,
     check_closed,
     check_indices,
     check_not_degenerate,
     check_orientation,
     check_size,
+    edge_lengths,
 )
 from airtact.geometry.panels import Panels, panels_of
 from airtact.geometry.pose import Pose, nearest_motion
@@ -96,8 +94,7 @@ class Surface:
         between(self.sharp_degrees, 0.0, 180.0, "sharp_degrees", "degrees", slip)
         if _known_shape is None:
             self._check()
-            from airtact.geometry.mesh_shape import MeshShape
-            from airtact.geometry.quadratic_mesh import QuadraticMesh
+            from airtact.geometry.mesh_shape import MeshShape, QuadraticMesh
 
             mesh = QuadraticMesh(self.vertices, self.triangles, self.midpoints, self.sharp_degrees)
             _known_shape = self.primitive or MeshShape(mesh, Pose.identity())

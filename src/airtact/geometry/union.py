@@ -19,10 +19,16 @@ from airtact.errors import (
     within,
 )
 from airtact.geometry.checks import NEAREST, Approach, approach, check_not_crossed, check_surface
-from airtact.geometry.mesh.arrays import FlatMesh, PointLengths, Points
 from airtact.geometry.mesh.remeshing import near_surface
 from airtact.geometry.mesh.repair import flat_mesh_of, solid_of, without_slivers
-from airtact.geometry.mesh.topology import components, cone_volumes, shells
+from airtact.geometry.mesh.triangles import (
+    FlatMesh,
+    PointLengths,
+    Points,
+    components,
+    cone_volumes,
+    shells,
+)
 from airtact.geometry.primitives import Capsule
 from airtact.geometry.surface import Surface
 

@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.errors import in_short
-from airtact.geometry.mesh.arrays import QuadraticTriangles
-from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, panel_areas
 from airtact.geometry.mesh.remeshing import RidgedMesh
+from airtact.geometry.mesh.triangles import QuadraticTriangles, enclosed_volume, panel_areas
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.geometry.shape import BEND, Shape
 from airtact.hands.body import Hulls

@@ -14,8 +14,13 @@ from scipy.spatial import KDTree
 
 from airtact import _kernels
 from airtact.errors import extra, fixed
-from airtact.geometry.mesh.quadratic_triangles import smallest_angles, with_middles
-from airtact.geometry.mesh.topology import components, cone_volumes, edge_keys
+from airtact.geometry.mesh.triangles import (
+    components,
+    cone_volumes,
+    edge_keys,
+    smallest_angles,
+    with_middles,
+)
 from airtact.hands.body import Hulls
 from airtact.hands.joints import Points
 

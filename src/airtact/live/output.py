@@ -10,8 +10,7 @@ from airtact.emission.emission import Emission
 from airtact.emission.link import Link, LinkFailed
 from airtact.errors import InvalidInput
 from airtact.live.scene import Amplitudes, Frames
-from airtact.transducers.levels import Levels
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import AmplitudeModulation, Levels
 
 
 class Output:

@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Complex, Complex128, Float64, Int64
 
 from airtact.acoustics.medium import Medium
-from airtact.acoustics.planes import Plane
-from airtact.acoustics.scene import check_no_boards
+from airtact.acoustics.scene import Plane, check_no_boards
 from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.motion import DEFAULT_FRAMES, Motion
 from airtact.drives.sequence import MIN_FRAMES
@@ -26,8 +25,8 @@ from airtact.setup.bodies import unsided
 from airtact.setup.setup import Setup
 from airtact.touch.objects import VirtualObject
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transducers.plates import flush
+from airtact.transducers.levels import AmplitudeModulation
+from airtact.transducers.placement import flush
 
 SIDES: tuple[Side, Side] = ("left", "right")
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Complex64, Float64
 
 from airtact.acoustics.medium import Medium
-from airtact.acoustics.planes import plane
+from airtact.acoustics.scene import plane
 from airtact.errors import (
     LARGEST_DATA,
     InvalidInput,
@@ -40,7 +40,7 @@ from airtact.setup.bodies import unsided
 from airtact.timing import start_python
 from airtact.transducers.element import Element
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import AmplitudeModulation
 
 # Name of the session file in its folder.
 FILE = "session.h5"

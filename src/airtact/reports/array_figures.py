@@ -17,7 +17,7 @@ from matplotlib.ticker import LogLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from airtact.acoustics.planes import Plane
+from airtact.acoustics.scene import Plane
 from airtact.evaluation.windows import AXES
 from airtact.geometry.surface import Surface
 from airtact.reports.solids import (

@@ -13,9 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d import Axes3D
 
-from airtact.acoustics.planes import Plane
-from airtact.geometry.mesh.arrays import QuadraticTriangles
-from airtact.geometry.mesh.quadratic_triangles import smallest_angles
+from airtact.acoustics.scene import Plane
+from airtact.geometry.mesh.triangles import QuadraticTriangles, smallest_angles
 from airtact.geometry.mesh_shape import MeshShape
 from airtact.geometry.surface import Surface
 from airtact.hands.fitting.fit import FittedHand

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from airtact.drives.reach import fraction
+from airtact.drives.transfer import fraction
 from airtact.errors import counted, in_mm
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.metrics import not_modelled, pascals

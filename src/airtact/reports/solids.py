@@ -11,8 +11,8 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from airtact.acoustics.planes import Plane
-from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
+from airtact.acoustics.scene import Plane
+from airtact.geometry.mesh.triangles import area_vectors, unit
 
 # Direction toward the viewer: azimuth around z, elevation above the xy plane [degrees]
 View = tuple[float, float]

@@ -27,7 +27,7 @@ from airtact.drives.drive import Drive
 from airtact.errors import counted
 from airtact.evaluation.slices import Slices, SurfacePressure, slices_around, surface_pressure
 from airtact.evaluation.windows import Window
-from airtact.geometry.mesh.quadratic_triangles import unit
+from airtact.geometry.mesh.triangles import unit
 from airtact.reports.array_figures import spacing, unfold
 from airtact.reports.field_figure import COLOURS
 from airtact.reports.solids import sheet_of, towards_viewer

@@ -5,6 +5,6 @@ from .scattering import ScatteringFamily as ScatteringFamily
 from .scattering import ScatteringMatrix as ScatteringMatrix
 from .scattering import scattering_family as scattering_family
 from .self_calibration import Calibrated as Calibrated
-from .simulation import hadamard_codes as hadamard_codes
-from .simulation import random_codes as random_codes
+from .transmission import hadamard_codes as hadamard_codes
+from .transmission import random_codes as random_codes
 from .transmission import simulate_transmissions as simulate_transmissions

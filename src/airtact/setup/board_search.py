@@ -15,8 +15,7 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.target import Target
 from airtact.drives.gerchberg_saxton import best_sources, phase, starting_sources
-from airtact.drives.reach import FociRows
-from airtact.drives.transfer import transfer_to
+from airtact.drives.transfer import FociRows, transfer_to
 from airtact.errors import InvalidInput, counted
 from airtact.evaluation.slices import fine_meshes
 from airtact.geometry.pose import Pose

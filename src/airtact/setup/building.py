@@ -11,10 +11,9 @@ from jaxtyping import Num
 
 import airtact as at
 from airtact.acoustics.medium import Medium, air
-from airtact.acoustics.planes import plane
-from airtact.acoustics.scene import Scene, check_no_planes
-from airtact.acoustics.solvers.arrays import Points
+from airtact.acoustics.scene import Scene, check_no_planes, plane
 from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.solvers.shared import Points
 from airtact.acoustics.target import Target
 from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.files.bounded import text_of
@@ -42,10 +41,15 @@ from airtact.transducers.element import (
     monopole,
     piston,
 )
-from airtact.transducers.known import KNOWN_ARRAYS, known_array
-from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
-from airtact.transducers.levels import Levels
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.layout import (
+    KNOWN_ARRAYS,
+    PhasedArray,
+    board_array,
+    flat_boards,
+    known_array,
+    surrounding_box,
+)
+from airtact.transducers.levels import AmplitudeModulation, Levels
 
 # Default distance of a focus from the surface of its body [m]
 DEFAULT_OFFSET = 0.5e-3

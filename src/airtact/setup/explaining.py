@@ -20,7 +20,7 @@ from airtact.evaluation.steepening import steepening
 from airtact.files.atomic import whole_file
 from airtact.setup.rendering import Rendering
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import AmplitudeModulation
 from airtact.transducers.placement import strongest_open_air
 
 Pressures = Float64[np.ndarray, "foci"]

@@ -14,9 +14,16 @@ from scipy.spatial import KDTree
 from airtact.errors import InvalidInput
 from airtact.evaluation.windows import Box
 from airtact.files.atomic import whole_file, whole_hdf5
-from airtact.geometry.mesh.arrays import QuadraticTriangles, Triangles, Vertices
-from airtact.geometry.mesh.quadratic_triangles import edge_lengths, panel_areas, smallest_angles
-from airtact.geometry.mesh.topology import components, edge_twins
+from airtact.geometry.mesh.triangles import (
+    QuadraticTriangles,
+    Triangles,
+    Vertices,
+    components,
+    edge_lengths,
+    edge_twins,
+    panel_areas,
+    smallest_angles,
+)
 from airtact.geometry.surface import Surface
 
 CURVED = ".vtkhdf"

@@ -20,8 +20,7 @@ from jaxtyping import Bool, Float64, Real
 from scipy.spatial.distance import cdist
 
 import airtact as at
-from airtact.acoustics.planes import before_planes
-from airtact.acoustics.scene import Scene, check_no_boards
+from airtact.acoustics.scene import Scene, before_planes, check_no_boards
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.target import Target

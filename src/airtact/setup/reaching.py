@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
-from airtact.acoustics.planes import before_planes
+from airtact.acoustics.scene import before_planes
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.problem import SolveReport
 from airtact.acoustics.target import Beacons

@@ -18,12 +18,10 @@ from airtact.drives.drive import Drive, quantise
 from airtact.drives.drive_file import SEQUENCE_FILE
 from airtact.drives.frame import Frame
 from airtact.drives.methods import FOR_SAMPLES
-from airtact.drives.reach import fraction
-from airtact.drives.transfer import TransferMatrix
+from airtact.drives.transfer import TransferMatrix, fraction
 from airtact.errors import Vector, of_kind, one_line, point_of
-from airtact.evaluation.comparison import Comparison
+from airtact.evaluation.comparison import Comparison, body_word, headline, shortfalls
 from airtact.evaluation.comparison import compare as compare_drives
-from airtact.evaluation.headline import body_word, headline, shortfalls
 from airtact.evaluation.metrics import Evaluation, in_real_air, pascals
 from airtact.evaluation.steepening import Steepening
 from airtact.files.atomic import writable_folder
@@ -51,7 +49,7 @@ from airtact.setup.solving import (
 )
 from airtact.timing import Clock, Progress
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import AmplitudeModulation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -382,7 +380,7 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     robustness = None
     remarks = shortfalls(setup.target, setup.foci, pressures, loudest)
     if setup.uncertainty is not None:
-        from airtact.evaluation.held_out import held_out
+        from airtact.evaluation.comparison import held_out
 
         with clock.step("doubt", "evaluating the drive on other samples of the uncertainty"):
             compared = {setup.method.replace("_", " "): drive}

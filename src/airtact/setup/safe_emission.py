@@ -17,12 +17,12 @@ from airtact.emission.emission import Emission, Played, frames_of_period
 from airtact.emission.frame_file import write_frames
 from airtact.emission.link import Link
 from airtact.errors import InvalidInput, about
-from airtact.evaluation.tactile_thresholds import constant_force_note, sensation
+from airtact.evaluation.metrics import constant_force_note, sensation
 from airtact.geometry.pose import Pose
 from airtact.timing import Progress, no_progress
 from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
 from airtact.transducers.element import DEFAULT_SENSITIVITY
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import AmplitudeModulation
 
 # Frequency emitted by all boards [Hz]
 FREQUENCY = 40e3

@@ -19,8 +19,7 @@ from airtact.drives.drive import Drive, quantise
 from airtact.drives.drive_file import read_drive_file
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.errors import InvalidInput, NotConverged
-from airtact.evaluation.microphone import Microphone
-from airtact.evaluation.scan import load_scan
+from airtact.evaluation.scan import Microphone, load_scan
 from airtact.evaluation.scan_calibration import ScanCalibration, calibrate_from_scans
 from airtact.geometry.pose import Pose
 from airtact.sensing.echoes import Echoes, load_echoes
@@ -31,8 +30,13 @@ from airtact.sensing.scattering import (
     scattering_matrix,
 )
 from airtact.sensing.self_calibration import Calibrated, calibrate, moved
-from airtact.sensing.simulation import hadamard_codes, random_codes, simulate_echoes
-from airtact.sensing.transmission import boards_of, simulate_transmissions
+from airtact.sensing.transmission import (
+    boards_of,
+    hadamard_codes,
+    random_codes,
+    simulate_echoes,
+    simulate_transmissions,
+)
 from airtact.setup.building import read_scene
 from airtact.setup.parsing import parse_scene
 from airtact.setup.setup import Setup

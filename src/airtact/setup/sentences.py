@@ -10,15 +10,13 @@ from airtact.acoustics.target_points import outward
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import upper_bound
 from airtact.drives.methods import METHODS
-from airtact.drives.reach import MIN_FOCUS_DISTANCE, nearest_foci
-from airtact.drives.transfer import TransferMatrix
+from airtact.drives.transfer import MIN_FOCUS_DISTANCE, TransferMatrix, nearest_foci
 from airtact.emission.codecs import codec_of
 from airtact.errors import counted, in_mm, millimetres
-from airtact.evaluation.metrics import pascals
-from airtact.evaluation.tactile_thresholds import sensation
+from airtact.evaluation.metrics import pascals, sensation
 from airtact.setup.setup import Setup
 from airtact.transducers.boards import kind_of_array
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import AmplitudeModulation
 from airtact.transducers.placement import (
     open_air_bound,
     overlapping_boards,

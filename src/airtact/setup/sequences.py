@@ -13,9 +13,8 @@ from airtact.drives.motion import Motion, moving_foci, moving_target
 from airtact.drives.sequence import Sequence
 from airtact.drives.transfer import TransferMatrix
 from airtact.evaluation.field import drive_sources
-from airtact.evaluation.metrics import in_real_air
+from airtact.evaluation.metrics import in_real_air, sensation
 from airtact.evaluation.steepening import Steepening, steepening
-from airtact.evaluation.tactile_thresholds import sensation
 from airtact.setup.setup import Setup
 from airtact.setup.solving import solve_foci, synthesise
 from airtact.timing import Clock

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import airtact as at
 from airtact.acoustics.medium import Medium
-from airtact.acoustics.planes import Plane
-from airtact.acoustics.scene import Scene, check_outside
+from airtact.acoustics.scene import Plane, Scene, check_outside
 from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
@@ -19,8 +18,7 @@ from airtact.geometry.pose import Pose
 from airtact.setup.parsing import nearest
 from airtact.transducers.boards import poses_of_boards
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.levels import EIGHT_BITS, Levels
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.levels import EIGHT_BITS, AmplitudeModulation, Levels
 from airtact.transducers.placement import check_placement, planes_behind
 
 

@@ -23,7 +23,7 @@ from airtact.drives.max_min import Stalled
 from airtact.drives.methods import FOR_SAMPLES, method_for
 from airtact.drives.transfer import TransferMatrix, open_air_matrix, transfer_to
 from airtact.errors import counted
-from airtact.evaluation.headline import body_word
+from airtact.evaluation.comparison import body_word
 from airtact.setup.setup import Setup
 from airtact.timing import Clock
 

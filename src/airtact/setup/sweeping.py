@@ -22,7 +22,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.memory import available_memory, processor_count
+from airtact.acoustics.solvers.shared import available_memory, processor_count
 from airtact.acoustics.store import name_of
 from airtact.errors import (
     LARGEST_SCENE_FILE,

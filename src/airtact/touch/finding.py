@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from airtact.geometry.mesh.arrays import PointLengths
+from airtact.geometry.mesh.triangles import PointLengths
 from airtact.touch.objects import VirtualObject
 from airtact.touch.skin import Points, Skin
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.errors import InvalidInput, check_choice, of_kind, one_line, positive
-from airtact.geometry.mesh.arrays import FlatMesh, PointLengths, Vector3
+from airtact.geometry.mesh.triangles import FlatMesh, PointLengths, Vector3
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.touch.solids import Button, Solid, near_point, solid_of

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from airtact.geometry.mesh.topology import edge_ends
+from airtact.geometry.mesh.triangles import edge_ends
 from airtact.touch.objects import VirtualObject
 from airtact.touch.skin import Skin
 

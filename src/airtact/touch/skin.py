@@ -8,9 +8,13 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact.errors import InvalidInput, between, fixed, in_short, of_kind
-from airtact.geometry.mesh.arrays import PointLengths
-from airtact.geometry.mesh.quadratic_triangles import area_vectors, longest_edges, unit
-from airtact.geometry.mesh.topology import edge_ends
+from airtact.geometry.mesh.triangles import (
+    PointLengths,
+    area_vectors,
+    edge_ends,
+    longest_edges,
+    unit,
+)
 from airtact.geometry.surface import Surface
 from airtact.hands.body import FREE, OWNER
 from airtact.hands.hand import Hand

@@ -15,8 +15,7 @@ from airtact.errors import (
     point_of,
     positive,
 )
-from airtact.geometry.mesh.arrays import FlatMesh, PointLengths, Vector3
-from airtact.geometry.mesh.topology import check_size
+from airtact.geometry.mesh.triangles import FlatMesh, PointLengths, Vector3, check_size
 from airtact.geometry.primitives import Capsule, turn_from_z
 from airtact.geometry.surface import Surface
 

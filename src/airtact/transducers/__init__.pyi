@@ -3,8 +3,8 @@ from .boards import board_named as board_named
 from .boards import poses_of_boards as poses_of_boards
 from .calibration import load_calibration as load_calibration
 from .element import Element as Element
-from .known import known_array as known_array
 from .layout import board_array as board_array
 from .layout import join as join
+from .layout import known_array as known_array
+from .levels import AmplitudeModulation as AmplitudeModulation
 from .levels import Levels as Levels
-from .modulation import AmplitudeModulation as AmplitudeModulation

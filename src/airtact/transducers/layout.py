@@ -1,8 +1,9 @@
-"""Positions and normals of the transducers of an array, and arrays made of boards."""
+"""Positions and normals of the transducers of an array, arrays made of boards, and known arrays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
@@ -11,6 +12,7 @@ from scipy.spatial import KDTree
 from airtact.errors import (
     InvalidInput,
     Vector,
+    check_choice,
     check_finite,
     complex_numbers,
     counted,
@@ -468,3 +470,32 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
         np.concatenate([array.tangents for array in arrays]),
         np.concatenate([array.gains for array in arrays]),
     )
+
+
+KNOWN_ARRAYS = ("tinylev", "biglev", "flat_8x8", "opposed_sonicsurfaces")
+
+
+def known_array(name: str, element: Element | None = None) -> PhasedArray:
+    """Return a well-known array, centred on the origin with its axis along y.
+
+    Parameters
+    ----------
+    name : "tinylev" or "biglev" for two caps of 36 transducers each; "flat_8x8" for 64
+        transducers in the plane y = 0; "opposed_sonicsurfaces" for two boards of 256
+        transducers.
+    element : kind of transducer; by default, a piston with a radius of 4.5 mm.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such array.
+
+    Examples
+    --------
+    >>> known_array("tinylev")
+    PhasedArray(72 elements, pistons of 4.5 mm, 60 x 118.2 x 60 mm)
+    """
+    check_choice(name, "the array", KNOWN_ARRAYS)
+    file = Path(__file__).with_name("layouts") / f"{name}.csv"
+    table = np.loadtxt(file, delimiter=",", skiprows=1)
+    return PhasedArray(table[:, :3], table[:, 3:], element)

@@ -4,10 +4,10 @@ from .gorkov import potential as potential
 from .gorkov import stiffness as stiffness
 from .holding import Trap as Trap
 from .holding import hold as hold
+from .holding import path as path
+from .holding import signature as signature
+from .holding import stiffest as stiffest
 from .momentum import body_force as body_force
-from .moving import path as path
 from .search import Verdict as Verdict
 from .search import find as find
 from .search import verdict as verdict
-from .signatures import signature as signature
-from .stiffening import stiffest as stiffest

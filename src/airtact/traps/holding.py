@@ -1,25 +1,56 @@
-"""Drives that hold several beads at once and can also create foci.
+"""Drives for traps: several beads with foci, the stiffest traps, moving beads, and signatures.
 
-Source: A. Marzo and B. W. Drinkwater, "Holographic acoustic tweezers", PNAS 116, 84 (2019).
+A signature converts the drive for a focus into the drive for a trap at the same point.
+
+Sources
+-------
+- A. Marzo and B. W. Drinkwater, "Holographic acoustic tweezers", PNAS 116, 84 (2019).
+- A. Marzo, S. A. Seah, B. W. Drinkwater, D. R. Sahoo, B. Long, S. Subramanian, "Holographic
+  acoustic elements for manipulation of levitated objects", Nat. Commun. 6, 8661 (2015), for
+  signatures.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Real
 from scipy.linalg import block_diag
+from scipy.optimize import minimize
 
 from airtact.acoustics.scene import Scene, check_outside
-from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.target import Target
-from airtact.drives.drive import Drive
+from airtact.drives.drive import Drive, check_drive
 from airtact.drives.methods import best
+from airtact.drives.sequence import Sequence
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.errors import InvalidInput, Vector, check_choice, in_mm, point_of, points_of
+from airtact.errors import (
+    InvalidInput,
+    Vector,
+    check_choice,
+    counted,
+    in_mm,
+    of_kind,
+    point_of,
+    points_of,
+    within,
+)
+from airtact.evaluation.field import radiate_drives
 from airtact.transducers.layout import PhasedArray
-from airtact.traps.gorkov import Bead, bead_of, default_solver
+from airtact.traps.gorkov import (
+    DIRECTIONS,
+    Bead,
+    Derivatives,
+    bead_of,
+    default_solver,
+    derivatives,
+    derivatives_inside,
+    force_of,
+    stiffness_of,
+)
 
 
 @dataclass(frozen=True)
@@ -75,7 +106,7 @@ class Trap:
 
 
 def target_of(
-    traps: Sequence[Trap],
+    traps: Collection[Trap],
     wavelength: float,
     foci: Real[np.ndarray, "foci 3"] | None = None,
     focus_share: float = 1.0,
@@ -89,7 +120,7 @@ def target_of(
     return Target(np.concatenate([points, foci]), shares=shares)
 
 
-def check_free(traps: Sequence[Trap], scene: Scene) -> None:
+def check_free(traps: Collection[Trap], scene: Scene) -> None:
     """Raise ``InvalidInput`` if a trap or one of its lobes is in a body or behind a plane."""
     if not traps:
         return
@@ -107,7 +138,7 @@ def check_free(traps: Sequence[Trap], scene: Scene) -> None:
             )
 
 
-def merged(traps: Sequence[Trap], target: Target) -> Target:
+def merged(traps: Collection[Trap], target: Target) -> Target:
     """Return the target of ``target_of`` with one focus per trap in place of its lobes."""
     counts = [len(trap.phasing) for trap in traps]
     points = [point_of(trap.point, "a trap")[None] for trap in traps]
@@ -121,7 +152,7 @@ def merged(traps: Sequence[Trap], target: Target) -> Target:
 
 
 def holding(
-    method: Callable[[TransferMatrix, Target], Drive], traps: Sequence[Trap]
+    method: Callable[[TransferMatrix, Target], Drive], traps: Collection[Trap]
 ) -> Callable[[TransferMatrix, Target], Drive]:
     """Adapt a method for foci so that it also computes traps.
 
@@ -188,3 +219,334 @@ def hold(
     target = target_of(traps, scene.wavelength, foci, focus_share)
     field = (solver or default_solver(scene)).radiate(scene, target.beacons())
     return holding(best, traps)(transfer_matrix(field, array), target)
+
+
+def signature(
+    array: PhasedArray,
+    drive: Drive,
+    kind: Literal["twin", "vortex", "bottle"] = "twin",
+    axis: Vector = (0, 1, 0),
+) -> Drive:
+    """Add the signature of a trap to the drive for a focus, so that the pressure there is zero.
+
+    A signature only shifts phases. It depends on the positions of the elements relative to the mean
+    position of the array.
+
+    Parameters
+    ----------
+    array : the transducers.
+    drive : drive that creates a focus at the position of the trap.
+    kind : "twin" shifts the elements in the half of the array toward which ``axis`` points by π.
+        "vortex" adds to each phase the angle of the element around the array's front direction.
+        "bottle" shifts the elements within a radius of that direction by π; the radius is chosen so
+        that they have about half of the total amplitude.
+    axis : (3,) axis of the trap, a vector of any length above zero. If the array has no front
+        direction, because its elements face each other, vortices and bottles are built around
+        ``axis``.
+
+    Returns
+    -------
+    A drive with the same amplitudes and shifted phases.
+
+    Raises
+    ------
+    InvalidInput
+        If the drive does not have as many elements as the array, if the kind is unknown, if the
+        axis is zero, or if all elements lie on one side.
+
+    Examples
+    --------
+    >>> places = np.array([[0, -0.1, 0], [0, 0.1, 0]])
+    >>> pair = PhasedArray(places, np.array([[0, 1, 0], [0, -1, 0]]))
+    >>> signature(pair, Drive(np.array([1, 1 + 0j]))).amplitudes.real.tolist()
+    [1.0, -1.0]
+    """
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
+    check_drive(drive, "the drive")
+    if len(drive) != len(array):
+        raise InvalidInput(
+            f"the drive is for {counted(len(drive), 'element', 'elements')}, but the array has "
+            f"{len(array)}. Use the array for which the drive was computed.",
+            code="sizes_differ",
+        )
+    check_choice(kind, "the kind of trap", ("twin", "vortex", "bottle"))
+    axis = point_of(axis, "the axis of a trap")
+    if not np.linalg.norm(axis) > 0.0:
+        raise InvalidInput(
+            "the axis of a trap has length 0; use a nonzero vector.", code="all_zero"
+        )
+    axis = axis / np.linalg.norm(axis)
+    offsets = array.positions - array.positions.mean(axis=0)
+
+    if kind == "twin":
+        height = offsets @ axis
+        # Along its normal, positions of a flat board differ only by rounding.
+        if np.ptp(height) < 1e-6:
+            raise InvalidInput(
+                "the axis of a twin trap is perpendicular to the array, so it does not divide the "
+                "elements. Choose an axis in the plane of the array.",
+                code="misplaced",
+            )
+        return Drive(drive.amplitudes * np.where(height > 0.0, -1.0, 1.0))
+
+    # The mean of the normals is close to 0 if elements face each other, and 0.5 for a hemispherical
+    # bowl.
+    front = array.normals.mean(axis=0)
+    if np.linalg.norm(front) < 0.3:
+        front = axis
+    front = front / np.linalg.norm(front)
+    across = offsets - (offsets @ front)[:, None] * front
+    distance = np.linalg.norm(across, axis=1)
+    if distance.max() < 1e-6:
+        raise InvalidInput(
+            f"all elements lie on the axis of the {kind} trap. Use another axis.",
+            code="misplaced",
+        )
+    if kind == "vortex":
+        # The angle can start in any direction perpendicular to the front direction.
+        start = np.cross(front, np.eye(3)[np.abs(front).argmin()])
+        start = start / np.linalg.norm(start)
+        angle = np.arctan2(across @ np.cross(front, start), across @ start)
+        return Drive(drive.amplitudes * np.exp(1j * angle))
+    # Find the element at whose radius the amplitude is divided most evenly. Elements at equal
+    # distances, apart from rounding, stay together.
+    inside = distance <= distance[:, None] + 1e-6
+    halves = np.abs(inside @ drive.magnitudes - 0.5 * drive.magnitudes.sum())
+    return Drive(drive.amplitudes * np.where(inside[halves.argmin()], -1.0, 1.0))
+
+
+def stiffest(
+    scene: Scene,
+    array: PhasedArray,
+    points: Real[np.ndarray, "traps 3"],
+    kind: Literal["twin", "vortex"] = "twin",
+    axis: Vector = (0, 1, 0),
+    radius: float = 0.65e-3,
+    density: float = 29.36,
+    sound_speed: float = 900.0,
+    solver: Solver | None = None,
+) -> Drive:
+    """Return a drive that maximises the stiffness of the weakest trap in its weakest direction.
+
+    All elements are at full scale. Starting from the drive of ``hold``, L-BFGS improves the phases
+    to a local maximum. The optimisation also keeps the force at the points small, so that the beads
+    rest there.
+
+    Parameters
+    ----------
+    scene, array, points, kind, axis, solver : as for ``hold``.
+    radius, density, sound_speed : properties of the beads, as for ``force``.
+
+    Raises
+    ------
+    InvalidInput
+        If a point is within a sixth of a wavelength of a body, or for the reasons listed in
+        ``hold`` and ``force``.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> caps = at.transducers.known_array("tinylev")
+    >>> air = Scene(at.air())
+    >>> traps = np.array([[-6e-3, 0, 0], [6e-3, 0, 0]])
+    >>> drives = hold(air, caps, traps), stiffest(air, caps, traps)
+    >>> shifts = [np.abs(at.traps.find(air, caps, drive, traps) - traps).max() for drive in drives]
+    >>> np.round(1e3 * np.array(shifts), 2).tolist()
+    [0.3, 0.0]
+    """
+    bead = bead_of(scene, radius, density, sound_speed)
+    points = points_of(points, "trap points")
+    start = hold(scene, array, points, kind, axis, solver=solver)
+    solver = solver or default_solver(scene)
+    wavenumber = scene.wavenumber
+    # Compute derivatives at the traps for every element, from beacons on spheres around the traps.
+    size = 1.0 / wavenumber.real
+    target = Target((points[:, None] + size * DIRECTIONS).reshape(-1, 3))
+    check_outside(scene, target.points, "point around a trap")
+    transfer = transfer_matrix(solver.radiate(scene, target.beacons()), array)
+    traps = len(points)
+    elements = len(array)
+    pressure = transfer.matrix.reshape(traps, -1, elements).transpose(0, 2, 1)
+    pressure = pressure.reshape(traps * elements, -1)
+    waves = derivatives_inside(pressure, np.full(len(pressure), size), wavenumber)
+    # Stack one row per derivative: 1 pressure, 3 first, 9 second and 27 third derivatives.
+    parts = (waves.pressure, waves.first, waves.second, waves.third)
+    rows = np.concatenate([part.reshape(traps, elements, -1) for part in parts], axis=2)
+    a, b = bead.factors(scene)
+
+    def sound_of(amplitudes: np.ndarray) -> Derivatives:
+        values = np.einsum("ted,e->td", rows, amplitudes)
+        return Derivatives(
+            values[:, 0],
+            values[:, 1:4],
+            values[:, 4:13].reshape(-1, 3, 3),
+            values[:, 13:].reshape(-1, 3, 3, 3),
+        )
+
+    sound = sound_of(start.at_full_scale().amplitudes)
+    values, ways = np.linalg.eigh(stiffness_of(sound, bead, scene))
+    scale = np.abs(values).min()
+    # A shift of λ/30 costs as much as the stiffness at the start.
+    sizes = np.maximum(np.abs(values), 1e-3 * np.abs(values).max())
+    shifts = np.einsum("tik,tk,tjk->tij", ways, 30.0 / (scene.wavelength * sizes), ways)
+
+    def loss(phases: Float64[np.ndarray, "elements"]) -> tuple[float, np.ndarray]:
+        """Return a smooth maximum of the negative stiffnesses, and its gradient by the phases."""
+        amplitudes = np.exp(1j * phases)
+        sound = sound_of(amplitudes)
+        values, ways = np.linalg.eigh(stiffness_of(sound, bead, scene))
+        push = np.einsum("tij,tj->ti", shifts, force_of(sound, bead, scene))
+        sharpness = 20.0
+        least = values.min()
+        shares = np.exp(-sharpness * (values - least) / scale)
+        total = shares.sum()
+        cost = np.log(total) / sharpness - least / scale + np.sum(push**2)
+        # Derivatives of the cost by the stiffness matrices and forces.
+        weight = -np.einsum("tik,tk,tjk->tij", ways, shares / total, ways) / scale
+        pull = 2.0 * np.einsum("tij,tj->ti", shifts, push)
+        # Derivatives by the conjugates of the values in ``sound``, from both formulas.
+        p = sound.pressure
+        g = sound.first
+        h = sound.second
+        along = np.einsum("ti,ti->t", pull, g)
+        by_p = 2.0 * a * (np.einsum("tij,tij->t", weight, h) - along)
+        by_g = 4.0 * a * np.einsum("tij,tj->ti", weight, g) - 2.0 * a * p[:, None] * pull
+        by_g -= 2.0 * b * np.einsum("tij,tijk->tk", weight, sound.third)
+        by_g += 2.0 * b * np.einsum("ti,tij->tj", pull, h)
+        by_h = 2.0 * a * p[:, None, None] * weight - 4.0 * b * weight @ h
+        by_h += 2.0 * b * np.einsum("ti,tj->tij", pull, g)
+        by_third = -2.0 * b * np.einsum("tij,tk->tijk", weight, g)
+        by_parts = [part.reshape(traps, -1) for part in (by_p, by_g, by_h, by_third)]
+        by_values = np.concatenate(by_parts, axis=1).conj()
+        by_amplitude = np.einsum("td,ted->e", by_values, rows)
+        return cost, (by_amplitude * 1j * amplitudes).real
+
+    best = minimize(loss, start.phases, jac=True, method="L-BFGS-B", options={"maxiter": 1000})
+    return Drive(np.exp(1j * best.x))
+
+
+def path(
+    scene: Scene,
+    array: PhasedArray,
+    corners: Real[np.ndarray, "corners 3"],
+    kind: Literal["twin", "vortex"] = "twin",
+    axis: Vector = (0, 1, 0),
+    speed: float = 0.02,
+    share: float = 0.3,
+    radius: float = 0.65e-3,
+    density: float = 29.36,
+    sound_speed: float = 900.0,
+    solver: Solver | None = None,
+) -> Sequence:
+    """Return a sequence of drives that carries a bead along straight lines and back.
+
+    A bead follows if the next trap is closer than the distance at which the trap's restoring force
+    peaks. In a standing wave, this distance is an eighth of a wavelength. For each frame, the
+    function checks that the trap can hold more than the bead's weight, and that the bead's previous
+    resting position is nearer to the trap than the peak of the restoring force. Inertia and drag
+    are not included.
+
+    Parameters
+    ----------
+    scene, array, kind, axis, solver : as for ``hold``.
+    corners : (C, 3) corners of the path [m]. The sequence repeats, so the bead returns the same way
+        unless the last corner equals the first.
+    speed : largest mean speed of the bead [m/s].
+    share : largest step between frames, as a fraction of the distance at which the restoring force
+        peaks; at most 0.9.
+    radius, density, sound_speed : properties of the bead, as for ``force``.
+
+    Raises
+    ------
+    InvalidInput
+        If the bead would be lost between two frames, if there are fewer than two corners, or if a
+        number is out of range. Also for the reasons listed in ``hold``.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> caps = at.transducers.known_array("tinylev")
+    >>> len(path(Scene(at.air()), caps, np.array([[0, 0, 0], [0, 2e-3, 0]])))
+    12
+    """
+    bead = bead_of(scene, radius, density, sound_speed)
+    speed = within(speed, 0.0, 10.0, "the speed of a bead", "m/s", "use metres per second.")
+    share = within(share, 0.0, 0.9, "the share of a step", "", "smaller steps are safer.")
+    corners = points_of(corners, "the corners of a path")
+    if np.ptp(corners, axis=0).max() < 1e-6:
+        raise InvalidInput("a path needs at least two different corners.", code="too_few")
+    solver = solver or default_solver(scene)
+    if np.linalg.norm(corners[-1] - corners[0]) > 1e-6:
+        corners = np.concatenate([corners, corners[-2::-1]])
+
+    def field_of(points: Float64[np.ndarray, "points 3"]) -> tuple[list[Drive], RadiatedField]:
+        """Solve for a trap at each point; each trap is a separate excitation."""
+        traps = [Trap(tuple(point), kind, axis) for point in points]
+        lobes = np.array([trap.lobes(scene.wavelength) for trap in traps])
+        target = Target(lobes.reshape(-1, 3))
+        transfer = transfer_matrix(solver.radiate(scene, target.beacons()), array)
+        rows = np.arange(len(target.points)).reshape(len(points), -1)
+        drives = [
+            holding(best, [trap])(transfer.of_rows(own), Target(lobes[index]))
+            for index, (trap, own) in enumerate(zip(traps, rows, strict=True))
+        ]
+        return drives, radiate_drives(scene, array, drives, solver, foci=points)
+
+    # Divide each line between two corners into points, without the last one.
+    _, field = field_of(corners)
+    points = []
+    for index, (start, end) in enumerate(pairwise(corners)):
+        way = end - start
+        first = _reach(field, bead, start, way, index)
+        reach = min(first, _reach(field, bead, end, way, index + 1))
+        steps = int(np.ceil(np.linalg.norm(way) / max(share * reach, 1e-6)))
+        points.append(start + way * np.arange(steps)[:, None] / max(steps, 1))
+    points = np.concatenate(points)
+    drives, field = field_of(points)
+    _check_followed(field, bead, points)
+    longest = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).max()
+    return Sequence(np.array([drive.amplitudes for drive in drives]), speed / longest)
+
+
+def _reach(
+    field: RadiatedField,
+    bead: Bead,
+    point: Float64[np.ndarray, "3"],
+    way: Float64[np.ndarray, "3"],
+    excitation: int,
+) -> float:
+    """Return the distance [m] behind a trap at which the force along the path first peaks."""
+    way = way / max(np.linalg.norm(way), 1e-12)
+    distances = field.scene.wavelength / 4.0 * np.linspace(0.05, 1.0, 20)
+    behind = point - distances[:, None] * way
+    sound = derivatives(field, behind, bead, np.full(20, excitation))
+    pull = force_of(sound, bead, field.scene) @ way
+    rising = np.append(np.diff(pull) > 0.0, False)
+    return float(distances[rising.argmin()])
+
+
+def _check_followed(
+    field: RadiatedField, bead: Bead, points: Float64[np.ndarray, "points 3"]
+) -> None:
+    """Raise ``InvalidInput`` unless the bead follows from each equilibrium to the next."""
+    excitations = np.arange(len(points))
+    sound = derivatives(field, points, bead, excitations)
+    matrices = stiffness_of(sound, bead, field.scene)
+    pulls = force_of(sound, bead, field.scene)
+    rests = points + np.einsum("pij,pj->pi", np.linalg.pinv(matrices, rcond=1e-6), pulls)
+    before = np.roll(rests, 1, axis=0)
+    ways = rests - before
+    sound = derivatives(field, before, bead, excitations)
+    restoring = np.einsum("pi,pi->p", force_of(sound, bead, field.scene), ways)
+    linear = np.einsum("pi,pij,pj->p", ways, matrices, ways)
+    # In a standing wave, the force sin(2kx) K/(2k) peaks at K λ/(4π), 2/π of the linear force.
+    holds = np.linalg.eigvalsh(matrices)[:, 0] * field.scene.wavelength / (4.0 * np.pi)
+    lost = (holds <= 9.80665 * bead.mass) | (restoring < 2.0 / np.pi * linear)
+    if lost.any():
+        index = int(lost.argmax())
+        raise InvalidInput(
+            f"the bead would be lost on its way to {in_mm(points[index])}. Move the path, choose "
+            "another axis, or set a smaller share.",
+            points[index],
+            code="misplaced",
+        )

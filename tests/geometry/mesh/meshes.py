@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from airtact.geometry.quadratic_mesh import QuadraticMesh
+from airtact.geometry.mesh_shape import QuadraticMesh
 
 
 def box_mesh(low=(0.0, 0.0, 0.0), high=(0.02, 0.03, 0.04)) -> tuple[np.ndarray, np.ndarray]:

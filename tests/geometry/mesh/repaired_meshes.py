@@ -6,7 +6,7 @@ import trimesh
 import airtact as at
 from airtact.geometry.checks import check_surface
 from airtact.geometry.mesh.repair import RepairedMesh, repaired
-from airtact.geometry.mesh.topology import cone_volumes
+from airtact.geometry.mesh.triangles import cone_volumes
 from geometry.mesh.meshes import flat_mesh
 
 Mesh = tuple[np.ndarray, np.ndarray]

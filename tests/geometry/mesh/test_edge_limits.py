@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 import airtact as at
-from airtact.geometry.mesh.edge_limits import tip_sizes
-from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
+from airtact.geometry.mesh.remeshing import tip_sizes
+from airtact.geometry.mesh.triangles import enclosed_volume
 from geometry.mesh.meshes import torus_mesh
 
 

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 import airtact as at
-from airtact.geometry.mesh.topology import edge_twins
+from airtact.geometry.mesh.triangles import edge_twins
 from airtact.hands import FittedHand, HandAnatomy
 from airtact.hands.fitting.fit import with_offset
 from airtact.hands.fitting.priors import SIZE_RADII, SPANS

@@ -4,19 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from airtact.acoustics.planes import before_planes
-from airtact.acoustics.scene import Scene, check_sources
-from airtact.acoustics.solvers.arrays import (
-    Mask,
-    Pressures,
-    Vectors,
-)
+from airtact.acoustics.scene import Scene, before_planes, check_sources
 from airtact.acoustics.solvers.problem import (
     PLANES,
     RadiatedField,
     Solver,
     SolveReport,
     SurfaceField,
+)
+from airtact.acoustics.solvers.shared import (
+    Mask,
+    Pressures,
+    Vectors,
 )
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.errors import InvalidInput, counted

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.acoustics.scene import Obstacle, Scene
-from airtact.acoustics.solvers.arrays import (
+from airtact.acoustics.solvers.shared import (
     Gradients,
     Mask,
     NodePoints,
@@ -16,8 +16,9 @@ from airtact.acoustics.solvers.arrays import (
     Points,
     Pressures,
     Vectors,
+    differences,
+    monopole_pressure,
 )
-from airtact.acoustics.solvers.open_air import differences, monopole_pressure
 from airtact.acoustics.sources import Monopoles, check_off_sources
 from airtact.acoustics.target_points import outward
 from airtact.errors import counted, in_short, one_line, points_of

@@ -12,8 +12,8 @@ from jaxtyping import Complex128, Float64, Num, Real
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from airtact.acoustics.scene import Scene, check_sources
-from airtact.acoustics.solvers.arrays import Mask, Pressures, Vectors
 from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, SurfaceField
+from airtact.acoustics.solvers.shared import Mask, Pressures, Vectors
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import (
     InvalidInput,

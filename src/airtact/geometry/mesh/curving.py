@@ -13,7 +13,9 @@ Journal of Graphics Tools 3, 43 (1998).
 import numpy as np
 from jaxtyping import Int64
 
-from airtact.geometry.mesh.arrays import (
+from airtact.geometry.mesh.triangles import (
+    NODE_REFERENCES,
+    SHARP_DEGREES,
     EdgeMask,
     EdgeVectors,
     QuadraticTriangles,
@@ -22,20 +24,14 @@ from airtact.geometry.mesh.arrays import (
     TriangleVectors,
     Twins,
     Vertices,
-)
-from airtact.geometry.mesh.quadratic_triangles import (
-    NODE_REFERENCES,
     area_vectors,
+    components,
     corner_angles,
+    edge_twins,
     longest_edges,
     normals_at,
-    unit,
-)
-from airtact.geometry.mesh.topology import (
-    SHARP_DEGREES,
-    components,
-    edge_twins,
     smooth_patches,
+    unit,
 )
 
 # Smallest angle at the rim of a cap, and largest angle between its triangles and their mean.

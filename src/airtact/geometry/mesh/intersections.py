@@ -12,15 +12,16 @@ import numpy as np
 from jaxtyping import Bool, Int64
 from scipy.spatial import KDTree
 
-from airtact.geometry.mesh.arrays import (
+from airtact.geometry.mesh.triangles import (
     Corners,
     IndexPairs,
     PairedCorners,
     PairedSegments,
     PairMask,
     Triangles,
+    area_vectors,
+    unit,
 )
-from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
 
 _EDGES = ([0, 1], [1, 2], [2, 0])
 

@@ -8,7 +8,7 @@ from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
 from airtact import _kernels
-from airtact.geometry.mesh.arrays import PointLengths, Points, QuadraticTriangles
+from airtact.geometry.mesh.triangles import PointLengths, Points, QuadraticTriangles
 
 BoxCorners = Float64[np.ndarray, "boxes 3"]
 

@@ -15,16 +15,14 @@ from jaxtyping import Bool, Integer, Real
 from scipy.spatial import KDTree
 
 from airtact.errors import InvalidInput, between, counted, in_mm, in_short, real_numbers
-from airtact.geometry.mesh.arrays import (
+from airtact.geometry.mesh.triangles import (
     FlatMesh,
     Indices,
     NewTriangles,
     Triangles,
     Twins,
     Vertices,
-)
-from airtact.geometry.mesh.quadratic_triangles import area_vectors, longest_edges, unit
-from airtact.geometry.mesh.topology import (
+    area_vectors,
     check_closed,
     check_indices,
     check_not_degenerate,
@@ -33,7 +31,9 @@ from airtact.geometry.mesh.topology import (
     cone_volumes,
     edge_keys,
     edge_twins,
+    longest_edges,
     shells,
+    unit,
 )
 
 if TYPE_CHECKING:

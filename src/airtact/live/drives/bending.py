@@ -24,11 +24,11 @@ from airtact import _kernels
 from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.bem.solutions import DirectSolution
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.open_air import monopole_pressure
+from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Target
 from airtact.errors import in_short
-from airtact.geometry.mesh.arrays import QuadraticTriangles
+from airtact.geometry.mesh.triangles import QuadraticTriangles
 from airtact.hands.body import FREE, OWNER, PARTS
 from airtact.hands.hand import Hand
 from airtact.hands.joints import CHAINS, cross

@@ -15,7 +15,7 @@ from jaxtyping import Complex64, Complex128, Float64
 
 from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.open_air import monopole_pressure
+from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.acoustics.target import Target
 from airtact.errors import InvalidInput, in_short
 from airtact.geometry.pose import Pose

@@ -17,7 +17,7 @@ from jaxtyping import Complex64, Float64, Int64
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
-from airtact.acoustics.solvers.open_air import monopole_pressure
+from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.acoustics.target import Target
 from airtact.errors import InvalidInput, in_short
 from airtact.hands.hand import Hand, Side

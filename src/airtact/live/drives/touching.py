@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.distance import cdist
 
-from airtact.drives.reach import MIN_FOCUS_DISTANCE
+from airtact.drives.transfer import MIN_FOCUS_DISTANCE
 from airtact.errors import InvalidInput, millimetres
 from airtact.hands.hand import Hand, Side
 from airtact.hands.joints import Point

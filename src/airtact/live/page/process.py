@@ -10,7 +10,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple, cast
 
 from airtact.errors import InvalidInput, extra, in_short
-from airtact.geometry.mesh.arrays import FlatMesh
+from airtact.geometry.mesh.triangles import FlatMesh
 from airtact.geometry.pose import Pose
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.stream import HandStream

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from airtact.acoustics.planes import Plane
+from airtact.acoustics.scene import Plane
 from airtact.drives.methods import FOR_SAMPLES, METHODS
-from airtact.geometry.mesh.arrays import FlatMesh
+from airtact.geometry.mesh.triangles import FlatMesh
 from airtact.geometry.pose import Pose
 from airtact.hands.body import Hulls, hand_hulls
 from airtact.hands.joints import hand_length, radii_of

@@ -12,8 +12,8 @@ from airtact.acoustics.solvers.bem.block_matrix import (
     blocks_of,
 )
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule
-from airtact.acoustics.solvers.bem.operator import DualSurface, assemble, dual_surface
 from airtact.acoustics.solvers.bem.quadrature import place_nodes
+from airtact.acoustics.solvers.bem.solutions import DualSurface, assemble, dual_surface
 
 WAVENUMBER = 732.5 + 0.2j
 

@@ -14,9 +14,8 @@ import scipy.linalg
 from jaxtyping import Bool, Complex, Complex128, Float64, Int64, Shaped
 
 from airtact import _kernels
-from airtact.acoustics.solvers.arrays import NearLists
 from airtact.acoustics.solvers.gmres import GmresResult
-from airtact.acoustics.solvers.memory import available_memory
+from airtact.acoustics.solvers.shared import NearLists, available_memory
 from airtact.errors import InvalidInput, in_short
 
 # Number of panels in a block; each has six unknowns.

@@ -16,16 +16,7 @@ from jaxtyping import Complex128, Float64, Int64
 from scipy.sparse import csr_array
 
 from airtact import _kernels
-from airtact.acoustics.planes import before_planes
-from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.arrays import (
-    Mask,
-    NearLists,
-    NodeValues,
-    Points,
-    Pressures,
-    Vectors,
-)
+from airtact.acoustics.scene import Scene, before_planes
 from airtact.acoustics.solvers.bem.quadrature import (
     CONTACT_REACH,
     NODAL,
@@ -34,7 +25,15 @@ from airtact.acoustics.solvers.bem.quadrature import (
     near_quadrature,
 )
 from airtact.acoustics.solvers.bem.target_cells import Cells
-from airtact.geometry.mesh.quadratic_triangles import shape_functions
+from airtact.acoustics.solvers.shared import (
+    Mask,
+    NearLists,
+    NodeValues,
+    Points,
+    Pressures,
+    Vectors,
+)
+from airtact.geometry.mesh.triangles import shape_functions
 
 # Indices of the points that touch a panel, the panel of each, and its reference coordinates there.
 Contacts = tuple[

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from airtact import _kernels
-from airtact.acoustics.solvers.arrays import (
+from airtact.acoustics.solvers.shared import (
     Admittances,
     NearLists,
     NodePoints,
@@ -21,8 +21,12 @@ from airtact.acoustics.solvers.arrays import (
     SingleLayer,
 )
 from airtact.errors import in_short
-from airtact.geometry.mesh.arrays import QuadraticTriangles
-from airtact.geometry.mesh.quadratic_triangles import points_at, shape_functions, shape_gradients
+from airtact.geometry.mesh.triangles import (
+    QuadraticTriangles,
+    points_at,
+    shape_functions,
+    shape_gradients,
+)
 
 
 def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray, "6"]]:

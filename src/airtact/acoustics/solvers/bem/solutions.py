@@ -1,4 +1,22 @@
-"""The two solutions of the dual-surface equation, and the fields that follow from them.
+"""The dual-surface equation on curved panels, its two solutions, and the fields that follow.
+
+Each point x of the surface has a second point x' = x − δ n inside the body. For a sound-hard body
+and outgoing waves e^{+ikr}/r, the pressure p on the surface solves the equation
+
+    p(x)/2 − D[p](x) + i D[p](x') = p_inc(x) − i p_inc(x'),
+
+where p_inc is the pressure of the sources alone and D is the double layer. On a surface of
+impedance Z, a single layer is added to D (``layer_potentials``). The second point makes the
+solution unique at every frequency. With the other sign of i, GMRES needs many times as many
+iterations.
+
+Collocation at the nodes makes this a linear system with one row for each node x_i and one column
+for each node x_j. Its entries are 1/2 δ_ij − D(x_i, x_j) + i D(x'_g(i), x_j), with corrected
+integrals over near panels. Three neighbouring nodes share the second point of their group g. By
+reciprocity, solving the transposed system gives the strengths of monopoles at x and x' that radiate
+the scattered field.
+
+A. Mohsen, R. Piscoya, M. Ochmann, Acta Acustica united with Acustica 97 (2011) 699.
 
 The direct solution is the pressure on the surface; the field is the incident pressure plus the
 double layer of this pressure. The transposed (adjoint) solution is a density of monopoles on and
@@ -6,28 +24,227 @@ under the surface that radiates the scattered field. By reciprocity it is accura
 bodies, even if a source touches one of them.
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Complex, Complex128, Float64
 
 from airtact import _kernels
-from airtact.acoustics.solvers.arrays import (
+from airtact.acoustics.scene import Plane, with_images
+from airtact.acoustics.solvers.bem.block_matrix import (
+    BlockMatrix,
+    Store,
+    blocks_of,
+    check_memory,
+    near_blocks,
+)
+from airtact.acoustics.solvers.bem.layer_potentials import (
+    NearRule,
+    double_layer_pressure,
+    double_layer_transposed,
+    near_rows,
+    project_contacts,
+)
+from airtact.acoustics.solvers.bem.quadrature import Nodes, near_lists, place_nodes, thickness
+from airtact.acoustics.solvers.bem.target_cells import Cells, monopole_layer
+from airtact.acoustics.solvers.shared import (
+    GroupPoints,
     Mask,
     NodeValues,
     Points,
     Pressures,
+    SourcePoints,
     Vectors,
+    monopole_pressure,
 )
-from airtact.acoustics.solvers.bem.layer_potentials import double_layer_pressure, project_contacts
-from airtact.acoustics.solvers.bem.operator import DualSurface
-from airtact.acoustics.solvers.bem.quadrature import Nodes, near_lists, place_nodes
-from airtact.acoustics.solvers.bem.target_cells import Cells, monopole_layer
-from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.sources import Monopoles, nearest_source
 from airtact.errors import in_short
-from airtact.geometry.mesh.quadratic_triangles import cut
+from airtact.geometry.mesh.triangles import cut
+
+# Bodies thicker than this have x' at a depth of 0.2 λ = 0.3 · 2/3 λ, so the thickness is measured
+# only up to this value [λ].
+THICK_FROM = 2 / 3
+
+
+@dataclass(frozen=True, eq=False)
+class DualSurface:
+    """The discrete dual-surface equation of a scene.
+
+    Attributes
+    ----------
+    nodes : first collocation points x, at the nodes.
+    shifted : second collocation points x', inside the bodies [m]; three neighbouring nodes of a
+        panel share one.
+    wavenumber : k, whose imaginary part is the absorption [rad/m].
+    near_rule : integration rule for near panels.
+    precision : working precision, "float32" or "float64".
+    """
+
+    nodes: Nodes
+    shifted: GroupPoints
+    wavenumber: complex
+    near_rule: NearRule
+    precision: str
+
+    __repr__ = in_short
+
+
+def dual_surface(
+    nodes: Nodes,
+    wavenumber: complex,
+    near_rule: NearRule,
+    precision: str,
+    least_thickness: Float64[np.ndarray, "nodes"] | None = None,
+) -> DualSurface:
+    """Build the dual-surface equation, with its second collocation points inside the bodies.
+
+    Each second point lies below the surface at 0.3 times the local thickness, but at most at 0.2 λ.
+
+    Sharing each point among three nodes saves a third of the kernel evaluations at equal accuracy.
+    ``least_thickness`` is a lower bound on the thickness at each node [m].
+    """
+    wavelength = 2 * np.pi / wavenumber.real
+    # Deeper points would come near the opposite side of a thin body.
+    depth = 0.3 * thickness(nodes, THICK_FROM * wavelength, least_thickness)
+    inside = (nodes.points - depth[:, None] * nodes.normals).reshape(-1, _kernels.sharing, 3)
+    shifted = np.einsum("gsd->gd", inside) / _kernels.sharing  # np.mean takes ten times as long
+    return DualSurface(nodes, shifted, wavenumber, near_rule, precision)
+
+
+def assemble(
+    surface: DualSurface, store: Store, error: float | None = None, image: Plane | None = None
+) -> BlockMatrix:
+    """Fill the matrix of the dual-surface equation.
+
+    Parameters
+    ----------
+    surface : nodes and second collocation points.
+    store : number format of the matrix.
+    error : Frobenius norm of the errors of all low-rank blocks together, divided by the norm of the
+        1/2 on the diagonal; None stores every block in full.
+    image : plane of the bodies' mirror image; if given, the matrix contains only the contribution
+        of the image. The image has the same pressure, and its double layer at x equals the double
+        layer of the bodies at the image of x. Only the collocation points change, and the term 1/2
+        is omitted.
+
+    Raises
+    ------
+    InvalidInput
+        If the matrix does not fit into memory.
+    """
+    nodes = surface.nodes
+    points = nodes.points
+    shifted = surface.shifted
+    centres = nodes.centres
+    if image is not None:
+        points = image.image(points)
+        shifted = image.image(shifted)
+        centres = image.image(centres)
+    # The entries of panels near a collocation point are corrected by a near integral.
+    collocation_points = np.concatenate([points, shifted])
+    rows = near_rows(
+        nodes, collocation_points, surface.wavenumber, surface.near_rule, surface.precision
+    )
+    near, near_shifted = rows.split(len(points))
+    # Blocks with corrected entries, or with panels close to each other, are stored in full.
+    block_rows = blocks_of(len(points))
+    stored_whole = np.ones((block_rows, block_rows), dtype=bool)
+    if error is not None:
+        # Low-rank terms converge fast where panels are more than 0.2 λ apart.
+        gap = 0.2 * 2 * np.pi / surface.wavenumber.real
+        beside = near_lists(nodes, centres, 2 * nodes.radii + gap)
+        corrected = [(part.first, part.panel) for part in (near, near_shifted)]
+        stored_whole = near_blocks(len(nodes.centres), beside, *corrected)
+    layer = nodes.layer(surface.wavenumber)
+
+    # The matrix has block_rows² blocks of ``lanes`` rows each, so ‖I/2‖ = ½ √(block_rows · lanes).
+    # The squared error is shared evenly among all blocks.
+    tolerance = 0.5 * (error or 0.0) * math.sqrt(_kernels.lanes / block_rows)
+    # Low-rank terms come first, because their number is known only once they are filled. A block
+    # has about 12 terms of two factors each. There is room for 24 on average; if that is not
+    # enough, the fill is repeated with the room it reported.
+    stored = int(np.count_nonzero(stored_whole))
+    needed = 2 * 24 * (stored_whole.size - stored)
+    while True:
+        room = needed
+        # Only half of the space is checked, since the terms usually need no more.
+        check_memory(len(points), store, stored, room // 2)
+        matrix = BlockMatrix.empty(len(points), store, stored_whole, room)
+        if room:
+            needed = _kernels.dual_low_rank(
+                points, shifted, layer, matrix.far, tolerance, matrix.factors
+            )
+        if needed <= room:
+            break
+
+    _kernels.dual_blocks(
+        points,
+        shifted,
+        layer,
+        diagonal=0.5 if image is None else 0.0,
+        near=near,
+        near_shifted=near_shifted,
+        whole=matrix.whole,
+        out=matrix.blocks,
+    )
+    return matrix
+
+
+def direct_right_side(
+    surface: DualSurface,
+    positions: SourcePoints,
+    strengths: Complex[np.ndarray, "sources excitations"],
+) -> NodeValues:
+    """Return the direct equation's right-hand side p_inc(x) − i p_inc(x') for monopoles."""
+    collocation_points = np.concatenate([surface.nodes.points, surface.shifted])
+    # The hundreds of sources of an array are far from the bodies, so float32 suffices for them.
+    precision = "float64"
+    if len(positions) > 256:
+        wavelength = 2 * np.pi / surface.wavenumber.real
+        sources = Monopoles(positions, strengths)
+        if nearest_source(collocation_points, sources, wavelength)[0].min() > wavelength:
+            precision = surface.precision
+    pressure = monopole_pressure(
+        collocation_points, positions, strengths, surface.wavenumber, precision
+    )
+    count = len(surface.nodes.points)
+    return pressure[:count] - 1j * np.repeat(pressure[count:], _kernels.sharing, axis=0)
+
+
+def transposed_right_side(
+    surface: DualSurface,
+    positions: SourcePoints,
+    strengths: Complex128[np.ndarray, "sources excitations"],
+    planes: Sequence[Plane] = (),
+) -> tuple[NodeValues, Float64[np.ndarray, "sources"]]:
+    """Return the right-hand side of the transposed equation, and a factor for each strength.
+
+    The right-hand side is the transposed double layer of the monopoles, including their images in
+    ``planes``. The strength of a source is multiplied by 1 off the surface and by 2 on it. On the
+    surface, Green's formula yields only half of the pressure, p/2 = p_inc + D[p]. By reciprocity,
+    the strength of a source there is doubled. This is true for any impedance, because D includes
+    the single layer.
+    """
+    positions, contact = project_contacts(surface.nodes, positions)
+    factors = np.where(contact, 2.0, 1.0)
+    emitting = with_images(planes, Monopoles(positions, factors[:, None] * strengths))
+    # The images follow the sources and touch nothing.
+    touching = np.zeros(len(emitting.positions), dtype=bool)
+    touching[: len(contact)] = contact
+    right = double_layer_transposed(
+        emitting.positions,
+        surface.nodes,
+        emitting.strengths,
+        surface.wavenumber,
+        near_rule=surface.near_rule,
+        precision=surface.precision,
+        contact=touching,
+    )
+    return right, factors
+
 
 # Nodes, and the pressure at them [Pa].
 NodalPressure = tuple[Nodes, NodeValues]

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Float64
 
 import airtact as at
-from airtact.acoustics.planes import with_images
 from airtact.acoustics.scene import (
     Obstacle,
     Scene,
@@ -17,8 +16,8 @@ from airtact.acoustics.scene import (
     check_no_planes,
     check_outside,
     check_sources,
+    with_images,
 )
-from airtact.acoustics.solvers.arrays import Points
 from airtact.acoustics.solvers.bem.block_matrix import (
     BlockMatrix,
     Store,
@@ -28,15 +27,16 @@ from airtact.acoustics.solvers.bem.block_matrix import (
     eliminate,
     worth_eliminating,
 )
-from airtact.acoustics.solvers.bem.board_field import (
+from airtact.acoustics.solvers.bem.field import (
     NOT_ESTIMATED,
     BoardField,
+    BoundaryField,
     elements_and_boards,
     in_boards,
 )
-from airtact.acoustics.solvers.bem.field import BoundaryField
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule, near_surface
-from airtact.acoustics.solvers.bem.operator import (
+from airtact.acoustics.solvers.bem.quadrature import Nodes, place_nodes
+from airtact.acoustics.solvers.bem.solutions import (
     THICK_FROM,
     DualSurface,
     assemble,
@@ -44,7 +44,6 @@ from airtact.acoustics.solvers.bem.operator import (
     dual_surface,
     transposed_right_side,
 )
-from airtact.acoustics.solvers.bem.quadrature import Nodes, place_nodes
 from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.gmres import GmresResult, gmres
 from airtact.acoustics.solvers.problem import (
@@ -54,6 +53,7 @@ from airtact.acoustics.solvers.problem import (
     SolveReport,
     surrounding_points,
 )
+from airtact.acoustics.solvers.shared import Points
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, counted, number, points_of
 from airtact.geometry.panels import Panels, covers, panels_of
@@ -349,7 +349,7 @@ class BoundaryElement(Solver):
         InvalidInput
             If there are no bodies, if a body is filled, or if the memory is insufficient.
         """
-        from airtact.acoustics.solvers.bem.factorised.reduced_body import reduced_body
+        from airtact.acoustics.solvers.bem.reduced_body import reduced_body
 
         points = np.empty((0, 3))
         if refined is not None:

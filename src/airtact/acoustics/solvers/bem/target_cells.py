@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Complex, Complex128, Float32, Float64, Int64
 
 from airtact import _kernels
-from airtact.acoustics.solvers.arrays import Points, SourcePoints
-from airtact.acoustics.solvers.chebyshev import chebyshev_weights
+from airtact.acoustics.solvers.shared import Points, SourcePoints, chebyshev_weights
 from airtact.errors import in_short
 
 # Relative error, number of points along each edge of a cell's grid, and distance from the cell's

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.sparse import csr_array
 
-from airtact.acoustics.solvers.arrays import Coefficients
 from airtact.acoustics.solvers.fem.libraries import (
     AssembledForm,
     many_threads,
@@ -19,7 +18,7 @@ from airtact.acoustics.solvers.fem.libraries import (
     thread_count,
 )
 from airtact.acoustics.solvers.fem.mesh import Box
-from airtact.acoustics.solvers.memory import available_memory
+from airtact.acoustics.solvers.shared import Coefficients, available_memory
 from airtact.errors import InvalidInput, NotConverged
 
 # Largest number of refinement steps in single precision; two or three are usually enough.

@@ -9,7 +9,10 @@ from jaxtyping import Bool
 
 from airtact import _kernels
 from airtact.acoustics.scene import CONTACT, Scene
-from airtact.acoustics.solvers.arrays import (
+from airtact.acoustics.solvers.fem.libraries import ngsolve_library
+from airtact.acoustics.solvers.fem.system import QuadraturePoints, System
+from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
+from airtact.acoustics.solvers.shared import (
     Coefficients,
     Mask,
     NodeValues,
@@ -18,12 +21,8 @@ from airtact.acoustics.solvers.arrays import (
     SourcePoints,
     Strengths,
     Vectors,
+    monopole_pressure,
 )
-from airtact.acoustics.solvers.fem.libraries import ngsolve_library
-from airtact.acoustics.solvers.fem.system import System
-from airtact.acoustics.solvers.fem.weak_form import QuadraturePoints
-from airtact.acoustics.solvers.open_air import monopole_pressure
-from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import in_mm
 

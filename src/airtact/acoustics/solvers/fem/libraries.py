@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
-from airtact.acoustics.solvers.memory import processor_count
+from airtact.acoustics.solvers.shared import processor_count
 from airtact.errors import extra
 
 # Neither library has type annotations; these names describe their objects.

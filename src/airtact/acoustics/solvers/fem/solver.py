@@ -8,8 +8,7 @@ from airtact.acoustics.scene import Scene, check_no_planes, check_sources
 from airtact.acoustics.solvers.fem.factorisation import check_memory, pardiso_library
 from airtact.acoustics.solvers.fem.field import FiniteField, solved_from_afar, touching_warnings
 from airtact.acoustics.solvers.fem.mesh import Box, meshed
-from airtact.acoustics.solvers.fem.system import System, assembled
-from airtact.acoustics.solvers.fem.weak_form import LAYER_THICKNESS
+from airtact.acoustics.solvers.fem.system import LAYER_THICKNESS, System, assembled
 from airtact.acoustics.solvers.problem import Solver, SolveReport
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, between, of_kind

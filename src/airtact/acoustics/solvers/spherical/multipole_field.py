@@ -19,20 +19,19 @@ from scipy.fft import fft, ifft2
 from scipy.special import sph_harm_y_all
 
 from airtact import _kernels
-from airtact.acoustics.planes import before_planes, images_in, with_images
-from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.arrays import (
+from airtact.acoustics.scene import Scene, before_planes, images_in, with_images
+from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
+from airtact.acoustics.solvers.shared import (
     Indices,
     Lengths,
     Mask,
     Points,
     Pressures,
     Vectors,
+    available_memory,
+    chebyshev_weights,
+    monopole_pressure,
 )
-from airtact.acoustics.solvers.chebyshev import chebyshev_weights
-from airtact.acoustics.solvers.memory import available_memory
-from airtact.acoustics.solvers.open_air import monopole_pressure
-from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
 from airtact.acoustics.solvers.spherical.radial_functions import outgoing_shapes
 from airtact.errors import InvalidInput, in_short, of_kind
 from airtact.timing import Clock, Progress

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.solvers.bem.factorised.reduced_body import (
+from airtact.acoustics.solvers.bem.reduced_body import (
     MAX_COMPILED_VECTORS,
     RoundedMatrix,
     product,

@@ -21,12 +21,12 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from airtact import _kernels
-from airtact.acoustics.solvers.arrays import SingleLayer
 from airtact.acoustics.solvers.bem.layer_potentials import double_layer_transposed
-from airtact.acoustics.solvers.bem.operator import DualSurface, assemble
 from airtact.acoustics.solvers.bem.quadrature import Nodes
+from airtact.acoustics.solvers.bem.solutions import DualSurface, assemble
+from airtact.acoustics.solvers.shared import SingleLayer
 from airtact.errors import in_short
-from airtact.geometry.mesh.quadratic_triangles import longest_edges
+from airtact.geometry.mesh.triangles import longest_edges
 
 Proxies = Float64[np.ndarray, "proxies 3"]
 Columns = Float64[np.ndarray, "columns 3"]

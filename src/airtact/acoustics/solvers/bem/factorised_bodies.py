@@ -14,7 +14,22 @@ from jaxtyping import Bool, Complex, Complex128, Float64
 
 from airtact import _kernels
 from airtact.acoustics.scene import Scene, check_sources
-from airtact.acoustics.solvers.arrays import (
+from airtact.acoustics.solvers.bem.layer_potentials import double_layer_transposed, project_contacts
+from airtact.acoustics.solvers.bem.quadrature import CONTACT_REACH
+from airtact.acoustics.solvers.bem.reduced_body import (
+    Matrix,
+    ReducedBody,
+    product,
+    rounded,
+)
+from airtact.acoustics.solvers.gmres import GmresResult, gmres
+from airtact.acoustics.solvers.problem import (
+    RadiatedField,
+    Solver,
+    SolveReport,
+    SurfaceField,
+)
+from airtact.acoustics.solvers.shared import (
     Mask,
     NodeValues,
     Points,
@@ -22,22 +37,7 @@ from airtact.acoustics.solvers.arrays import (
     SourcePoints,
     Strengths,
     Vectors,
-)
-from airtact.acoustics.solvers.bem.factorised.reduced_body import (
-    Matrix,
-    ReducedBody,
-    product,
-    rounded,
-)
-from airtact.acoustics.solvers.bem.layer_potentials import double_layer_transposed, project_contacts
-from airtact.acoustics.solvers.bem.quadrature import CONTACT_REACH
-from airtact.acoustics.solvers.gmres import GmresResult, gmres
-from airtact.acoustics.solvers.open_air import monopole_pressure
-from airtact.acoustics.solvers.problem import (
-    RadiatedField,
-    Solver,
-    SolveReport,
-    SurfaceField,
+    monopole_pressure,
 )
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, counted, in_short, one_line

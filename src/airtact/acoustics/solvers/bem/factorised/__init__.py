@@ -1,1 +1,0 @@
-"""Separately factorised bodies: their reduction, their coupling and their field."""
