@@ -56,7 +56,7 @@ def test_a_tree_of_few_panels_is_searched_too(rng, count):
 @pytest.mark.parametrize("step", [1e-9, 1e-6, 1e-4])
 def test_points_off_the_surface_along_its_normal_are_that_deep(rng, step):
     mesh = curved_mesh(bumpy())
-    pieces, _ = cut(mesh.triangles, np.full(len(mesh.quadratic_triangles), 2))
+    pieces, _ = cut(mesh.quadratic_triangles, np.full(len(mesh.quadratic_triangles), 2))
     place, normal = points_at(pieces, rng.dirichlet([1, 1, 1], size=len(pieces))[:, 1:])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     for side in (1, -1):  # where the surface bends it may be nearer elsewhere
