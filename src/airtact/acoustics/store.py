@@ -239,12 +239,14 @@ class Stored(Solver):
     def _keep(self, path: Path, key: str, field: RadiatedField, scene: Scene) -> None:
         if field.scene is not scene:
             # An entry is read with the scene of its key.
-            raise InvalidInput("its scene excludes the reflecting boards.", code="not_supported")
+            raise InvalidInput(
+                "the scene of the field excludes the reflecting boards.", code="not_supported"
+            )
         content = packed(field, key)
         if len(content) > self.most_bytes:
             raise InvalidInput(
-                f"it takes {len(content)} bytes, and {self.folder} is limited to "
-                f"{self.most_bytes}.",
+                f"the field takes {len(content)} bytes, but {self.folder} is limited to "
+                f"{self.most_bytes} bytes.",
                 code="too_many",
             )
         self.folder.mkdir(parents=True, exist_ok=True)

@@ -207,7 +207,7 @@ def surface_points(
     if not len(centres):
         raise InvalidInput(
             f"no part of the surface faces a direction within {within:g} degrees of "
-            f"{np.asarray(facing).tolist()}.",
+            f"{np.asarray(facing).tolist()}. Use another direction or a larger angle.",
             code="empty",
         )
     # After thinning, the mean distance exceeds the smallest distance.
@@ -294,7 +294,7 @@ def frame_of(
     length = float(np.linalg.norm(towards))
     if length == 0.0:
         raise InvalidInput(
-            "the normal of a plane is (0, 0, 0); use a vector perpendicular to it.",
+            "the normal of a plane is (0, 0, 0); use a vector perpendicular to the plane.",
             code="all_zero",
         )
     towards = towards / length

@@ -365,7 +365,7 @@ class Microphone:
     def read(
         self, field: RadiatedField, centres: Real[np.ndarray, "centres 3"]
     ) -> Complex128[np.ndarray, "centres excitations"]:
-        """Return the mean pressure (N, S) over the face [Pa]; NaN where a body overlaps it.
+        """Return the mean pressure (N, S) over the face [Pa]; NaN where the microphone is blocked.
 
         Parameters
         ----------

@@ -67,7 +67,7 @@ class SelfCheck:
 
 
 def self_check(report_step: Progress = no_progress) -> SelfCheck:
-    """Solve for one and two spheres, and compare with reference fields near and far from them."""
+    """Compare solutions for one and two spheres with reference fields, near and far away."""
     report_step("solving one sphere")
     air = Medium(sound_speed=343.1, density=1.293)
     first = sound_hard(sphere(8e-3, 4e-3))

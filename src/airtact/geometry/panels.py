@@ -127,7 +127,7 @@ def covers(
     bodies = [shape.panels(edge, bend, away) for shape in shapes]
 
     def opposite(index: int) -> Points:
-        """Return points of the other bodies and of all images."""
+        """Return the points of all other bodies and of all mirror images."""
         points = [np.empty((0, 3))]
         points += [body.reshape(-1, 3) for other, body in enumerate(bodies) if other != index]
         if image is not None:

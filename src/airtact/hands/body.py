@@ -79,7 +79,7 @@ class Hulls:
     def unblended(
         cls, balls: Float64[np.ndarray, "balls 4"], parts: Int64[np.ndarray, "hulls 3"]
     ) -> "Hulls":
-        """Build hulls that are not blended, and of which no pair is marked as separate."""
+        """Build hulls without blending and without pairs that stay separate."""
         none = np.zeros((len(parts), len(parts)))
         return cls(balls, parts, none, none)
 

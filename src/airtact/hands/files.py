@@ -88,7 +88,8 @@ def _read_pose(path: Path) -> Pose:
     # Deep nesting must not cause a traceback.
     except (ValueError, RecursionError) as error:  # msgspec raises subclasses of ValueError
         raise InvalidInput(
-            f"it is not a pose of a hand: {error or 'its brackets are nested too deeply'}.",
+            "the file does not contain a pose of a hand: "
+            f"{error or 'its brackets are nested too deeply'}.",
             code="wrong_kind",
         ) from None
     if not pose.positions_m or (pose.joints is not None and tuple(pose.joints) != NAMES):

@@ -230,7 +230,7 @@ class Hand:
         Raises
         ------
         InvalidInput
-            If the gap is out of range or cannot be reached, or a finger is unknown.
+            If the gap is out of range or cannot be reached, or if a finger is unknown.
         """
         gap = within(gap, 0.0, 0.15, "gap", "m", "is it in millimetres? Use metres.")
         if first not in FINGERS or second not in FINGERS or first == second:
@@ -246,7 +246,7 @@ class Hand:
         """Return the same hand in the pose of the next frame of a sequence.
 
         If the motion is small, the meshes keep their triangles. The meshes depend only on the poses
-        of the sequence, and not on the meshes that were used so far.
+        of the sequence, and not on which meshes were computed before.
 
         Parameters
         ----------

@@ -96,8 +96,8 @@ def joints_of(
     ----------
     joints : (25, 3) joints in WebXR order, (26, 3) in OpenXR order, where the palm comes first, or
         (21, 3) in MediaPipe and Leap order [m].
-    tolerance : deviation from possible bone lengths that is allowed for inaccurate joints [m].
-    word : word for a joint in error messages.
+    tolerance : largest accepted deviation from plausible bone lengths, for inaccurate joints [m].
+    word : noun for a joint in error messages, such as "landmark".
     """
     points = real_numbers(joints, f"{word}s of a hand")
     if points.shape == (26, 3):

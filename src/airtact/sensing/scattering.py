@@ -225,7 +225,7 @@ def _quadrature(
 def reaching_patterns(
     scene: Scene, centre: Float64[np.ndarray, "3"], order: int, smallest: float
 ) -> Float64[np.ndarray, "waves patterns"] | None:
-    """Return orthonormal patterns of regular waves that reach the bodies, or None if most do.
+    """Return orthonormal patterns of regular waves that reach the bodies, or None if most waves do.
 
     Bodies fill only a part of the ball of the waves, so most patterns hardly reach the bodies. The
     patterns are eigenvectors of the mean square pressure of the waves on and below the surfaces.

@@ -360,7 +360,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
 
 
 def flush(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
-    """Return which elements lie in a plane and radiate along its normal."""
+    """Return a mask of the elements that lie in a plane and radiate along its normal."""
     parallel = array.normals @ plane.normal > 1.0 - 1e-9
     return parallel & (np.abs(plane.height(array.positions)) < CONTACT)
 

@@ -175,8 +175,8 @@ def load_samples(
     path : the file with the table.
     scene : the scene for which the field was computed.
     sources : the monopoles that emit the sound, with one excitation for each pressure column.
-    time_sign : "e^{-iωt}" as in airtact, or "e^{+jωt}" as in COMSOL, whose pressures are
-        conjugated.
+    time_sign : time factor of the pressures, "e^{-iωt}" as in airtact or "e^{+jωt}" as in COMSOL,
+        whose pressures are conjugated.
     scale : length of the file's unit in metres, such as 1e-3 for mm. By default the unit is
         taken from the comment "Length unit"; without that comment it is the metre.
 
@@ -215,9 +215,9 @@ def load_samples(
         excitations = sources.strengths.shape[1]
         if pressures.shape[1] != excitations:
             raise InvalidInput(
-                f"it has {counted(pressures.shape[1], 'pressure', 'pressures')} per row "
+                f"the table has {counted(pressures.shape[1], 'pressure', 'pressures')} per row "
                 f"({'; '.join(names)}), but the sources have "
-                f"{counted(excitations, 'excitation', 'excitations')}; keep one pressure for each "
+                f"{counted(excitations, 'excitation', 'excitations')}. Keep one pressure for each "
                 "excitation.",
                 code="sizes_differ",
             )
@@ -244,8 +244,8 @@ def _scale_of(table: TextTable, scale: float | None) -> float:
             stated = units[words[-1]]
             if scale is not None and abs(scale / stated - 1.0) > 1e-3:
                 raise InvalidInput(
-                    f"its length unit is {words[-1]}, but scale is {scale:g}; omit scale, or use "
-                    f"{stated:g}.",
+                    f"the length unit of the table is {words[-1]}, but scale is {scale:g}. Omit "
+                    f"scale, or use {stated:g}.",
                     code="does_not_match",
                 )
             return stated
@@ -267,8 +267,8 @@ def _of_frequency(names: Sequence[str], frequency: float) -> list[str]:
     if names and not chosen:
         listed = ", ".join(f"{value:g} Hz" for value in sorted(set(stated.values())))
         raise InvalidInput(
-            f"its pressures are for {listed}, but the scene is at {frequency:g} Hz; export the "
-            "pressure at the scene's frequency.",
+            f"the pressures of the table are for {listed}, but the scene is at {frequency:g} Hz. "
+            "Export the pressure at the scene's frequency.",
             code="does_not_match",
         )
     return chosen

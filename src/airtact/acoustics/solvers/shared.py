@@ -74,7 +74,7 @@ def chebyshev_weights(
 ) -> Float32[np.ndarray, "points count"]:
     """Return the weights of the points cos(π (j + 1/2)/count) for coordinates in [-1, 1].
 
-    The barycentric formula is that of J.-P. Berrut, L. N. Trefethen, SIAM Review 46 (2004) 501.
+    The barycentric formula follows J.-P. Berrut, L. N. Trefethen, SIAM Review 46 (2004) 501.
     """
     angles = np.pi * (np.arange(count) + 0.5) / count
     off = coordinates[:, None] - np.cos(angles).astype(coordinates.dtype)

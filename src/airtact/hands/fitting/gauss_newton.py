@@ -193,7 +193,7 @@ def normal_equations(
 def equations_of_rules(
     seen: Observation, unknowns: Unknowns
 ) -> tuple[UnknownsMatrix, Unknowns, float]:
-    """Set up the normal equations of the priors: their matrix, gradient and twice their cost."""
+    """Return the matrix and gradient of the priors' normal equations, and twice their cost."""
     joints = joints_in(unknowns)
     sizes = unknowns[SIZES]
     axes = bending_axes(joints, seen.side)

@@ -56,10 +56,12 @@ def from_json(text: bytes | str) -> HandFrame:
         reason = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
         if STREAMER_LINE.match(raw[:40].decode(errors="replace")):
             reason = "it is a line from hand-tracking-streamer; send it through quest_streamer.py"
-        raise FaultyFrame("unreadable", f"it is not a frame in JSON: {reason}.") from None
+        raise FaultyFrame("unreadable", f"the message is not a frame in JSON: {reason}.") from None
     side = message.side.lower()
     if side != "left" and side != "right":
-        raise FaultyFrame("unreadable", f"its side is {message.side!r}; use 'left' or 'right'.")
+        raise FaultyFrame(
+            "unreadable", f"the side of the frame is {message.side!r}; use 'left' or 'right'."
+        )
     landmarks = [point or (None, None, None) for point in message.landmarks or []]
 
     def array(points: Sequence[Coordinates]) -> np.ndarray | None:

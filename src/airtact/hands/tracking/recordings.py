@@ -95,7 +95,7 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
             if fault is not None and not leave_out:
                 raise InvalidInput(f"{place}: {fault}", fault.position, code=fault.code)
         if not frames:
-            raise InvalidInput(f"it has no valid frame ({stream.health}).", code="empty")
+            raise InvalidInput(f"the file has no valid frame ({stream.health}).", code="empty")
         return Recording(tuple(frames), stream.health, note or stream.remark())
 
 
@@ -127,7 +127,7 @@ def _of_other_program(path: Path) -> tuple[list[Item], str]:
     except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
         problem = repr(error)
     raise InvalidInput(
-        f"it is not a recording from IWER, vuer or VisionProTeleop: {problem}.",
+        f"the file is not a recording from IWER, vuer or VisionProTeleop: {problem}.",
         code="unknown_format",
     )
 

@@ -92,9 +92,9 @@ def register(
     Raises
     ------
     InvalidInput
-        If there are fewer than 3 touches, the points are in one line, the offset cannot be
-        distinguished from a shift of the tracker, or the touches contradict each other by more than
-        10 mm and no single one is the cause.
+        If there are fewer than 3 touches, if the points are in one line, if the offset cannot be
+        distinguished from a shift of the tracker, or if the touches contradict each other by more
+        than 10 mm and no single touch is the cause.
 
     Examples
     --------

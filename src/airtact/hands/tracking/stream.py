@@ -261,7 +261,7 @@ class HandStream:
     def latest(self, side: Side) -> HandFrame | None:
         """Return the latest frame of a hand, or None before the first.
 
-        After ``silence`` without frames, the latest frame marks the hand as lost.
+        After the time ``silence`` without frames, the latest frame marks the hand as lost.
         """
         with self._changed:
             self._notice_silence()

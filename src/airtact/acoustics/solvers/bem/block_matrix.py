@@ -60,8 +60,8 @@ def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "
 def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks blocks"]:
     """Return a mask of the block pairs in which a point of one block is near a panel of the other.
 
-    Each of the ``lists`` contains the near panels of one set of points. A set is ordered by panel
-    and has the same number of points on every panel.
+    Each of the ``lists`` contains the near panels of one set of points. The points of a set are
+    ordered by panel, with the same number on every panel.
     """
     blocks = -(-panels // PANELS)
     near = np.zeros((blocks, blocks), dtype=bool)

@@ -109,7 +109,7 @@ class PlacedBody:
         )
 
     def coupling_from(self, source: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
-        """Return −D(x) + i D(x'), from the source's column skeleton to this body's row skeleton."""
+        """Return −D(x) + i D(x') from the column skeleton of ``source`` to this row skeleton."""
         count = len(self.reduced.rows)
         points = self.pose.apply(self.reduced.row_points)
         nodes, normals, single = source.reduced.column_nodes
@@ -167,14 +167,14 @@ class Coupling:
 
     @cached_property
     def parts(self) -> list[slice]:
-        """Slice of each body in the densities of all bodies."""
+        """Slice of the densities that belongs to each body."""
         ends = np.cumsum([len(body.reduced.rows) for body in self.placed]).tolist()
         return [slice(begin, end) for begin, end in pairwise([0, *ends])]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FactorisedField(RadiatedField):
-    """The field of some monopoles around factorised bodies, known only away from their surfaces.
+    """The field of monopoles around factorised bodies, known only away from the surfaces.
 
     Attributes
     ----------

@@ -323,12 +323,12 @@ class BoundaryField(RadiatedField):
         return points, touching
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report; its error is at least the largest error estimated at the points.
+        """Return the report with an error of at least the largest error estimated at the points.
 
         Points inside bodies are ignored. The error is relative to the pressure at the point, or to
         a tenth of the strongest pressure if that is larger. If an error exceeds 1.25 times
-        ``max_error``, a warning names the worst point. Without a direct solution or points the
-        report is unchanged.
+        ``max_error``, a warning names the worst point. Without a direct solution or without points,
+        the report is unchanged.
         """
         points = points_of(points, "points", least=0)
         outside = (self.scene.depth(points) <= 0.0) & before_planes(self.scene.planes, points)
@@ -399,7 +399,7 @@ class BoardField(RadiatedField):
         return pressure
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report; its error is at least the error estimated around the bodies."""
+        """Return the report with an error of at least the error estimated around the bodies."""
         report = self.around.report_at(points)
         warnings = dict.fromkeys((*self.report.warnings, *report.warnings))  # without duplicates
         return replace(

@@ -368,7 +368,7 @@ class TransposedSolution:
 
     @cached_property
     def emitted(self) -> Monopoles:
-        """The sources, together with the images of those on the surface."""
+        """The sources, together with the images of the sources on the surface."""
         return Monopoles(self.sources.positions, self.factors[:, None] * self.sources.strengths)
 
     @cached_property

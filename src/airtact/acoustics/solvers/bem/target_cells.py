@@ -86,7 +86,7 @@ class Cells:
 
 
 def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
-    """Sort points into cells for sums to within ``error``, or return None if this is slower."""
+    """Sort points into cells for sums to a relative ``error``, or return None if this is slower."""
     grids = [(order, beyond) for left, order, beyond in GRIDS if left <= error]
     if not grids or len(points) < grids[0][0] ** 2 / MAX_GRID_SHARE:
         return None

@@ -117,7 +117,7 @@ INSIDE = -1e-7
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """The box that is meshed.
+    """The box around the bodies that is filled with tetrahedra.
 
     Attributes
     ----------
