@@ -39,7 +39,7 @@ NAMES = (
 
 
 class Commands(click.Group):
-    """A group that imports a command only when it is run or listed."""
+    """Click group that imports a command only when it is run or listed."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command; return None for an unknown name."""

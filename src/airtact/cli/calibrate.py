@@ -95,7 +95,9 @@ def calibrate(
     """
     if scans:
         if simulate:
-            raise at.InvalidInput("use either --scan or --simulate.", code="options_clash")
+            raise at.InvalidInput(
+                "--scan and --simulate cannot be combined: omit one.", code="options_clash"
+            )
         scene = scene if echoes is None else INPUT.convert(str(echoes), None, None)
         _from_scans(scene, scans, elements, drives, given(**microphone), out)
         return

@@ -25,7 +25,7 @@ JSON, QUIET = "airtact.json", "airtact.quiet"
 
 
 def printable(text: str) -> str:
-    r"""Remove control characters and marks that reverse the direction of text in a terminal.
+    r"""Remove control characters, and marks that change the direction of text in a terminal.
 
     Examples
     --------

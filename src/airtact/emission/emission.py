@@ -76,7 +76,8 @@ class Emission:
 
     Attributes
     ----------
-    cap : largest amplitude of an element; it may be changed during the emission.
+    cap : largest amplitude of an element, as a fraction of full scale; it may be changed during the
+        emission.
     process : id of the process that opened the link; None before opening, or if it is this process.
     share : fraction of the latest drive's amplitude that the boards played when it was sent;
         below 1 during a ramp.
@@ -212,7 +213,7 @@ class Emission:
         return None if self._link_process is None else self._link_process.process
 
     def send(self, drive: Drive, wait: bool = True, at: float | None = None) -> Frame:
-        """Play a drive from now on, after a ramp if it is the first drive or follows silence.
+        """Play a drive continuously; a first drive, or one after silence, rises over a ramp.
 
         Parameters
         ----------

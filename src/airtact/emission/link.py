@@ -205,7 +205,7 @@ class Link(ABC):
         if count != self.elements:
             raise InvalidInput(
                 f"a drive for {counted(count, 'element', 'elements')} does not fit {self.devices} "
-                f"of {len(self.codec.board)} elements: compute it for {self.elements}.",
+                f"of {len(self.codec.board)} elements: compute it for {self.elements} elements.",
                 code="sizes_differ",
             )
 
@@ -225,7 +225,7 @@ class Link(ABC):
         self.sent += 1
 
     def probe(self) -> None:
-        """Check that the boards are still connected, if the link can do so; they keep emitting.
+        """Check that the boards are still connected, if the link can do so, without silencing them.
 
         Raises
         ------
@@ -260,7 +260,7 @@ class Link(ABC):
         """
 
     def collect(self) -> None:  # noqa: B027 (most links store nothing)
-        """Fetch the link's data from its process before that process ends."""
+        """Fetch data stored in the link process, which is about to end."""
 
     def zero(self) -> Frame:
         """Return the frame in which all elements are off."""
@@ -309,10 +309,10 @@ class Link(ABC):
         self.check_elements(len(frame))
         if not self.levels.same_as(frame.levels):
             raise InvalidInput(
-                f"a frame with {len(frame.levels.amplitudes)} amplitude levels and "
-                f"{frame.levels.phases} phase levels does not fit {self.codec.board.name}, which "
-                f"has {len(self.levels.amplitudes)} and {self.levels.phases}: quantise the drive "
-                "with link.levels.",
+                f"the frame has {len(frame.levels.amplitudes)} amplitude levels and "
+                f"{frame.levels.phases} phase levels, but {self.codec.board.name} boards have "
+                f"{len(self.levels.amplitudes)} and {self.levels.phases}: quantise the drive with "
+                "link.levels.",
                 code="sizes_differ",
             )
 
@@ -379,7 +379,7 @@ class RecordingLink(Link):
         return self._seconds
 
     def collect(self) -> None:
-        """Fetch the recorded frames from the link process."""
+        """Fetch the frames recorded in the link process, which is about to end."""
         while self._elsewhere is not None:
             frames, seconds = self._elsewhere("recorded", len(self._frames))
             if not frames:

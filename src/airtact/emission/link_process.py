@@ -284,7 +284,10 @@ def _start(end: socket.socket) -> "subprocess.Popen[bytes]":
 
 
 class Tether:
-    """Connection of a link process to its guard; its methods never block."""
+    """Connection of a link process to its guard, which silences the boards if the process dies.
+
+    The methods never block.
+    """
 
     TIME = struct.Struct("<d")
 
@@ -316,8 +319,8 @@ def serve(
 ) -> bool:
     """Run a link until its owner closes it or the owner's process ends.
 
-    The link is ``here`` or, if that is None, the link in the first message. The function returns
-    False only if the owner did not close it and the boards could not be silenced.
+    The link is ``here``, or the link in the first message if ``here`` is None. The function returns
+    False only if the owner did not close the link and the boards could not be silenced.
     """
     player: Player | None = None
     closed = True
@@ -382,7 +385,7 @@ def _silenced(player: Player) -> bool:
 
 
 def guard(process: int, end: socket.socket, owner: int, rescue: Callable[[], bool]) -> int:
-    """Watch the link process until it ends; silence the boards if it has not done so.
+    """Wait until the link process ends, and silence the boards unless that process has done so.
 
     Parameters
     ----------

@@ -38,8 +38,8 @@ def link_to(
     if board not in LINKS.get(name, ()):
         raise InvalidInput(
             f"{board} boards have no {name!r} link; their links are "
-            f"{', '.join(links_of(board)[:-1])}, and airtact emit --link file writes their frames "
-            "to a file.",
+            f"{', '.join(links_of(board)[:-1])}. To write their frames to a file, use airtact emit "
+            "--link file.",
             code="unknown_name",
         )
     key = {"serial": "port", "audit": ""}.get(name, "address")

@@ -322,8 +322,8 @@ def _numpy(path: Path) -> Drives:
         return np.atleast_2d(intensity * np.exp(2j * np.pi * values[..., 0] / 256.0))
     if values.ndim not in (1, 2) or not np.issubdtype(values.dtype, np.inexact):
         raise InvalidInput(
-            f"{path.name} has shape {values.shape} of {values.dtype}; save complex amplitudes or "
-            "phases of shape (elements,) or (frames, elements).",
+            f"{path.name} contains an array of shape {values.shape} and type {values.dtype}; save "
+            "complex amplitudes or phases of shape (elements,) or (frames, elements).",
             code="wrong_shape",
         )
     values = np.atleast_2d(values)
@@ -336,7 +336,8 @@ def _numpy(path: Path) -> Drives:
 def _messages(path: Path, board: str | None, elements: int | None) -> Drives:
     if board is None:
         raise InvalidInput(
-            f"{path.name} contains the bytes of a board; name the board, such as sonicsurface.",
+            f"{path.name} contains messages to boards; name the kind of board, such as "
+            "sonicsurface.",
             code="key_missing",
         )
     codec = codec_of(board)

@@ -20,7 +20,7 @@ STALL = 0.6
 def suspended() -> float:
     """Return a lower bound on the time for which the computer was suspended [s]; 0 if unknown.
 
-    ``time.monotonic`` does not count this time.
+    ``time.monotonic`` stops while the computer is suspended.
     """
     if not hasattr(time, "CLOCK_BOOTTIME"):
         return 0.0
@@ -126,7 +126,7 @@ class Player:
 
         Returns
         -------
-        The strongest frame, the remaining time of the ramp [s], and the gain.
+        The strongest frame, the remaining time of the ramp [s], and the current factor of the ramp.
         """
         self._feed()
         link = self.link

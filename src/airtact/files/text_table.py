@@ -140,7 +140,7 @@ def read_text_table(path: Path) -> TextTable:
         if len(cells) != len(names):
             raise InvalidInput(
                 f"line {line} of {file} has {counted(len(cells), 'cell', 'cells')}, but there are "
-                f"{counted(len(names), 'column', 'columns')}, {', '.join(names)}.",
+                f"{counted(len(names), 'column', 'columns')} ({', '.join(names)}).",
                 code="wrong_shape",
             )
     return TextTable(file, tuple(names), tuple(rows.values()), tuple(rows), tuple(comments))

@@ -121,7 +121,7 @@ class Followed:
     unrecorded: str | None = None
 
     def facts(self) -> list[tuple[str, str]]:
-        """Return pairs of name and value for a table."""
+        """Return the summary as pairs of name and value, for display in a table."""
         facts = [
             ("time", f"{self.seconds:.1f} s, {self.frames} frames of the hand"),
             ("messages", str(self.health)),
@@ -149,7 +149,7 @@ class Followed:
         return facts
 
     def record(self) -> dict[str, float | str | dict[str, int] | None]:
-        """Return all values by name for JSON; unknown numbers become None."""
+        """Return the summary as a dictionary for JSON; numbers that are unknown become None."""
         # NaN is the only value that differs from itself.
         return {name: value if value == value else None for name, value in asdict(self).items()}
 
@@ -176,25 +176,24 @@ def follow(
     scene : the fixed part of the scene.
     hands : source of the frames, which this function starts and closes.
     maker : object that computes the drives; closed by this function.
-    output : receiver of the drives; by default, nothing is emitted.
+    output : boards that emit the drives; by default, nothing is emitted.
     seconds : duration [s]; by default, the run lasts until the frames end.
     session : writer that records the run; closed by this function.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s].
-    cap : largest amplitude of an element, as a fraction of full scale. By default, the cap
-        limits the level at a head 0.5 m from the array to 110 dB SPL wherever the foci are;
-        without boards it is 1.
+    cap : largest amplitude of an element, as a fraction of full scale. By default, the cap limits
+        the level at a head 0.5 m from the array to 110 dB SPL for all positions of the foci;
+        without boards, the cap is 1.
     controls : initial settings; if there is a page, the loop uses the page's settings instead.
     page : page that shows every drive and can change the controls.
     report : function called twice a second with the status.
-    world : objects and foci that applications can change. The loop reports its
-        state to it. By default, the objects of the scene are used and do not
-        change.
+    world : objects and foci that applications can change; the loop also records its state here. By
+        default, the objects of the scene are used and do not change.
 
     Returns
     -------
-    A summary of the run. If Ctrl-C is pressed, the output is silenced at once and the summary
-    is returned as well.
+    A summary of the run. It is also returned if Ctrl-C is pressed, which silences the output at
+    once.
 
     Raises
     ------

@@ -377,7 +377,7 @@ def read_message(text: bytes | str) -> Message:
     except (ValueError, RecursionError) as error:
         words = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
         raise InvalidInput(
-            f"the message is not JSON: {words}; docs/applications.md shows messages.",
+            f"the message is not JSON: {words}; see docs/applications.md for examples.",
             code="unknown_format",
         ) from None
 

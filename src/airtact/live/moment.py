@@ -31,21 +31,23 @@ State = Literal["waiting", "playing", "fading", "silent", "stopped"]
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """A drive and its expected effect.
+    """A drive of the live loop at one time, and its predicted effect.
 
     Attributes
     ----------
     time : time at which the sound should be in the air, on the tracker's clock [s].
-    frame_time : timestamp of the newest frame used [s].
+    frame_time : timestamp of the newest tracker frame that the drive is based on [s].
     joints : (25, 3) predicted joint positions at ``time`` [m]; None if the hand is
         lost.
     foci : (F, 3) predicted foci at ``time`` [m]; None if no hand is seen.
     amplitudes : (E,) complex amplitudes, as fractions of full scale; zeros for silence.
     pressures : (F,) predicted pressures at the foci [Pa]; None if unknown.
-    rule : how the drive was computed.
-    shape_age : time from the solved pose to ``time`` [s]; None if no solution was
-        used.
-    kept : expected fraction of the attainable pressure at the weakest focus; None if unknown.
+    rule : how the drive was computed: from distances alone, or from a solution for the phalanges,
+        the whole hand or the skin near contacts.
+    shape_age : age at ``time`` of the pose for which the scattering was solved [s]; None if no
+        solution was used.
+    kept : expected pressure at the weakest focus, as a fraction of the attainable pressure; None if
+        unknown.
     state : state of the loop.
     frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci
         move.
@@ -86,7 +88,7 @@ class Moment:
 
 
 def silent_moment(scene: LiveScene, time: float, frame_time: float) -> Moment:
-    """Return a moment without a hand and without sound."""
+    """Return a ``Moment`` whose amplitudes are zero, for times when no hand is seen."""
     silence = np.zeros(len(scene.array), np.complex128)
     return Moment(time, frame_time, None, None, silence, state="waiting")
 

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from airtact.errors import InvalidInput, extra
+from airtact.errors import InvalidInput, counted, extra
 from airtact.hands.tracking.receivers import bound_socket
 from airtact.hands.tracking.stream import HandStream
 from airtact.live.applications import STATE_INTERVAL, take_text
@@ -216,7 +216,8 @@ def _checked(kind: str, values: Sequence[Any]) -> list[Any]:
     most = np.inf if "..." in arguments else needed + arguments.count("[")
     if not needed <= len(values) <= most:
         raise InvalidInput(
-            f"/airtact/{kind} has {len(values)} arguments, but it requires: {arguments or 'none'}.",
+            f"/airtact/{kind} was sent with {counted(len(values), 'argument', 'arguments')}. "
+            f"The arguments must be: {arguments or 'none'}.",
             code="sizes_differ",
         )
     return list(values)

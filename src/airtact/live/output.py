@@ -14,7 +14,7 @@ from airtact.transducers.levels import AmplitudeModulation, Levels
 
 
 class Output:
-    """Receiver of drives: boards behind a link, or nothing.
+    """Output for drives: boards that are connected by a link, or no boards.
 
     Use it in a ``with`` block, which ends in silence. Drives above the cap, which is full
     scale by default, are scaled down. After silence, the sound rises within 0.2 s. The
@@ -59,7 +59,7 @@ class Output:
 
     @property
     def share(self) -> float:
-        """Fraction of the newest drive's amplitude that was emitted when it was sent."""
+        """Factor (at most 1) by which the newest drive was scaled when it was sent."""
         return 1.0 if self._emission is None else self._emission.share
 
     def limit(self, cap: float) -> None:

@@ -61,8 +61,8 @@ def run(
     ----------
     setup : scene with virtual objects, or with foci on hands; see ``live_scene``.
     hands : source of the frames, as returned by ``hands_from``.
-    output : receiver of the drives, as returned by ``output_to``; by default, nothing
-        is emitted.
+    output : boards that emit the drives, as returned by ``output_to``; by default, nothing is
+        emitted.
     folder : folder in which ``session.h5`` is written; an existing file is replaced.
     seconds : duration [s]; by default, until the recording ends or Ctrl-C is
         pressed.
@@ -254,7 +254,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
 def received(
     source: str, tracker: Pose | None = None, world: World | None = None
 ) -> ReceivedHands | None:
-    """Open the socket of a source; return None if the source has no socket."""
+    """Open the port of a source such as "osc:8766"; return None for sources without a port."""
     kind, colon, port = source.partition(":")
     if kind not in PORTS:
         return None
@@ -269,7 +269,7 @@ def received(
 def output_to(
     setup: Setup, folder: Path, board: str | None, link: str | None, **settings: str | None
 ) -> Output:
-    """Return the output of a run: boards behind a link, or nothing if no option is given.
+    """Return the output of a run: boards that are connected by a link, or none without options.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ def output_to(
     Raises
     ------
     InvalidInput
-        If the live loop cannot follow the scene, or the link does not fit its array.
+        If ``live_scene`` rejects the scene, or the link does not fit the array of the scene.
     """
     scene = live_scene(setup)
     if not any([board, link, *settings.values()]):
@@ -288,8 +288,8 @@ def output_to(
     port = settings.get("port")
     if port is not None and (link is None or port.isdecimal()):
         raise InvalidInput(
-            f"--port {port}: this is the serial port of boards, such as --link serial --port "
-            "/dev/ttyUSB0; for the page, use --page-port.",
+            f"--port {port} is not possible here: --port names the serial port of boards and "
+            "requires --link serial. Use --page-port for the port of the page.",
             code="options_clash",
         )
     if link is None or board is None:

@@ -27,7 +27,7 @@ class Workspace:
         self._radius = float(scene.array.element.reach)
 
     def out_of_reach(self, foci: Foci) -> str | None:
-        """Return a short reason why foci at these points must not be played; None if they may."""
+        """Return a short reason why these foci must not receive sound, or None if there is none."""
         if not len(foci):
             return None
         distances, _ = self._elements.query(foci)
@@ -44,7 +44,7 @@ class Workspace:
         return None
 
     def fault(self, joints: Joints, foci: Foci) -> str | None:
-        """Return a short reason why this hand must not receive sound; None if it may."""
+        """Return a short reason why this hand must not receive sound, or None if there is none."""
         fault = self.out_of_reach(foci)
         if fault is not None:
             return fault
@@ -85,7 +85,7 @@ class Gain:
         self._then: float | None = None
 
     def advance(self, now: float, on: bool) -> float:
-        """Raise or lower the factor for the time that has passed until ``now`` [s]; return it."""
+        """Raise or lower the factor according to the time since the last call, and return it."""
         step = 0.0 if self._then is None else max(now - self._then, 0.0)
         self._then = now
         if on:

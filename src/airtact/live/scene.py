@@ -18,7 +18,7 @@ from airtact.acoustics.scene import Plane, check_no_boards
 from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.motion import DEFAULT_FRAMES, Motion
 from airtact.drives.sequence import MIN_FRAMES
-from airtact.errors import InvalidInput, counted, fixed, in_short
+from airtact.errors import InvalidInput, fixed, in_short
 from airtact.hands.hand import PLACES, Hand, Side
 from airtact.hands.joints import CHAINS, check_finger_order, cross, joints_of, radii_of, unit
 from airtact.setup.bodies import unsided
@@ -40,7 +40,7 @@ Rows = Complex128[np.ndarray, "foci sources"]
 
 @dataclass(frozen=True, eq=False)
 class MovingFoci:
-    """Paths of foci along the hand, sampled in frames.
+    """Paths of foci along the hand, as a sequence of frames that is repeated.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class WithImages:
         return folded.astype(rows.dtype, copy=False)
 
     def unfolded(self, amplitudes: Amplitudes) -> Complex128[np.ndarray, "sources"]:
-        """Expand amplitudes of the elements to those of all sources."""
+        """Expand the amplitudes of the elements to those of the elements and their images."""
         return np.concatenate([amplitudes * self.strengths, amplitudes[self.imaged]])
 
 
@@ -188,9 +188,10 @@ def live_scene(setup: Setup) -> LiveScene:
     touched = setup.contacts is not None
     if not touched and (len(on_hand) < len(setup.foci) or not setup.hands):
         raise InvalidInput(
-            f"{name}: {len(on_hand) if setup.hands else 0} of {len(setup.foci)} foci are on a hand "
-            'with joints, but all must be: add at = "thumb.pad" to [[foci]], or replace them by '
-            f"[[objects]]; the places are {', '.join(PLACES)}.",
+            f"{name}: only {len(on_hand) if setup.hands else 0} of {len(setup.foci)} foci are at a "
+            "place on a hand that is defined by joints. Add a place to each focus, such as "
+            'at = "thumb.pad", or replace all foci by [[objects]]. '
+            f"Possible values of at: {', '.join(PLACES)}.",
             code="misplaced",
         )
     # The two fingers of the example pinch stand for the tracked hand.
@@ -198,8 +199,8 @@ def live_scene(setup: Setup) -> LiveScene:
     hard = all(body.boundary == "sound_hard" for body in setup.scene.obstacles)
     if not hard or not (stands_in or len(setup.bodies) == len(setup.hands)):
         raise InvalidInput(
-            f"{name}: live follows one or two sound-hard hands, but the scene has "
-            f"{counted(len(setup.bodies), 'body', 'bodies')}: remove the others.",
+            f"{name}: live supports only one or two sound-hard hands. Remove all other bodies from "
+            'the scene, and set boundary = "sound_hard".',
             code="not_supported",
         )
     target = setup.target
@@ -210,8 +211,8 @@ def live_scene(setup: Setup) -> LiveScene:
         or target.suppression_points.size
     ):
         raise InvalidInput(
-            f"{name}: live always maximises the pressure at the weakest focus: remove pressure, "
-            "share, phase_degrees and suppression.",
+            f"{name}: live always maximises the pressure at the weakest focus. Remove the keys "
+            "pressure, share, phase_degrees and suppression.",
             code="options_clash",
         )
     if setup.method in FOR_SAMPLES:
@@ -224,8 +225,8 @@ def live_scene(setup: Setup) -> LiveScene:
     # A setup with outlines contains this motion by default.
     if both and setup.motion not in (None, *([Motion("stm", "points")] if outlined else [])):
         raise InvalidInput(
-            f"{name}: live cannot move foci along paths if there are objects or two hands: "
-            'remove kind = "stm" or "lm"; style = "outline" moves a focus along contacts.',
+            f"{name}: live cannot move foci along paths if there are objects or two hands. Remove "
+            'kind = "stm" or "lm". To move a focus along contacts, use style = "outline".',
             code="not_supported",
         )
     modulation = setup.modulation if isinstance(setup.modulation, AmplitudeModulation) else None
@@ -276,7 +277,7 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
     shifts = np.repeat(shifts, repeat, axis=0)
     if len(places) > 64:  # each pose requires a drive for every frame
         raise InvalidInput(
-            f"{_file_name(setup)}: live computes at most 64 frames of a path per pose, not "
+            f"{_file_name(setup)}: live supports paths of at most 64 frames, but this path has "
             f"{len(places)}: use frames = {DEFAULT_FRAMES}.",
             code="sizes_differ",
         )
@@ -284,8 +285,8 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
     if rounds * len(places) > setup.frequency:
         raise InvalidInput(
             f"{_file_name(setup)}: a path of {len(places)} frames, repeated at {rounds:g} Hz, "
-            f"requires {rounds * len(places):g} frames/s, but each must last at least one period "
-            f"of the sound: use {setup.frequency / len(places):.4g} Hz or less.",
+            f"requires {rounds * len(places):g} frames/s. A frame must last at least one period of "
+            f"the sound: use {setup.frequency / len(places):.4g} Hz or less.",
             code="out_of_range",
         )
     # Each frame lasts a whole number of periods, so that boards can play it by their own clock.
@@ -299,7 +300,8 @@ def hand_in(
 ) -> Hand:
     """Return the hand with these landmarks or joints [m].
 
-    The side defaults to that of the scene; it was checked when the frame was received.
+    By default, the hand has the side of the scene. The side is not checked again, because it was
+    checked when the frame was received.
     """
     joints = joints_of(landmarks)
     check_finger_order(joints)
@@ -391,7 +393,7 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
 def gap_change(
     distances: Float64[np.ndarray, "*poses pairs"], reference: Float64[np.ndarray, "pairs"]
 ) -> Float64[np.ndarray, "*poses"]:
-    """Return the root-mean-square change [m] of ``PosedHand.distances``."""
+    """Return the root-mean-square change [m] of ``PosedHand.distances`` from a reference."""
     return np.asarray(np.sqrt(np.mean((distances - reference) ** 2, axis=-1)))
 
 
@@ -399,7 +401,7 @@ def turn(
     directions: Float64[np.ndarray, "*poses foci samples 3"],
     reference: Float64[np.ndarray, "foci samples 3"],
 ) -> Float64[np.ndarray, "*poses"]:
-    """Return the root-mean-square change [rad] of ``PosedHand.directions``."""
+    """Return the root-mean-square change [rad] of ``PosedHand.directions`` from a reference."""
     squares = np.sum((directions - reference) ** 2, axis=-1)
     return np.asarray(np.sqrt(np.mean(squares, axis=(-2, -1))))
 

@@ -114,9 +114,9 @@ class SessionWriter:
 
     A separate process writes the file. A slow disk therefore does not delay the loop, and a killed
     loop or a full disk does not damage the file. An existing file is replaced when the loop begins.
-    Real and imaginary parts of amplitudes are rounded to 1/15 to 1/7 of the largest amplitude in
-    the drive, which changes the pressure at a focus by about 0.5 %. Landmarks are rounded to 1 µm
-    and lengths of drives to 8 µm.
+    The real and imaginary parts of amplitudes are rounded in steps of 1/15 to 1/7 of the largest
+    amplitude in the drive, which changes the pressure at a focus by about 0.5 %. Landmarks are
+    rounded to 1 µm; positions and depths that belong to a drive are rounded to 8 µm.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class SessionWriter:
     Attributes
     ----------
     dropped : number of frames and drives that were not recorded because the disk was too slow.
-    fault : reason why nothing is recorded, and since when; None if there is no fault.
+    fault : message that says why recording failed and at what time; None if there was no failure.
 
     Raises
     ------

@@ -27,7 +27,7 @@ OnFrame = Callable[[HandFrame, float], None]
 class HandSource:
     """Source of frames of hands in scene coordinates; it runs from ``begin`` to ``close``.
 
-    Other code may also feed ``stream``, as the page does for a hand that the user drags there.
+    Other code may also add frames to ``stream``. The page does so for a hand that the user drags.
 
     Parameters
     ----------
@@ -112,13 +112,13 @@ class RecordedHands(HandSource):
         self._thread = Thread(target=self._play, name="airtact recording", daemon=True)
 
     def begin(self, on_frame: OnFrame) -> HandStream:
-        """Play the first frame at once."""
+        """Start playing the recording; the first frame is delivered at once."""
         stream = super().begin(on_frame)
         self._thread.start()
         return stream
 
     def close(self) -> None:
-        """Stop playing between two frames."""
+        """Stop playing before the next frame."""
         self._closed.set()
         if self._thread.ident is not None:
             # Ctrl-C may have interrupted a wait while it held the lock, so do not wait forever.
@@ -241,5 +241,5 @@ def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
 
 
 def checked_seconds(seconds: float | None) -> float:
-    """Return the duration [s], or infinity for None; raise the same errors as ``positive``."""
+    """Return a duration [s], or infinity for None; raise ``InvalidInput`` unless positive."""
     return np.inf if seconds is None else positive(seconds, "the duration", "s")

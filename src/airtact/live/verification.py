@@ -120,7 +120,7 @@ def verify_session(
 
 
 def differing_tables(session: Session, setup: Setup) -> list[str]:
-    """Return the parts of a scene that differ between a session and a setup.
+    """Return the names of the scene file's tables that differ between a session and a setup.
 
     Settings for computing the drive are ignored, because a session is evaluated with its own
     drives.

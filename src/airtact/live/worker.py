@@ -50,7 +50,7 @@ class Mailbox:
             return None if self.ended else message
 
     def look(self, max_age: float) -> Any:
-        """Wait for a message at most ``max_age`` [s] old, and leave it in the mailbox.
+        """Wait for a message at most ``max_age`` [s] old, and read it without removing it.
 
         Returns
         -------
@@ -144,7 +144,7 @@ def dump(message: object, pipe: IO[bytes]) -> None:
 
 
 def main() -> None:
-    """Perform the task described by the first message on standard input, until the input ends."""
+    """Run the function that arrives first on standard input, and pass all later messages to it."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     # Output of libraries must not be mixed with the messages.
     with open(os.devnull, "wb") as nothing:

@@ -173,8 +173,7 @@ class World:
 
         Parameters
         ----------
-        message : the message. Messages with hands only show that the sender is
-            alive.
+        message : the message. Tracked hands in a message are ignored here.
         source : name of the connection.
         keep : whether to keep earlier foci of the source that are not in the message. If so, a
             focus is removed by sending it with strength 0.
@@ -244,7 +243,8 @@ class World:
         count = len({thing.name for thing in (*self._objects, *message.add)} - {*message.remove})
         if count > MAX_OBJECTS:
             raise InvalidInput(
-                f"there would be {count} objects, more than {MAX_OBJECTS}: remove some.",
+                f"there would be {count} objects, but at most {MAX_OBJECTS} are possible: remove "
+                "some.",
                 code="too_many",
             )
         made = {thing.name: self._made(thing) for thing in message.add}

@@ -33,9 +33,9 @@ MAX_NAMES = 8
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """Pressures of several drives, by name, at the points of a window [Pa]; NaN inside bodies.
+    """Pressures [Pa] of several drives, by name, on a plane grid of points (the ``window``).
 
-    ``depth`` contains the ``solid_depth`` of the points.
+    Pressures are NaN inside bodies. ``depth`` contains the ``solid_depth`` of the points.
     """
 
     window: Window

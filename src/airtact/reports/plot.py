@@ -336,6 +336,6 @@ def _check_fits(array: PhasedArray | None, drive: Drive) -> None:
     if array is not None and len(drive) != len(array):
         raise InvalidInput(
             f"a drive of {counted(len(drive), 'element', 'elements')} does not fit an array of "
-            f"{len(array)}.",
+            f"{len(array)} elements.",
             code="sizes_differ",
         )

@@ -25,7 +25,7 @@ AFTER = "#e8590c"
 
 
 def write_sense_page(path: Path, sensed: Sensed) -> None:
-    """Write a self-contained HTML page, replacing an existing file."""
+    """Write an HTML page about the estimated pose of a hand, replacing an existing file."""
     elements, transmissions = sensed.echoes.codes.shape
     left_out = sensed.located.left_out
     # The residual is NaN for elements that did not receive.

@@ -52,7 +52,7 @@ class SceneView:
     reached : (F, D) peak pressure at each focus for each drive [Pa].
     surfaces : bodies with the pressures on them; None in open air.
     slices : pressure of each drive in parallel planes.
-    held_equal : quantity that is equal for all drives, in words.
+    held_equal : description of the quantity that is equal for all drives.
     """
 
     setup: Setup
@@ -96,7 +96,7 @@ def scene_view(
     window: Window,
     held_equal: str,
 ) -> SceneView:
-    """Evaluate drives around the foci and on the bodies.
+    """Evaluate the pressures of drives in slices around the foci and on the bodies.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def scene_view(
     drives : drives by name, with the amplitudes for which the field was solved.
     scales : (D,) factor by which each drive is multiplied for the picture.
     window : grid of points in a plane through the foci; the slices are nearly parallel to it.
-    held_equal : quantity that these factors make equal for all drives, in words.
+    held_equal : description of the quantity that is equal for all drives after scaling.
     """
     columns = list(range(len(drives)))
     slices = slices_around(field.for_pictures, columns, setup.target.points, window)
@@ -126,7 +126,7 @@ def scene_view(
 
 
 def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str, Any]:
-    """Return the values for the template; the page first compares the two ``chosen`` drives."""
+    """Return the values for the page's template; the page first shows the two ``chosen`` drives."""
     facts, numbers = _facts(view)
     return {
         "drives": list(view.drives),
@@ -244,12 +244,12 @@ def stage_facts(
     sheets: Sequence[Float64[np.ndarray, "4 3"]],
     views: Mapping[str, View],
 ) -> tuple[dict[str, Any], bytes]:
-    """Return the facts and the numbers that all 3-D scenes share.
+    """Return the data of any 3-D scene on a page: facts as a dictionary, and arrays as bytes.
 
     Parameters
     ----------
     setup : setup with the transducers and foci.
-    most : largest pressure [Pa].
+    most : pressure at the end of the colour scale [Pa].
     arrays : other arrays by name; those of the transducers are added.
     sheets : corners of each visible plane [m].
     views : views by name, as returned by ``framed``.

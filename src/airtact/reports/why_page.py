@@ -8,7 +8,7 @@ from airtact.setup.explaining import MODULATED, Explanation
 
 
 def write_why_page(path: Path, explained: Explanation, title: str, text: str) -> None:
-    """Write the page, replacing an existing file.
+    """Write a page that explains the pressure at each focus, replacing an existing file.
 
     Parameters
     ----------

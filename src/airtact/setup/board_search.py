@@ -35,7 +35,7 @@ class HandPose:
 
     @cached_property
     def shares(self) -> Float64[np.ndarray, "asked"]:
-        """Weights of the foci with a positive weight, divided by the largest."""
+        """Positive weights of the foci, divided by the largest weight."""
         weights = self.target.weights
         return weights[weights > 0.0] / weights.max()
 
@@ -75,8 +75,8 @@ class Search:
     fixed : poses of boards that stay in place.
     mirror : index of the axis along which boards are mirrored in pairs, and coordinate of the
         mirror plane [m]; None without mirroring.
-    share : layouts are ranked by this quantile, over the poses of the hand, of the pressure at the
-        weakest focus; 0 selects the smallest pressure.
+    share : quantile by which layouts are ranked: of the weakest focus's pressure, over all poses of
+        the hand. A share of 0 selects the smallest pressure.
     """
 
     hands: list[HandPose]
@@ -136,7 +136,7 @@ class Search:
         return Pose(rotation, middle - rotation @ middle_of(self.single))
 
     def fits(self, pose: Pose) -> bool:
-        """Return whether a board is at an allowed distance from the hand and within bounds."""
+        """Return whether a board is at an allowed distance from the hand and inside the region."""
         middle = pose.apply(middle_of(self.single))
         away = np.linalg.norm(middle - self.foci.mean(axis=0))
         if away > self.distance[1] + 1e-6 or self.spare(pose.rotation, middle) < 0.0:
@@ -201,7 +201,7 @@ class Search:
         return [hand.rows(board) for hand in self.hands]
 
     def weakest(self, boards: Sequence[list[FociRows]]) -> float:
-        """Return the quantile ``share``, over all hands, of the weakest focus's pressure [Pa]."""
+        """Return the quantile ``share`` of the weakest focus's pressure over all hands [Pa]."""
         weakest = []
         for parts in zip(*boards, strict=True):
             rows = np.concatenate(parts, axis=1)
@@ -209,7 +209,10 @@ class Search:
         return float(np.quantile(weakest, self.share))
 
     def places(self, seed: int) -> Iterator[tuple[Place, list[Pose] | None]]:
-        """Yield positions of boards that face the foci, evenly over rotations and distances."""
+        """Yield positions of boards that face the foci, evenly over rotations and distances.
+
+        With each position, the poses of its boards are yielded, or None if they do not fit.
+        """
         sequence = qmc.Halton(4, rng=np.random.default_rng(seed))
         order = np.random.default_rng(seed)
         while True:

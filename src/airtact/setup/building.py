@@ -200,7 +200,7 @@ def _modulation(
     motion = Motion(table.kind, table.path, size, table.frequency, table.frames, table.along)
     if motion.path == "points" and foci < 2:
         raise InvalidInput(
-            f'path = "points" requires 2 or more points, but there is {foci}.',
+            f'path = "points" requires at least 2 points, but there is only {foci}.',
             code="too_few",
         )
     return motion
@@ -212,7 +212,7 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     if (name == "free_field") == bool(scene.obstacles):
         state = "obstacles" if scene.obstacles else "no obstacles"
         raise InvalidInput(
-            f"{name} cannot solve a scene with {state}: remove name from [solver].",
+            f"{name} cannot solve a scene with {state}: remove the key name from [solver].",
             code="not_supported",
         )
     if name == "finite_element":

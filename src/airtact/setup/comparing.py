@@ -73,7 +73,7 @@ class Contender:
 
     @property
     def suppression_level(self) -> float:
-        """Mean p² at the suppression points relative to the foci [dB]; NaN without such points."""
+        """Mean p² at the suppression points over that at the foci [dB]; NaN without points."""
         if not len(self.suppression_points):
             return float("nan")
         ratio = np.mean(self.suppression_points**2) / np.mean(self.pressures**2)
@@ -97,7 +97,7 @@ class MethodComparison:
     bound : upper bound [Pa] on the smallest ratio of pressure to weight, for drives up to full
         scale.
     field : verified field, with one excitation for each contender.
-    seconds : wall time by step [s].
+    seconds : wall time of each step [s].
     """
 
     setup: Setup

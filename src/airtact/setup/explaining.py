@@ -72,7 +72,7 @@ class Explanation:
         return np.diff([cause.pressures for cause in self.causes], axis=0, prepend=np.nan)
 
     def change_in_words(self, cause: int, focus: int) -> str:
-        """Return the relative change of the pressure by a cause, such as "−26 %"; "" if none."""
+        """Return the relative change of the pressure by a cause as text, such as "−26 %"."""
         before = self.causes[cause - 1].pressures[focus] if cause else 0.0
         if before == 0.0:
             return ""

@@ -34,9 +34,9 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
     Raises
     ------
     InvalidInput
-        If the text is not TOML, too large or too deeply nested; if a key is unknown, missing, in
-        conflict with another, or one of several keys that exclude each other; or if a value has
-        the wrong type, is not finite, is out of range or is not a known name.
+        If the text is not TOML, too large or too deeply nested. Also if a key is unknown, missing
+        or in conflict with another key, or if a value has the wrong type, is not finite, is out of
+        range or is not a known name.
 
     Examples
     --------
@@ -142,7 +142,9 @@ def _explained(error: msgspec.ValidationError, data: Any) -> InvalidInput:
         )
     missing = re.fullmatch(r"Object missing required field `(.+)`", fault)
     if missing:
-        return InvalidInput(f"the key {_joined(path, missing[1])} is missing.", code="key_missing")
+        return InvalidInput(
+            f"the key {_joined(path, missing[1])} is missing: add it.", code="key_missing"
+        )
     value, kinds = _along(path, data)
     if fault.startswith("Invalid enum value"):
         words = [kind for kind in kinds if isinstance(kind, str)]

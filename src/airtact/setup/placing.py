@@ -221,7 +221,7 @@ def place(
 
     Parameters
     ----------
-    setup : scene and target; its array is compared with the layouts.
+    setup : scene, target, and the array with which the layouts are compared.
     boards : number of boards to place.
     board : kind of the boards; see ``airtact boards``.
     distance : smallest distance of any part of a board from the bodies and foci, and largest
@@ -233,8 +233,8 @@ def place(
         motion of all bodies.
     tries : number of layouts to try before refinement; in a small region, fewer may fit.
     seed : seed of the search. The same arguments lead to the same result.
-    refine : number of layouts to refine, 0 or more: the best ones that differ from each other
-        by over 40 mm.
+    refine : number of layouts to refine, 0 or more. The best layouts are refined, except those
+        within 40 mm of a better one.
     progress : function called with a description of each step as it begins.
     keep_out : boxes that must not contain any board, each given by two opposite corners [m].
     fixed : indices of boards of the setup's array that are part of every layout. In the results,
@@ -302,8 +302,8 @@ def place(
     farthest = within(distance[1], 0.0, MAX_ARRAY_EXTENT, "the largest distance", "m", slip)
     if farthest < nearest:
         raise InvalidInput(
-            f"the largest distance, {farthest:g} m, is below the smallest, {nearest:g} m: give "
-            "the smallest first.",
+            f"the largest distance, {farthest:g} m, is below the smallest, {nearest:g} m: "
+            "pass the smallest distance first.",
             code="out_of_range",
         )
     # Boards of the same kind keep their transducers, as set in the scene file.
@@ -427,7 +427,7 @@ def _fixed(setup: Setup, board: str, indices: Sequence[int]) -> list[Pose]:
         )
     if np.any(array.gains != 1.0):
         raise InvalidInput(
-            "the present array has gains, which fixed boards would lose: remove the calibration.",
+            "fixed boards would lose the gains of the scene's array: remove its calibration.",
             code="not_supported",
         )
     return [poses[index] for index in indices]

@@ -38,9 +38,9 @@ class ReachMap:
         normals.
     triangles : (T, 3) indices of the vertices of each triangle.
     chosen : (P,) indices of the vertices at which the pressure was computed.
-    places : name of the part of the skin at each of these points, such as "index", "palm" or a
+    places : for each chosen vertex, the name of its part of the skin, such as "index", "palm" or a
         body's name.
-    transfer : transfer matrix for these points.
+    transfer : transfer matrix for the chosen vertices.
     report : report that the solver returned.
     """
 
@@ -65,7 +65,7 @@ class ReachMap:
 
     @property
     def normals(self) -> Points:
-        """(P, 3) outward unit normals at these points."""
+        """(P, 3) outward unit normals at the points at which the pressure was computed."""
         return self.vertex_normals[self.chosen]
 
     @cached_property

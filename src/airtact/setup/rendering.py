@@ -83,7 +83,7 @@ class Rendering:
         that the drive reaches.
     sensation : sentences that compare the foci with the tactile threshold.
     warnings : warnings about the setup, the method and both solves.
-    seconds : wall time by step [s].
+    seconds : wall time of each step [s].
     """
 
     setup: Setup

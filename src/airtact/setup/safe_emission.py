@@ -172,7 +172,8 @@ def plan(
         boards_needed(kind, stored.drives.shape[1])
         if stored.positions is None or stored.normals is None:
             raise InvalidInput(
-                "the file contains no positions of transducers: save the drive with its array.",
+                "the file contains no positions of transducers: save the drive again, together "
+                "with the array.",
                 code="data_missing",
             )
         if not stored.drives.any():

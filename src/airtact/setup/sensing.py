@@ -84,11 +84,11 @@ class Sensed:
         second row is relative to the true pose.
     before, after : (F,) pressure at each focus on the actual hand [Pa], for the drives computed
         for the scene file's pose and for the estimated pose.
-    unexplained : (2, R) ratio of the residual to the echoes (both rms) at each receiver, for
-        these two poses.
+    unexplained : (2, R) ratio of the residual to the echoes (both rms) at each receiver, for the
+        scene file's pose and for the estimated pose.
     gap, true_gap : gap of the pinch in the scene file and of the simulated pinch [m]; None without
         a pinch or a simulation. The estimated gap is ``located.opening``.
-    seconds : wall time by step [s].
+    seconds : wall time of each step [s].
     """
 
     setup: Setup
@@ -359,14 +359,16 @@ def calibrate_from_files(
     Raises
     ------
     InvalidInput
-        If both elements and drives are given, if their number differs from that of the scans, if
-        an element does not exist, or for the reasons listed in ``load_scan``, ``read_drive_file``
+        If both elements and drives are given, their number differs from the number of scans, or an
+        element does not exist. Also for the reasons listed in ``load_scan``, ``read_drive_file``
         and ``calibrate_from_scans``.
     NotConverged
         For the reasons listed in ``calibrate_from_scans``.
     """
     if elements and drive_files:
-        raise InvalidInput("use either --element or --drive.", code="options_clash")
+        raise InvalidInput(
+            "--element and --drive cannot be combined: omit one.", code="options_clash"
+        )
     clock = Clock(progress)
     count = len(setup.array)
     scans = [load_scan(file) for file in scan_files]

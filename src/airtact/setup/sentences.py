@@ -255,7 +255,7 @@ def shadows(setup: Setup, transfer: TransferMatrix) -> Iterator[str]:
 def disagreement(
     setup: Setup, transfer: TransferMatrix, drive: Drive, pressures: Float64[np.ndarray, "foci"]
 ) -> Iterator[str]:
-    """Warn if the two solutions differ by more than 1.5 times the requested accuracy."""
+    """Warn if a solution and its verification differ by over 1.5 times the requested accuracy."""
     # The drive comes from the transposed solution. A forward solution with finer panels verifies
     # it. If both agree within the accuracy, panels and solver are not at fault.
     predicted = np.abs(transfer.pressure(drive))[: len(pressures)]

@@ -142,10 +142,10 @@ def drives_at_foci(
 def pressures_of(
     transfer: TransferMatrix, drives: list[Complex128[np.ndarray, "foci elements"]]
 ) -> dict[str, Float64[np.ndarray, "drives foci"]]:
-    """Return the pressure at each focus from the drive for this focus, by keys of ``HELD_EQUAL``.
+    """Return the pressure at each focus from its drive, for each key of ``HELD_EQUAL``.
 
-    Each item of ``drives`` is a result of ``drives_at_foci``. All its drives are scaled by the same
-    factor to set their peak or energy.
+    Each item of ``drives`` is a result of ``drives_at_foci``. For equal peak or energy, all drives
+    of an item are scaled by the same factor.
     """
     rows = transfer.matrix[: len(drives[0])]
 

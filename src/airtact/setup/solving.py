@@ -35,7 +35,7 @@ MOST_UNKNOWNS = 19_000
 
 
 def stored(solver: Solver, store: Path | None) -> Solver:
-    """Return a solver that stores its solutions in ``store``; ``solver`` itself if that is None."""
+    """Return a solver that stores its solutions in ``store``; without it, ``solver`` itself."""
     return solver if store is None else at.Stored(solver, store)
 
 
@@ -69,7 +69,7 @@ def solve_beacons(
 def transfer_to_array(
     setup: Setup, beacons: RadiatedField, clock: Clock
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Compute the transfer matrix from the field of the beacons; one per sample of an uncertainty.
+    """Compute the transfer matrix from the field of the beacons, or one matrix per sample.
 
     Returns
     -------

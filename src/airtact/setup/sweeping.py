@@ -189,8 +189,8 @@ def _checked_row(values: Mapping[str, Any], label: str) -> Row:
         plain = value.item() if isinstance(value, np.generic) else value
         if not isinstance(name, str) or not (plain is None or isinstance(plain, str | float | int)):
             raise InvalidInput(
-                f"{label} has {name!r} = a {type(value).__name__}, but names must be text, and "
-                "values single numbers, text, True, False or None.",
+                f"{label} maps {name!r} to a {type(value).__name__}. Names must be text; values "
+                "must be single numbers, text, True, False or None.",
                 code="wrong_kind",
             )
         row[name] = plain
@@ -344,7 +344,7 @@ class ScenePoints:
     Attributes
     ----------
     scene : path of the scene file.
-    content : hashes of this file and of the files named in it, by which stored results are
+    content : hashes of the scene file and of the files named in it, by which stored results are
         identified.
     """
 

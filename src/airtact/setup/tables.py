@@ -314,9 +314,8 @@ class ObjectKeys(Table, frozen=True):
     Attributes
     ----------
     sphere, capsule, box, cylinder, half_space, button : object of a built-in shape.
-    style : "points" puts a focus where each pad is deepest; "outline" moves a focus
-        along the edge of the contact; "texture" is like "points", but stronger on the
-        ridges of ``grating``.
+    style : "points" puts a focus where the skin is deepest; "outline" moves a focus along the edge
+        of the contact; "texture" is like "points", but stronger on the ridges of ``grating``.
     grating : ridges fixed to the object.
     stiffness : increase of strength per depth, from 0.2 at the surface up to 1 [1/m]; by default
         400, or 0.8 / ``travel`` for a button.
@@ -554,7 +553,7 @@ class TrapTable(Table, frozen=True):
     point : centre of the bead [m].
     kind : "twin" has two lobes of opposite phase along ``axis``; "vortex" has a ring of pressure
         around it.
-    axis : axis of the trap, of any length.
+    axis : direction of the trap's axis, a vector of any length.
     radius : radius of the bead [m].
     density : density of the bead [kg/m³].
     sound_speed : speed of sound in the bead [m/s].
@@ -647,16 +646,16 @@ class UncertaintyTable(Table, frozen=True):
     Attributes
     ----------
     position : standard deviation of the hand's position along each axis [m].
-    rotation : standard deviation of the angle by which the hand rotates about a random axis [°].
+    rotation : standard deviation of the hand's rotation about a random axis [°].
     own_position : standard deviation of an additional shift of each body along each axis [m].
     own_rotation : standard deviation of an additional rotation of each body about a random axis
         [°].
-    along_skin : standard deviation of the position of each focus along the surface [m].
-    age : standard deviation of the time between the measurement of the pose and the emission [s].
+    along_skin : standard deviation of each focus's position along the surface [m].
+    age : standard deviation of the pose's age at the emission [s].
     velocity : velocity of the hand [m/s].
     temperature : standard deviation of the air's temperature [K].
-    humidity : standard deviation of the air's relative humidity, which is a fraction from 0 to 1.
-    gain : standard deviation of each element's amplitude, as a fraction of its nominal amplitude.
+    humidity : standard deviation of the air's relative humidity (0 to 1).
+    gain : relative standard deviation of each element's amplitude.
     phase : standard deviation of each element's phase [°].
     dead : expected fraction of the elements that emit nothing.
     samples : number of samples that the method uses.

@@ -98,7 +98,7 @@ def _object(table: ObjectTable, folder: Path) -> "at.VirtualObject":
 def object_of(
     keys: ObjectKeys, name: str, pose: "at.Pose | None", shape: Surface | None
 ) -> "at.VirtualObject":
-    """Build a virtual object from its keys; if ``shape`` is None, they define one of ``SOLIDS``."""
+    """Build a virtual object from its keys, which define one of ``SOLIDS`` if ``shape`` is None."""
     solid = shape
     if solid is None:
         key = next(key for key in SOLIDS if getattr(keys, key) is not None)

@@ -27,7 +27,7 @@ class Contacts:
     skin : points of the skin.
     virtual_objects : all objects, whether touched or not.
     offset : distance of the foci from the skin, outward [m].
-    found : the contacts in the form of arrays.
+    found : arrays with the properties of all contacts, such as their depths.
     """
 
     skin: Skin

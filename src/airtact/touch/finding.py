@@ -44,7 +44,7 @@ class ContactArrays(NamedTuple):
     member_depths: tuple[Float64[np.ndarray, "_"], ...]
 
     def chosen(self, indices: Int64[np.ndarray, "_"]) -> "ContactArrays":
-        """Return the contacts with these indices."""
+        """Return only the contacts with these indices."""
         arrays = {name: getattr(self, name)[indices] for name in self._fields[:-2]}
         return self._replace(
             **arrays,
@@ -73,7 +73,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
     Parameters
     ----------
     skin : points of the skin, with their normals, areas and neighbours.
-    objects : virtual objects, already checked.
+    objects : virtual objects, as checked by ``objects_of``.
     gap : largest distance from an object at which skin still counts as a contact [m].
     """
     near = _within_reach(skin, objects, gap)

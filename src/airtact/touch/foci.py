@@ -48,7 +48,7 @@ class TouchFoci:
 
     @property
     def note(self) -> str:
-        """Sentence about merged and dropped contacts; empty if there are none."""
+        """Sentence about contacts that were merged or have no focus; empty if there are none."""
         if not self.merged + self.dropped:
             return ""
         return (

@@ -43,11 +43,11 @@ class Skin:
     normals : (N, 3) outward unit normals.
     areas : (N,) area that each point represents [m²].
     triangles : (T, 3) indices of the points of each triangle.
-    places : names of the fingers and other parts.
+    places : names of the parts of the skin, such as fingers.
     place : (N,) index of the part to which each point belongs.
     neighbours : (N, K) indices of the points that share an edge with each point, padded with the
         index of the point itself; by default, derived from the triangles.
-    bodies : exact surface of the body of each part; None if unknown.
+    bodies : exact surface of the body to which each part belongs; None if unknown.
     look : for a moved skin, a function that returns the signed distances (P,) [m] of
         points (P, 3) from its exact surface, and the outward unit normals (P, 3) there;
         None if unknown.
@@ -95,10 +95,10 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     ----------
     bodies : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to
         them.
-    longest_edge : longest distance between neighbours [m]. By default, a hand has about 6,000
-        points, so that a fingertip 2 mm deep in a ball has several points inside it. With 10 mm,
-        which suits a live loop, a hand has 1,600 points; their density at the finger pads is the
-        same.
+    longest_edge : longest distance between neighbouring points [m]. By default, a hand has about
+        6,000 points, so that a fingertip 2 mm deep in a ball has several points inside it. With 10
+        mm, which suits a live loop, a hand has 1,600 points; the finger pads keep their density of
+        points.
 
     Returns
     -------
@@ -182,8 +182,8 @@ def _fine_mesh(
         edges, inverse = np.unique(ends, axis=0, return_inverse=True)
         if len(vertices) + len(edges) > MAX_POINTS:
             raise InvalidInput(
-                f"the surface requires more than {MAX_POINTS:,} skin points at most "
-                f"{1e3 * longest_edge:g} mm apart: pass only the part that touches the objects.",
+                f"the surface requires more than {MAX_POINTS:,} skin points if neighbours are at "
+                f"most {1e3 * longest_edge:g} mm apart: pass only the part that touches objects.",
                 code="too_many",
             )
         middles = surface.shape.project(vertices[edges].mean(axis=1))

@@ -57,13 +57,13 @@ class Bones:
     def motions_to(
         self, now: "Bones"
     ) -> tuple[Float64[np.ndarray, "hulls 3 3"], Float64[np.ndarray, "hulls 3"]]:
-        """Return each bone's rotation, to be multiplied from the right, and its translation [m]."""
+        """Return each bone's motion to a new pose: x becomes x @ rotation + translation [m]."""
         turns = np.einsum("hij,hik->hjk", self.axes, now.axes)
         return turns, now.starts - np.einsum("hj,hjk->hk", self.starts, turns)
 
 
 def bones_of(hand: Hand) -> Bones:
-    """Return the bones of a hand; its joints and the axes of its fingers define their axes."""
+    """Return the bones of a hand, with axes defined by its joints and the hinges of its fingers."""
     joints = hand.joints
     palm = joints[[5, 6, 10, 11, 15, 16, 20, 21]].mean(axis=0)
     normal = cross(joints[11] - joints[0], joints[6] - joints[21])
@@ -138,7 +138,7 @@ class SkinSources:
     Attributes
     ----------
     time : time of the predicted pose, on the tracker's clock [s].
-    posed, bones : the hand in that pose, and its bones.
+    posed, bones : the hand in the predicted pose, and its bones.
     points : (N, 3) positions of the sources [m].
     weights : (N, H) weight of each bone in the motion of each source.
     strengths : (N, F) strength of each source for each beacon [Pa·m].
@@ -323,13 +323,13 @@ class BendingPanels:
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
         """Solve the scattering in another pose for sources away from the skin.
 
-        This requires all panels.
+        All panels are required, so ``min_seen`` must be 0.
         """
         _, corners, inside = self.bent(posed.hand)
         return self.panels.received(corners, inside, sources, residual)
 
     def bent(self, hand: Hand) -> tuple[Bones, QuadraticTriangles, Points]:
-        """Return the bones of a hand, its panels, and the second collocation points."""
+        """Return the bones of a hand, its bent panels, and their second collocation points."""
         bones = bones_of(hand)
         corners = moved_by_bones(
             self.panels.corners.reshape(-1, 3), self._corner_weights, self._bones, bones
@@ -393,7 +393,7 @@ class BendingHand:
         self._solutions = [*self._solutions[-59:], solution]
 
     def carried(self, joints: Joints, time: float) -> CarriedFactors | None:
-        """Move the solution of the most similar pose to this pose; None if there is no solution."""
+        """Move the solution of the most similar pose to this pose; None without solutions."""
         solutions = self._solutions
         posed = pose_hand(self._scene, joints)
         if not solutions:

@@ -53,8 +53,8 @@ class HandFactors:
     foci, distances, directions : the pose, as in ``PosedHand``.
     factors : (P, R) ratio of the pressure with the hand to that in open air, for each source at
         each of ``beacon_points``.
-    share : fraction of the pressure of a new solution that remains after this solution was moved
-        here from another pose; 1 if it was not moved.
+    share : expected pressure with this solution, divided by that with a solution computed for this
+        pose; below 1 if the solution was moved here from another pose.
     """
 
     part: Rule
@@ -73,14 +73,14 @@ class HandFactors:
 
 
 def beacon_points(scene: LiveScene, posed: PosedHand) -> Float64[np.ndarray, "points 3"]:
-    """Return the beacon positions (P, 3) [m]: first the foci, then those of each frame."""
+    """Return the beacon positions (P, 3) [m]: first the foci, then the foci of each frame."""
     if scene.moving is None:
         return posed.foci
     return np.concatenate([posed.foci, moving_points(scene.moving, posed).reshape(-1, 3)])
 
 
 def hulls_of(part: str, places: Sequence[str]) -> list[int]:
-    """Return the indices of a hand's ``PARTS`` to include for foci at some places."""
+    """Return the indices in ``PARTS`` that make up a part of a hand with foci at these places."""
     if part == "hand":
         return list(range(len(PARTS)))
     chosen = set()
@@ -205,7 +205,7 @@ class RigidParts:
         self._solver = solver.factorised(air, refined=self._reference.foci)
 
     def solved(self, joints: Joints, time: float) -> HandFactors:
-        """Solve the scattering in another pose, with the parameters and errors of ``solved``."""
+        """Solve the scattering in another pose; see the function ``solved``."""
         scene = self._scene
         posed = pose_hand(scene, joints)
         # Running mean of the bone lengths, which ``outgrown`` compares with the bodies.
@@ -246,7 +246,7 @@ class PartSolver:
         self._rigid: RigidParts | None = None
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve the scattering by a part, with the parameters and errors of ``solved``."""
+        """Solve the scattering by a part of the hand; see the function ``solved``."""
         if part == "phalanges" and "palm" not in self._scene.places:  # the palm is too large
             with suppress(InvalidInput):  # bodies that touch are solved as one body instead
                 if self._rigid is None or self._rigid.outgrown:

@@ -89,7 +89,7 @@ def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
 
 
 def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
-    """Return whether solving one of the parts should yield more pressure than open-air phases.
+    """Return whether solving one of the parts should yield more pressure than ignoring the hand.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
 
 
 class Library:
-    """Solutions for one part in several poses; new solutions replace the oldest.
+    """Solutions for one part of a hand in several poses; new solutions replace the oldest.
 
     ``add`` stores a solution, and ``best`` returns the most suitable one for a pose.
 
@@ -154,7 +154,9 @@ class Library:
         self._directions[index] = solution.directions
 
     def best(self, posed: PosedHand, noise: float = 0.0) -> tuple[float, HandFactors | None]:
-        """Return the expected fraction of the attainable pressure, and the best solution.
+        """Return the expected pressure with the best solution for a pose, and this solution.
+
+        The pressure is a fraction of the attainable pressure. An empty library returns 0 and None.
 
         Parameters
         ----------

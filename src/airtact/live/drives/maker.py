@@ -27,7 +27,9 @@ def solved_for(scene: LiveScene) -> list[Rule]:
 
 
 def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints] | None:
-    """Return the joints (25, 3) [m] and their velocities [m/s] at a time [s]; None without a hand.
+    """Return the predicted joints (25, 3) [m] and their velocities (25, 3) [m/s] at a time [s].
+
+    None is returned if no hand is seen.
 
     Raises
     ------
@@ -129,9 +131,10 @@ class HandAware(SolvingMaker):
         self._rejected = {focus.name: reason for focus in foci}
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive whose sound will be in the air at a time [s]; zero if no hand is seen.
+        """Compute the drive whose sound will be in the air at a time [s].
 
-        The cap, the modulation and ``playing`` are applied by the loop.
+        All amplitudes are 0 if no hand is seen. The loop applies the cap, the modulation and
+        ``playing``.
         """
         self._collect()
         if self._newest is None:

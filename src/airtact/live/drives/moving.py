@@ -17,14 +17,14 @@ Points = Float64[np.ndarray, "points 3"]
 
 
 class Rounds:
-    """Computes the frames in which foci run along their paths; call ``frames`` for each pose.
+    """Computes drives that move foci along their paths on a hand; call ``frames`` for each pose.
 
     Parameters
     ----------
     scene : scene of the live loop.
     moving : paths of the foci.
-    open_air : function that returns the pressure at foci (F, 3) per unit drive of each source in
-        open air (F, R) [Pa].
+    open_air : function that returns the open-air pressure (F, R) [Pa] at foci (F, 3) per unit drive
+        of each source.
     """
 
     def __init__(

@@ -29,7 +29,8 @@ class MovingSkin:
 
     Attributes
     ----------
-    bones : bones of the hand in its newest pose; None before the first one.
+    bones : axes and starting points of the hand's bones in the newest pose; None before the first
+        call of ``at``.
     """
 
     def __init__(self) -> None:
@@ -37,7 +38,11 @@ class MovingSkin:
         self.bones: Bones | None = None
 
     def at(self, hand: Hand) -> Skin:
-        """Return the skin of the hand in a pose."""
+        """Move the skin to the pose of a hand, and return it.
+
+        The skin is meshed at the first call, and again if the length of the hand has changed by a
+        tenth.
+        """
         self.bones = bones_of(hand)
         length = hand_length(hand.joints)
         meshed = self._meshed

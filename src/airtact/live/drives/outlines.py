@@ -21,7 +21,7 @@ FRAMES = 12
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The outline of a contact.
+    """Outline of a contact, along which a focus runs.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Round:
     Attributes
     ----------
     points : (N, 3) position of the focus in each frame [m].
-    outlines : the outline on which the focus is in each frame.
+    outlines : the outline along which the focus runs, for each frame.
     rate : frames per second.
     """
 
@@ -62,8 +62,8 @@ def curves_at(
 ) -> tuple[Points, ...]:
     """Return the curves along which a focus runs at a contact, at an offset [m] from the skin.
 
-    Closed curves begin at the same place and have the same sense of rotation in all poses, because
-    a focus that jumps at each new pose would be felt.
+    Closed curves begin at the same place and have the same sense of rotation in all poses.
+    Otherwise, the focus would jump at each new pose, which can be felt.
     """
     normal = contacts.normals[index]
     axis = np.eye(3)[np.abs(normal).argmin()]

@@ -33,7 +33,7 @@ Owners = Int64[np.ndarray, "points"]
 
 @dataclass(frozen=True, eq=False)
 class SkinRequest:
-    """Request to solve for beacons, which are virtual sources at points on hands.
+    """Request to solve the scattering for beacons, which are virtual sources at points on hands.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class SkinRequest:
     sent : time when the request was sent, by ``time.monotonic`` [s].
     joints : (25, 3) joints of each hand [m].
     velocities : (25, 3) velocities of the joints of each hand [m/s].
-    points : (B, 3) positions of the beacons in this pose [m].
+    points : (B, 3) positions of the beacons when the hands have the joints ``joints`` [m].
     owners : (B,) index in ``SIDES`` of the hand with which each beacon moves.
     """
 
@@ -55,7 +55,11 @@ class SkinRequest:
     __repr__ = in_short
 
     def after(self, ahead: float) -> tuple["SkinRequest", Mapping[Side, Joints]]:
-        """Return the request itself, and its joints extrapolated by a time [s]."""
+        """Return this request, and the joints that each hand will have after a time [s].
+
+        The joints are extrapolated with their velocities. They stay unchanged if the result would
+        not form a hand.
+        """
         later = {}
         for side, joints in self.joints.items():
             try:
@@ -67,13 +71,13 @@ class SkinRequest:
 
 @dataclass(frozen=True, eq=False)
 class SkinFactors:
-    """Solution for beacons (virtual sources at points on hands) in one pose.
+    """Solution of the scattering for beacons (virtual sources at points on hands) in one pose.
 
     Attributes
     ----------
     time : time of the predicted pose, on the tracker's clock [s].
-    bones : bones of each hand.
-    points : (B, 3) positions of the beacons in that pose [m].
+    bones : axes and starting points of the bones of each hand in the predicted pose.
+    points : (B, 3) positions of the beacons in the predicted pose [m].
     owners : (B,) index in ``SIDES`` of the hand with which each beacon moves.
     weights : (B, H) weight of each bone in the motion of each beacon.
     factors : (B, R) ratio of the pressure with the hands to that in open air, for each beacon and
@@ -136,7 +140,7 @@ class SkinSolver:
     def solved(
         self, asked: tuple[SkinRequest, Mapping[Side, Joints]], time: float
     ) -> SkinFactors | None:
-        """Solve for the beacons of a request with the joints at a time [s].
+        """Solve the scattering for the beacons of a request, with the pose at a time [s].
 
         Returns
         -------

@@ -46,7 +46,7 @@ class Request:
     __repr__ = in_short
 
     def after(self, ahead: float) -> Joints:
-        """Extrapolate the joints by a time [s]; keep them if the result is not a hand."""
+        """Return the joints after a time [s], or unchanged if the result is not a hand."""
         try:
             return joints_of(self.joints + ahead * self.velocities)
         except InvalidInput:
@@ -87,7 +87,7 @@ class SolverProcess:
         self._worker.put(request)
 
     def solutions(self) -> list[Any]:
-        """Return the solutions and the messages of failed requests since the last call."""
+        """Return all solutions and error messages that have arrived since the last call."""
         answers = [self._solutions.popleft() for _ in range(len(self._solutions))]
         return [answer for answer in answers if answer is not None]
 
@@ -117,7 +117,7 @@ def solve_hands(
 
 
 def solved_ahead(seconds: float) -> float:
-    """Return how far ahead to solve [s], given the duration of a solution [s]."""
+    """Return the time [s] by which to extrapolate a hand, given the time taken to solve it [s]."""
     # A solution is ready after one solving time and used for another: aim at the middle of its use.
     return 1.5 * seconds
 

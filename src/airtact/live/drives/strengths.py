@@ -32,8 +32,8 @@ def balanced(
     Returns
     -------
     (E,) amplitudes; the largest equals the strength of the strongest focus. A focus is omitted if a
-    stronger one is within a quarter of a wavelength, or if the array can hardly reach it: the
-    largest pressure that it can produce there is less than 5 % of the median over the foci.
+    stronger one is within a quarter of a wavelength. It is also omitted if the largest pressure
+    that the array can produce there is less than 5 % of the median over the foci.
     """
     folded = scene.with_images.folded(rows)
     attainable = np.abs(folded).sum(axis=1)

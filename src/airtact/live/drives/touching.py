@@ -100,8 +100,8 @@ class TouchAware(SolvingMaker):
     ----------
     scene : the fixed part of the scene.
     noise, agility : see ``HandAware``.
-    solvers : solvers for skin; by default, a single process. If empty, phases are set from path
-        lengths alone.
+    solvers : processes that solve the scattering by skin; by default, a single one. If the sequence
+        is empty, phases are set from path lengths alone.
     rest : the hand that will be followed, in any pose. Passing it avoids a delay of half a
         second before the first sound, because its skin is meshed in advance.
 
@@ -284,8 +284,8 @@ class TouchAware(SolvingMaker):
                 if (apart < closest).any():
                     name = present[int(apart.argmin())]
                     raise InvalidInput(
-                        f"the focus is {millimetres(apart.min())} from {name}, less than a tenth "
-                        "of the wavelength: remove one of them.",
+                        f"the focus is only {millimetres(apart.min())} from {name}. Move it at "
+                        "least a tenth of the wavelength away, or remove one of them.",
                         point,
                         code="misplaced",
                     )

@@ -176,7 +176,7 @@ class PageProcess:
         self._put()
 
     def tell(self, status: object) -> None:
-        """Show a status as text."""
+        """Show a text as the status of the loop."""
         self._shown = replace(self._shown, status=str(status))
         self._put()
 
