@@ -70,7 +70,10 @@ def test_a_wrong_key_is_named_with_its_path_and_the_nearest_right_one(text, sent
             LEAST.replace("[0.0, 0.0, 0.0]", "[0.0, 0.0]"),
             "foci[0].point: expected a list of length 3, got 2.",
         ),
-        (LEAST.replace('layout = "surrounding_box"', ""), "the key array.layout is missing: add it."),
+        (
+            LEAST.replace('layout = "surrounding_box"', ""),
+            "the key array.layout is missing: add it.",
+        ),
         (
             LEAST + "[drive]\nlevels = 12.5",
             "drive.levels: expected a whole number or a table, got a number.",
