@@ -113,10 +113,9 @@ def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:
 class HeadLevel:
     """Sound pressure level at a head 0.5 m from an array in open air, for capped drives.
 
-    The level ignores nonlinear steepening, which is negligible at
-    ``MAX_HEAD_LEVEL`` and therefore does not affect ``safe_cap``. At full
-    scale, steepening moves sound from loud points beyond a focus to quieter
-    ones (``python -m benchmarks.nonlinear beyond``).
+    The level ignores nonlinear steepening, which is negligible at ``MAX_HEAD_LEVEL`` and therefore
+    does not affect ``safe_cap``. Beyond a focus, steepening at full scale lowers the level at loud
+    points and raises it at quieter points (``python -m benchmarks.nonlinear beyond``).
 
     Attributes
     ----------

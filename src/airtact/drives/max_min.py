@@ -98,8 +98,8 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
 
     Returns
     -------
-    The bound and its certificate. The bound is a fraction of the requested pressures. If no
-    pressure is requested, it is a ratio of pressure to share [Pa].
+    The bound, with the multipliers that certify it. The bound is a fraction of the requested
+    pressures. If no pressure is requested, it is a ratio of pressure to share [Pa].
 
     Raises
     ------

@@ -239,7 +239,8 @@ def moving_foci(
     points = len(target.points)
     if points % foci or not points:
         raise InvalidInput(
-            f"{points} points cannot be divided evenly into frames with {foci} foci each.",
+            f"{points} points cannot be divided evenly into frames with {foci} foci each. Use a "
+            "multiple of the number of foci.",
             code="sizes_differ",
         )
     # Boards need a few frames; each position is repeated until there are enough.

@@ -119,7 +119,8 @@ def robust(
     for word, allowed in ((goal, get_args(Goal)), (limit, get_args(Limit))):
         if word not in allowed:
             raise InvalidInput(
-                f'"{word}" is unknown. Use one of {", ".join(allowed)}.', code="unknown_name"
+                f'"{word}" is not a goal or limit. Use one of {", ".join(allowed)}.',
+                code="unknown_name",
             )
     nominal, requests = asked_rows(ensemble, target)
     samples = sampled_rows(ensemble, target)

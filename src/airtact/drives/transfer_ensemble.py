@@ -60,7 +60,7 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class TransferEnsemble(TransferMatrix):
-    """The nominal transfer matrix and those of S sampled hands, as returned by ``ensemble``.
+    """The transfer matrices of a nominal hand and of S sampled hands, as returned by ``ensemble``.
 
     Functions that expect a ``TransferMatrix`` use the nominal one; ``robust`` uses all samples.
 
@@ -164,9 +164,9 @@ def ensemble(
 
     Returns
     -------
-    The nominal transfer matrix and that of each sample. A sample is impossible if an element or a
-    focus is inside a body, or if a body or a focus is behind the face of an element. Such samples
-    are skipped and counted.
+    The nominal transfer matrix and the transfer matrix of each sample. A sample is impossible if an
+    element or a focus is inside a body, or if a body or a focus is behind the face of an element.
+    Such samples are skipped and counted.
 
     Raises
     ------

@@ -283,7 +283,8 @@ def _along_ridge(
 class MeshShape(Shape):
     """A mesh of quadratic triangles at a pose.
 
-    ``cached`` maps settings to the panels that were made with them for the mesh before its motion.
+    ``cached`` contains panels of the mesh before its motion; the keys are the settings of the
+    panels.
     """
 
     mesh: QuadraticMesh

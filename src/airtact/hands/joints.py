@@ -130,9 +130,9 @@ def joints_of(
 
 
 def completed(points: Float64[np.ndarray, "joints 3"]) -> Joints:
-    """Return 25 joints (or joint velocities), given 25 or 21.
+    """Return 25 joints (or joint velocities), and estimate the missing ones if 21 are given.
 
-    MediaPipe and Leap do not report the bases of the fingers, so these are estimated.
+    The missing joints are the bases of the fingers, which MediaPipe and Leap do not report.
     """
     if len(points) == 25:
         return points

@@ -45,7 +45,7 @@ def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:
 
 
 def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: str) -> Joints:
-    """Replace the joints between knuckles and tips; the bones get the given ``lengths`` [m].
+    """Replace the joints between knuckles and tips so that the bones have ``lengths`` [m].
 
     If the errors of the landmarks are as large as a bone, only the distance from knuckle to tip is
     reliable. The joints in between are therefore bent in their usual ratio, until the finger spans

@@ -54,7 +54,10 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
         with about(f"line {line} of {path.name}"):
             element = int(index)
             if element != index:
-                raise InvalidInput(f"element {index:g} is not a whole number.", code="not_a_number")
+                raise InvalidInput(
+                    f"the element {index:g} is not a whole number. Use the index of an element.",
+                    code="not_a_number",
+                )
             if not 0 <= element < elements:
                 raise InvalidInput(
                     f"there is no element {element}: the array has elements 0 to {elements - 1}.",
@@ -62,7 +65,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
                 )
             if element in lines:
                 raise InvalidInput(
-                    f"element {element} is already in line {lines[element]}.",
+                    f"element {element} is already in line {lines[element]}. Remove one line.",
                     code="given_twice",
                 )
             if not 0.0 <= gain <= 10.0:  # a larger gain is probably in per cent

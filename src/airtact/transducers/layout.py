@@ -370,7 +370,8 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     kind = board_named("autd3" if board is None else board)
     if kind.outline is None:
         raise InvalidInput(
-            f"the size of {kind.name} boards is unknown, so they cannot form a box.",
+            f"the size of {kind.name} boards is unknown, so they cannot form a box. Use another "
+            "kind of board.",
             code="unknown_name",
         )
     distance = 70e-3 if board is None else kind.outline[1] / 2

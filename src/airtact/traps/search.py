@@ -22,7 +22,7 @@ from airtact.traps.gorkov import (
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """Verdict on whether a point traps a bead, with the reasons.
+    """Verdict on whether a point traps a bead, with the values on which it is based.
 
     Attributes
     ----------

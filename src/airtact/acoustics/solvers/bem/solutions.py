@@ -314,10 +314,10 @@ class DirectSolution:
     def refined(self, points: Vectors) -> NodalPressure:
         """Return nodes and pressure on the surface, with smaller panels near some points.
 
-        The panels near the points are divided into four. The pressure on the pieces follows from
-        the integral equation itself, and is smoother than the quadratic through the six nodes
-        (Nyström interpolation, Atkinson, The Numerical Solution of Integral Equations of the Second
-        Kind, 1997, section 4).
+        Each panel near the points is divided into four. The pressure on the pieces follows from the
+        integral equation itself, and is smoother than the quadratic through the six nodes (Nyström
+        interpolation, Atkinson, The Numerical Solution of Integral Equations of the Second Kind,
+        1997, section 4).
         """
         nodes = self.surface.nodes
         first, panel = near_lists(nodes, points, self.surface.near_rule.reach * nodes.radii)
