@@ -87,10 +87,9 @@ class Frame:
 def frame_at(amplitudes: Complex[np.ndarray, "elements"], levels: Levels, share: float) -> Frame:
     """Multiply the amplitudes of a drive by ``share``, and round them to levels.
 
-    On boards with amplitude levels, the amplitude of every element is reduced.
-    On boards without amplitude levels, only this fraction of the elements is
-    switched on, spread evenly over the array. The pressure at a focus is then
-    proportional to the number of active elements.
+    On boards with amplitude levels, the amplitude of every element is reduced. On boards without
+    amplitude levels, only the fraction ``share`` of the elements is switched on, spread evenly over
+    the array. The pressure at a focus is then proportional to the number of active elements.
     """
     if not levels.phase_only:
         return Frame(*levels.rounded(share * amplitudes), levels)

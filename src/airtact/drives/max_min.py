@@ -231,7 +231,7 @@ class Stalled(UserWarning):
 
 
 def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) -> Drive:
-    """Compute the drive that maximises the pressure at the weakest focus, choosing all phases.
+    """Compute the drive with the most pressure at the weakest focus, for any phases at the foci.
 
     The method first solves the semidefinite relaxation of ``upper_bound`` (Inoue, Makino and
     Shinoda, IEEE World Haptics 2015), in which every element may emit several signals in turn. It

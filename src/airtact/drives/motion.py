@@ -232,8 +232,8 @@ def moving_foci(
     Raises
     ------
     InvalidInput
-        If the points do not fill whole frames, if ``turns`` is too large for the clock, or if the
-        method raises this error.
+        If the points do not fill whole frames, if ``turns`` is too large for the clock, or under
+        the conditions listed for the method.
     """
     of_kind(target, Target, "the target", "moving_target(target, paths)")
     points = len(target.points)

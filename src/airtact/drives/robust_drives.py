@@ -83,8 +83,8 @@ def robust(
 
     Parameters
     ----------
-    ensemble : the samples, from ``ensemble``. A plain transfer matrix is treated as a single sample
-        without uncertainty.
+    ensemble : the samples, as returned by the function ``ensemble``. A plain transfer matrix is
+        treated as a single sample without uncertainty.
     target : the foci and their requested pressures.
     goal : "lowest tenth", the pressure that the weakest focus exceeds in 9 out
         of 10 samples; "mean", its mean over the samples; or "worst", its

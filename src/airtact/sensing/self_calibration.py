@@ -464,8 +464,8 @@ def _separated(echoes: Echoes) -> tuple[Pairs, float]:
         raise InvalidInput(
             "the codes of "
             f"{counted(codes.shape[1], 'transmission separate', 'transmissions separate')} only "
-            f"{separated} of {len(codes)} elements, but calibration must separate all. Use the "
-            f"codes hadamard_codes({len(codes)}).",
+            f"{separated} of {len(codes)} elements, but calibration must separate all. Use "
+            f"hadamard_codes({len(codes)}) as codes.",
             code="too_few",
         )
     inverse = vectors / values @ vectors.conj().T
