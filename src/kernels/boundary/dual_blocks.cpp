@@ -22,16 +22,16 @@ void fill(const double *targets, const double *shifted, const double *points, co
           const std::complex<double> *single, std::int64_t m, Wavenumber wavenumber, double diagonal, const NearRows &near, const NearRows &near_shifted, const Pairs &whole,
           Store *blocks) {
     using Real = typename Arithmetic<Store>::Real;
-    const double zero[3] = {0, 0, 0};
     const Origin origin(points, m);
     const Planes<Real> y(points, m, origin.at), x(targets, m, origin.at), x2(shifted, m / sharing, origin.at);
-    const Planes<Real> a(normals, m, zero);
+    const Normals<Real> a(normals, m);
     const Strengths<Real> mixed(single, m);
     const Wave<Real> k(wavenumber);
     constexpr std::int64_t row_words = 2 * stored<Store>;
 #pragma omp parallel for schedule(dynamic, 8)
     for (std::int64_t group = 0; group < m / sharing; group++) {
-        Real rows[sharing][2 * lanes], t[sharing][3], t2[3];
+        alignas(cache_line) Real rows[sharing][2 * lanes];
+        Real t[sharing][3], t2[3];
         std::int64_t next_inside = near_shifted.first[group], next[sharing];
         for (std::int64_t r = 0; r < sharing; r++) next[r] = near.first[sharing * group + r];
         for (int d = 0; d < 3; d++) {
@@ -44,18 +44,23 @@ void fill(const double *targets, const double *shifted, const double *points, co
             const Real *sx = y[0] + begin, *sy = y[1] + begin, *sz = y[2] + begin;
             const Real *nx = a[0] + begin, *ny = a[1] + begin, *nz = a[2] + begin;
             const Real *of_re = Mixed ? mixed.re.data() + begin : nullptr, *of_im = Mixed ? mixed.im.data() + begin : nullptr;
+            Store *const out = blocks + row_words * (lanes * e + top);
+            fetch<1>(out, row_words * lanes * sizeof(Store), sharing * row_words * sizeof(Store));  // of the next block
+            for (std::int64_t j = 0; j < filled; j += line<Real>) {
+                const auto layer = [&](const Real *from, Real *re, Real *im) {
+                    double_layer_line<Real, Lossy, Mixed>(from, sx + j, sy + j, sz + j, nx + j, ny + j, nz + j, k, Real(0), re, im,
+                                                          Mixed ? of_re + j : of_re, Mixed ? of_im + j : of_im);
+                };
+                Real inside_re[line<Real>], inside_im[line<Real>], re[line<Real>], im[line<Real>];
+                layer(t2, inside_re, inside_im);
+#pragma GCC unroll 3
+                for (std::int64_t r = 0; r < sharing; r++) {  // all that share x' at once, which hides the latency
+                    layer(t[r], re, im);
 #pragma omp simd
-            for (std::int64_t l = 0; l < filled; l++) {  // i D(x') - D(x), all that share x' at once, which hides the latency
-                Real inside_re, inside_im, re, im;
-                const Real p = strength<Mixed>(of_re, l), q = strength<Mixed>(of_im, l);
-                double_layer<Real, Lossy, Mixed>(sx[l] - t2[0], sy[l] - t2[1], sz[l] - t2[2], nx[l], ny[l], nz[l], k,
-                                                 Real(0), inside_re, inside_im, p, q);
-#pragma GCC unroll 3  // or the compiler leaves a loop here, and does not vectorise the one around it
-                for (int r = 0; r < sharing; r++) {
-                    double_layer<Real, Lossy, Mixed>(sx[l] - t[r][0], sy[l] - t[r][1], sz[l] - t[r][2], nx[l], ny[l],
-                                                     nz[l], k, Real(0), re, im, p, q);
-                    rows[r][l] = -re - inside_im;
-                    rows[r][l + lanes] = inside_re - im;
+                    for (int l = 0; l < line<Real>; l++) {  // i D(x') - D(x)
+                        rows[r][j + l] = -re[l] - inside_im[l];
+                        rows[r][lanes + j + l] = inside_re[l] - im[l];
+                    }
                 }
             }
             for (std::int64_t r = 0; r < sharing; r++) clear_rest(rows[r], n);
@@ -68,9 +73,8 @@ void fill(const double *targets, const double *shifted, const double *points, co
                     rows[r][l] -= Real(re), rows[r][l + lanes] -= Real(im);
                 });
                 if (begin <= i && i < begin + n) rows[r][i - begin] += Real(diagonal);
-                Store *out = blocks + row_words * (lanes * e + top + r);
-                store(rows[r], out);
-                store(rows[r] + lanes, out + stored<Store>);
+                store(rows[r], out + r * row_words);
+                store(rows[r] + lanes, out + r * row_words + stored<Store>);
             }
         }
     }

@@ -11,12 +11,13 @@ static_assert(block % whole_lines<float>(1) == 0, "blocks are whole cache lines"
 
 // The double layer of a surface whose panels may have a single layer too
 template <class Real> struct Layer {
-    Planes<Real> position, normal;
+    Planes<Real> position;
+    Normals<Real> normal;
     Strengths<Real> single;
     Wave<Real> k;
     Layer(const double *sources, const double *normals, const std::complex<double> *given, std::int64_t m,
           const double *origin, Wavenumber wavenumber)
-        : position(sources, m, origin), normal(normals, m, zero), single(given, m), k(wavenumber) {}
+        : position(sources, m, origin), normal(normals, m), single(given, m), k(wavenumber) {}
     // Entries of the target x with n nodes from j on
     void row(const Real *x, std::int64_t j, std::int64_t n, Real least, Real *re, Real *im) const {
         const Real *sx = position[0] + j, *sy = position[1] + j, *sz = position[2] + j;
@@ -41,9 +42,6 @@ template <class Real> struct Layer {
         else
             double_layer_column<Real, false>(y, a, tx, ty, tz, n, k, re, im);
     }
-
-  private:
-    static constexpr double zero[3] = {0, 0, 0};
 };
 
 template <class Real, class Row>
@@ -112,7 +110,7 @@ template <class Real> struct Chosen {
             for (std::int64_t l = 0; l < n; l++) place[d][l] = Real(sources[3 * index[l] + d] - centre[d]);
             if (!normals) continue;
             normal[d].resize(n);
-            for (std::int64_t l = 0; l < n; l++) normal[d][l] = Real(normals[3 * index[l] + d]);
+            for (std::int64_t l = 0; l < n; l++) normal[d][l] = Real(shared * normals[3 * index[l] + d]);
         }
         for (int part = 0; mixed && part < 2; part++) {
             single[part].resize(n);

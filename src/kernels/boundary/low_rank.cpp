@@ -11,7 +11,9 @@ constexpr int checks = 3;               // rows in turn whose residual must be s
 constexpr std::int64_t stride = 73;     // from one of them to the next: prime to `lanes`, so that all are checked
 
 template <class Real> struct Geometry {  // that the entries follow from: nodes of the columns; x and x' of each of the rows
-    Planes<Real> position, normal, target, inside;
+    Planes<Real> position;
+    Normals<Real> normal;
+    Planes<Real> target, inside;
     Strengths<Real> single;
     Wave<Real> k;
 };
@@ -22,39 +24,43 @@ std::vector<double> spread(const double *shifted, std::int64_t m) {  // x' of ea
     return out;
 }
 
-template <class Real> struct Position {
-    Real x, y, z;
-    Position(const Planes<Real> &of, std::int64_t i) : x(of[0][i]), y(of[1][i]), z(of[2][i]) {}
-};
-
-// i D(x') - D(x) of a node at y with normal n, mixed with a single layer of strength p + i q
-template <class Real, bool Lossy, bool Mixed>
-inline void entry(Position<Real> x, Position<Real> inside, Position<Real> y, Position<Real> n, Real p, Real q,
-                  Wave<Real> k, Real &re, Real &im) {
-    Real a, b, c, d;
-    double_layer<Real, Lossy, Mixed>(y.x - inside.x, y.y - inside.y, y.z - inside.z, n.x, n.y, n.z, k, Real(0), a, b, p, q);
-    double_layer<Real, Lossy, Mixed>(y.x - x.x, y.y - x.y, y.z - x.z, n.x, n.y, n.z, k, Real(0), c, d, p, q);
-    re = -c - b, im = a - d;
-}
-
-// Entries of the rows' node i with the columns' nodes from `begin` on, or of the columns' node j with those of the rows
-template <class Real, bool Lossy, bool Mixed>
-void row_of(const Geometry<Real> &geometry, std::int64_t i, std::int64_t begin, std::int64_t n, Real *re, Real *im) {
-    const Position<Real> x(geometry.target, i), inside(geometry.inside, i);
-    const Real *p = geometry.single.re.data(), *q = geometry.single.im.data();
+// i D(x') - D(x) in place of D(x)
+template <class Real> void combine(const Real *inside, Real *row) {
 #pragma omp simd
-    for (std::int64_t l = 0; l < whole_lines<Real>(n); l++)
-        entry<Real, Lossy, Mixed>(x, inside, {geometry.position, begin + l}, {geometry.normal, begin + l},
-                                  strength<Mixed>(p, begin + l), strength<Mixed>(q, begin + l), geometry.k, re[l], im[l]);
+    for (std::int64_t l = 0; l < lanes; l++) {
+        row[l] = -row[l] - inside[lanes + l];
+        row[lanes + l] = inside[l] - row[lanes + l];
+    }
+}
+
+// Entries of the rows' node i with n of the columns' nodes from `begin` on, or of the columns' node j with those of the rows
+template <class Real, bool Lossy, bool Mixed>
+void row_of(const Geometry<Real> &geometry, std::int64_t i, std::int64_t begin, std::int64_t n, Real *row) {
+    const Planes<Real> &y = geometry.position, &a = geometry.normal;
+    const Real *p = Mixed ? geometry.single.re.data() + begin : nullptr, *q = Mixed ? geometry.single.im.data() + begin : nullptr;
+    const auto layer = [&](const Planes<Real> &from, Real *out) {
+        const Real x[3] = {from[0][i], from[1][i], from[2][i]};
+        double_layer_row<Real, Lossy, Mixed>(x, y[0] + begin, y[1] + begin, y[2] + begin, a[0] + begin, a[1] + begin, a[2] + begin,
+                                             n, geometry.k, Real(0), out, out + lanes, p, q);
+        clear_rest(out, n);
+    };
+    Real inside[2 * lanes];
+    layer(geometry.target, row), layer(geometry.inside, inside);
+    combine(inside, row);
 }
 template <class Real, bool Lossy, bool Mixed>
-void column_of(const Geometry<Real> &geometry, std::int64_t j, std::int64_t begin, std::int64_t n, Real *re, Real *im) {
-    const Position<Real> y(geometry.position, j), normal(geometry.normal, j);
+void column_of(const Geometry<Real> &geometry, std::int64_t j, std::int64_t begin, std::int64_t n, Real *column) {
+    const Planes<Real> &of = geometry.position, &normals = geometry.normal;
+    const Real y[3] = {of[0][j], of[1][j], of[2][j]}, normal[3] = {normals[0][j], normals[1][j], normals[2][j]};
     const Real p = strength<Mixed>(geometry.single.re.data(), j), q = strength<Mixed>(geometry.single.im.data(), j);
-#pragma omp simd
-    for (std::int64_t l = 0; l < whole_lines<Real>(n); l++)
-        entry<Real, Lossy, Mixed>({geometry.target, begin + l}, {geometry.inside, begin + l}, y, normal, p, q, geometry.k,
-                                  re[l], im[l]);
+    const auto layer = [&](const Planes<Real> &to, Real *out) {
+        double_layer_column<Real, Lossy, Mixed>(y, normal, to[0] + begin, to[1] + begin, to[2] + begin, n, geometry.k, out,
+                                                out + lanes, p, q);
+        clear_rest(out, n);
+    };
+    Real inside[2 * lanes];
+    layer(geometry.target, column), layer(geometry.inside, inside);
+    combine(inside, column);
 }
 
 template <class Real> struct Term {  // a column and a row of the residual of the terms before it: real, then imaginary parts
@@ -117,8 +123,7 @@ void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t
         seen[i] = true;
         if (std::int64_t(terms.size()) <= count) terms.emplace_back();
         Term<Real> &next = terms[count];
-        row_of<Real, Lossy, Mixed>(geometry, top + i, left, width, next.row, next.row + lanes);
-        clear_rest(next.row, width);
+        row_of<Real, Lossy, Mixed>(geometry, top + i, left, width, next.row);
         subtract_all(terms, count, &Term<Real>::row, &Term<Real>::column, i, next.row);
         Real sum = 0;
 #pragma omp simd reduction(+ : sum)
@@ -130,8 +135,7 @@ void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t
         }
         passed = 0;
         const std::int64_t j = largest(next.row, width, static_cast<const bool *>(nullptr));
-        column_of<Real, Lossy, Mixed>(geometry, left + j, top, height, next.column, next.column + lanes);
-        clear_rest(next.column, height);
+        column_of<Real, Lossy, Mixed>(geometry, left + j, top, height, next.column);
         subtract_all(terms, count, &Term<Real>::column, &Term<Real>::row, j, next.column);
         const Real size = square(next.row, j), p = next.row[j] / size, q = -next.row[lanes + j] / size;
         for (std::int64_t l = 0; l < lanes; l++) {
@@ -148,10 +152,9 @@ std::int64_t all_low_rank(const double *targets, const double *shifted, const do
                          const std::complex<double> *single, std::int64_t m, Wavenumber wavenumber, const Pairs &far, double tolerance, std::int64_t room,
                          std::int64_t *count, std::int64_t *begin, Store *out) {
     using Real = typename Arithmetic<Store>::Real;
-    const double zero[3] = {0, 0, 0};
     const Origin origin(points, m);
     const std::vector<double> inside = spread(shifted, m);
-    const Geometry<Real> geometry{Planes<Real>(points, m, origin.at), Planes<Real>(normals, m, zero),
+    const Geometry<Real> geometry{Planes<Real>(points, m, origin.at), Normals<Real>(normals, m),
                           Planes<Real>(targets, m, origin.at), Planes<Real>(inside.data(), m, origin.at),
                           Strengths<Real>(single, m), Wave<Real>(wavenumber)};
     std::int64_t taken = 0;

@@ -314,7 +314,7 @@ template <class Real, bool Lossy, bool Mixed> struct PlainTerms {
         for (int l = 0; l < 6; l++, count++) {
             for (int d = 0; d < 3; d++) {
                 offset[d][count] = Real(nodes[3 * l + d] - target[d]);
-                normal[d][count] = Real(normals[3 * l + d]);
+                normal[d][count] = Real(shared * normals[3 * l + d]);
             }
             if (Mixed) single[0][count] = Real(mixed[l].real()), single[1][count] = Real(mixed[l].imag());
         }
@@ -322,11 +322,9 @@ template <class Real, bool Lossy, bool Mixed> struct PlainTerms {
     void evaluate(Wave<Real> k, Real nearest) {
         for (; count % vector; count++)
             for (int d = 0; d < 3; d++) offset[d][count] = normal[d][count] = 1, single[d % 2][count] = 0;
-#pragma omp simd
-        for (int l = 0; l < count; l++)
-            double_layer<Real, Lossy, Mixed>(offset[0][l], offset[1][l], offset[2][l], normal[0][l], normal[1][l],
-                                            normal[2][l], k, nearest, re[l], im[l], strength<Mixed>(single[0], l),
-                                            strength<Mixed>(single[1], l));
+        const Real target[3] = {0, 0, 0};
+        double_layer_row<Real, Lossy, Mixed>(target, offset[0], offset[1], offset[2], normal[0], normal[1], normal[2], count, k,
+                                             nearest, re, im, single[0], single[1]);
     }
 };
 
