@@ -148,7 +148,8 @@ def robust_phase_only(
 ) -> Drive:
     """Compute a robust drive with every element at full scale.
 
-    This is ``robust`` with ``limit="phases"``, which also documents the arguments and the result.
+    The function calls ``robust`` with ``limit="phases"``; see ``robust`` for the arguments and the
+    result.
     """
     return robust(ensemble, target, goal, limit="phases")
 

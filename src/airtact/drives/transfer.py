@@ -272,8 +272,8 @@ def focus_by_distance(
     """Compute a drive from the distances between elements and foci alone.
 
     The drive is d_e = Σ_f e^{−ik r_ef} (equations 5 and 11 of the paper), scaled to a largest
-    amplitude of 1. All foci have the same weight, whatever their requests. k is the real part of
-    the wavenumber.
+    amplitude of 1. All foci have the same weight, regardless of their requests. k is the real part
+    of the wavenumber.
 
     Parameters
     ----------

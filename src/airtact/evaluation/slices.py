@@ -268,7 +268,7 @@ class SurfacePressure:
 
 
 def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePressure | None:
-    """Interpolate the solved pressure on all surfaces for pictures; return None in open air.
+    """Interpolate the solved pressure on all surfaces for pictures, or return None in open air.
 
     Parameters
     ----------

@@ -54,8 +54,8 @@ class Window:
     def origin(self) -> Float64[np.ndarray, "3"]:
         """Origin of the picture's axes [m].
 
-        It is the origin of the frame if the sides of the picture are parallel to the frame's axes,
-        and otherwise the centre of the window.
+        The picture's coordinates are relative to the origin of the frame if its sides are parallel
+        to the frame's axes, and otherwise relative to the centre of the window.
         """
         aligned = [axis for axis in (self.right, self.up) if _axis_name(axis)]
         return self.centre - sum((self.centre @ axis * axis for axis in aligned), np.zeros(3))

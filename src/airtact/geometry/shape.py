@@ -65,7 +65,7 @@ class Shape(ABC):
         return np.zeros((0, 2), dtype=np.int64)
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
-        """Find a piece that lies inside another piece; return None if there is none.
+        """Find a piece that lies inside another piece, or return None if there is none.
 
         The results are the indices of the inner and the outer piece, the depth [m] of the inner
         piece below the outer one, and a point (3,) of the inner piece [m].

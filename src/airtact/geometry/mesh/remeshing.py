@@ -64,9 +64,9 @@ def coarsened(
 ) -> RidgedMesh:
     """Coarsen a mesh if its edges are on average shorter than ``fraction`` times ``edge`` [m].
 
-    This removes the roughness of scans, which the remesher MMG would treat as bends. ``wall`` is
-    the thickness of the thinnest wall [m], which limits the deviation so that the rim of the wall
-    remains.
+    Coarsening removes the roughness of scans, which the remesher MMG would treat as bends. ``wall``
+    is the thickness of the thinnest wall [m], which limits the deviation so that the rim of the
+    wall remains.
     """
     if edge_lengths(mesh.vertices[mesh.triangles]).mean() > fraction * edge:
         return mesh

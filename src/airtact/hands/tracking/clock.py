@@ -106,8 +106,8 @@ class FrameClock:
     def restart(self, now: float) -> float:
         """Return the time [s] for the first frame of a restarted tracker.
 
-        Its clock is unknown, so the delay between image and arrival is assumed to be the shortest
-        one so far.
+        The clock of the restarted tracker is unknown, so the delay between image and arrival is
+        assumed to be the shortest one so far.
         """
         self._shared = None
         self._recent.clear()

@@ -86,8 +86,8 @@ def register(
 
     Returns
     -------
-    The pose as ``tracker``, which maps the tracker's frame to the scene, with its standard
-    deviations ``position_error`` and ``angle_error``, and the ``residuals`` of the touches.
+    The pose ``tracker``, which maps the tracker's frame to the scene, its standard deviations
+    ``position_error`` and ``angle_error``, and the ``residuals`` of the touches.
 
     Raises
     ------
@@ -223,10 +223,10 @@ class RestingFingertip:
         self.share = 0.0
 
     def take(self, frame: HandFrame) -> Float64[np.ndarray, "3"] | None:
-        """Process a frame; return the mean position (3,) [m] of the tip after a second of rest.
+        """Process a frame, and return the mean position (3,) [m] of the tip after a second of rest.
 
-        The result is None until then. The next rest is accepted only after the tip has moved by 30
-        mm.
+        Before the tip has rested for a second, the result is None. The next rest is accepted only
+        after the tip has moved by 30 mm.
         """
         if frame.landmarks is None:
             self._window.clear()
