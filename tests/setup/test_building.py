@@ -205,7 +205,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "options_clash",
             ["[medium]\n", ARRAY, BALL, FOCUS],
-            "medium: set exactly one of celsius, sound_speed; 0 given.",
+            "medium: set exactly one of celsius, sound_speed; 0 are set.",
         ),
         (
             "out_of_range",

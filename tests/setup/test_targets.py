@@ -107,7 +107,7 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
         (
             "options_clash",
             (POINT, "circle = { centre = [0, 0, 0], radius = 1, spacing = 1 }"),
-            ("foci[0]: set exactly one of ", "; 2 given"),
+            ("foci[0]: set exactly one of ", "; 2 are set"),
         ),
         ("key_misplaced", (POINT, "offset = 1e-3"), ("foci[0]: offset is valid only with at",)),
         (
@@ -139,7 +139,7 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
         (
             "options_clash",
             ("[[foci]]\nsvg = { width = 0.02, spacing = 3e-3 }",),
-            ("foci[0].svg: set exactly one of file, path; 0 given",),
+            ("foci[0].svg: set exactly one of file, path; 0 are set",),
         ),
         (
             "file_missing",
@@ -149,7 +149,7 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
         (
             "options_clash",
             (POINT, "[[suppression]]\n"),
-            ("suppression[0]: set exactly one of point, ", ", surface; 0 given"),
+            ("suppression[0]: set exactly one of point, ", ", surface; 0 are set"),
         ),
         (
             "unknown_name",

@@ -53,8 +53,8 @@ def why(
             different = differing_tables(recorded, setup)
             if different:
                 raise at.InvalidInput(
-                    f"{session} was recorded for another scene: {', '.join(different)} differ from "
-                    f"{scene.name}. Use the scene of the session.",
+                    f"{session} was recorded for another scene, which differs from {scene.name} "
+                    f"in: {', '.join(different)}. Use the scene of the session.",
                     code="does_not_match",
                 )
             verified = verify_session(recorded, report_step=report_step)

@@ -197,7 +197,7 @@ class Player:
         return self.left()
 
     def finish(self, why: str) -> None:
-        """Silence the boards permanently; later calls do not change the reason."""
+        """Silence the boards permanently, and store the reason, which later calls do not change."""
         if self.over is None:
             self.over = why
         elif self._failure is None:

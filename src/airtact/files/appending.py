@@ -27,7 +27,7 @@ CHUNK = 256
 
 
 def main(path: str, messages: BinaryIO) -> None:
-    """Write the messages from the input to a file, until the input ends."""
+    """Write all messages from an input stream to an HDF5 file, until the stream ends."""
     give_way(5)
     for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(kind, signal.SIG_IGN)  # the input ends with the parent process

@@ -89,7 +89,7 @@ class ObjectMessage(
     Attributes
     ----------
     name : name of the object, unique among all objects.
-    mesh : shape of the object as a mesh; it excludes the keys of the other shapes.
+    mesh : shape of the object as a mesh, instead of one of the built-in shapes.
     pose : pose of the shape in the scene.
     """
 

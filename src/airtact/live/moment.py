@@ -104,8 +104,8 @@ class Controls:
     method : name of the method that computes the drives; None for the scene's method.
     cap : largest amplitude of an element, as a fraction of full scale.
     offset : distance of all foci from the skin, outward [m]; None for the scene's distances.
-    modulated : whether the scene's modulation is applied: that of the amplitude, or the motion
-        of foci along paths and outlines. Without it, the drive can hardly be felt.
+    modulated : whether the scene's modulation is applied, which varies the amplitude or moves the
+        foci along paths or outlines. Without it, the drive can hardly be felt.
     playing : whether sound is emitted.
     levels : strengths of individual foci by name, from 0 (off) to 1; all others have
         strength 1.

@@ -209,7 +209,8 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
 
     Parameters
     ----------
-    setup : scene. Its tracker's pose transforms the frames of recordings and trackers to the scene.
+    setup : setup whose attribute ``tracker`` transforms the frames of recordings and trackers to
+        the scene.
     source : a recording; a session or its folder; "websocket" or "osc", optionally with ":PORT",
         where port 0 selects a free one; or "page" for the hand on the page. By default, an example
         motion is repeated.

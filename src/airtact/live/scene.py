@@ -327,7 +327,7 @@ class PosedHand:
     hand : the hand, in scene coordinates.
     foci : (F, 3) foci on the hand [m].
     frames : (F, 3, 3) axes of the bone that carries each focus, one per row.
-    distances : (K,) distances between all pairs of foci and ends of their bones
+    distances : (K,) distances between all pairs of points: the foci and the ends of their bones
         [m].
     directions : (F, S, 3) unit vectors from each focus to S elements spread over the array, in the
         axes of the focus's bone.

@@ -18,7 +18,7 @@ class Mailbox:
 
     Attributes
     ----------
-    newest : newest message; None if there is none or it was taken.
+    newest : newest message; None if none has arrived or ``take`` has removed it.
     ended : whether no more messages will arrive.
     """
 

@@ -75,8 +75,8 @@ class Search:
     fixed : poses of boards that stay in place.
     mirror : index of the axis along which boards are mirrored in pairs, and coordinate of the
         mirror plane [m]; None without mirroring.
-    share : quantile by which layouts are ranked: of the weakest focus's pressure, over all poses of
-        the hand. A share of 0 selects the smallest pressure.
+    share : level of a quantile, from 0 to 1. Layouts are ranked by this quantile of the weakest
+        focus's pressure over all poses of the hand.
     """
 
     hands: list[HandPose]
@@ -174,7 +174,7 @@ class Search:
         return None if self.clashing(poses, self.fixed) else poses
 
     def clashing(self, poses: Sequence[Pose], others: Sequence[Pose]) -> bool:
-        """Return whether any board of one group clashes with any board of the other."""
+        """Return whether any board of one group clashes with one of the other; see ``clash``."""
         return any(self.clash(first, second) for first in poses for second in others)
 
     def clash(self, first: Pose, second: Pose) -> bool:
@@ -259,7 +259,7 @@ class Search:
         return found
 
     def refined(self, weakest: float, layout: list[Place]) -> tuple[float, list[Place]]:
-        """Improve a layout, one board after another."""
+        """Improve a layout, one board after another; return its pressure and the new layout."""
         layout = list(layout)
         for _ in range(3):
             before = weakest
@@ -273,7 +273,7 @@ class Search:
     def refined_place(
         self, weakest: float, place: Place, others: list[Pose]
     ) -> tuple[float, Place]:
-        """Improve the position of one board while all others stay in place."""
+        """Improve the position of one board; return the pressure and the new position."""
         turn, depth, *tilt = place
         rows = [self.rows(pose) for pose in others]
 

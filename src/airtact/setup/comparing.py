@@ -243,7 +243,7 @@ def compare(
 
     Parameters
     ----------
-    scene : a setup or a scene.
+    scene : the setup, or the scene, for which to compare drives.
     array, target, solver : only used with a scene; see ``evaluation.compare``.
     drives : drives by name; required with a scene, optional with a setup.
     store : folder in which solved fields of a setup are stored and reused.
@@ -257,7 +257,7 @@ def compare(
     Raises
     ------
     InvalidInput
-        If no method returns a drive for the setup; or for the reasons listed in
+        If no method returns a drive for the setup, or for the reasons listed in
         ``evaluation.compare``.
     NotConverged
         If a solver stopped before it converged.

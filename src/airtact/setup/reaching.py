@@ -84,7 +84,7 @@ class ReachMap:
 
     @property
     def extremes(self) -> list[tuple[str, int, int]]:
-        """For each part, its name and the indices of its weakest and strongest point.
+        """Name of each part of the skin, and the indices of its weakest and strongest points.
 
         The parts are sorted by the bound at their strongest point, highest first.
         """
@@ -157,7 +157,7 @@ def reach(
 
     Returns
     -------
-    The bound at each point, the points, and the skin around them.
+    The largest pressure (the bound) at each point, with the points and the skin.
 
     Raises
     ------

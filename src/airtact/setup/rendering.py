@@ -128,7 +128,7 @@ class Rendering:
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """The pressures of the emitted drive or sequence, without its field."""
+        """Evaluation of the emitted drive or sequence at the foci, without its field."""
         phases = np.exp(1j * np.angle(self.felt.at_foci[:, 0]))
         return Evaluation(
             self.setup.target,
@@ -309,8 +309,8 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
 
     ``render`` calls ``compute``, then this function. If the target requests pressures and the
     strongest element is below full scale, all amplitudes are multiplied by the same factor, so that
-    the weakest focus, relative to its request, reaches its pressure. Otherwise the drive does not
-    change.
+    the focus that is weakest relative to its request reaches the requested pressure. Otherwise the
+    drive does not change.
 
     Parameters
     ----------

@@ -161,8 +161,8 @@ def plan(
     Raises
     ------
     InvalidInput
-        If the file contains no drive for such boards; if a modulation is given for a sequence; if
-        the cap is not above 0 and at most 1, or silences all elements; or if the boards can only
+        If the file contains no drive for such boards, a modulation is given for a sequence, or the
+        cap silences all elements or is not above 0 and at most 1. Also if the boards can only
         switch elements on and off, and full scale exceeds the limit.
     """
     kind = board_named(board)
@@ -178,7 +178,7 @@ def plan(
             )
         if not stored.drives.any():
             raise InvalidInput(
-                "all amplitudes of the drive are 0, so nothing would be emitted.",
+                "all amplitudes of the drive are 0, so nothing would be emitted: use another file.",
                 code="all_zero",
             )
         if modulation is not None and rate is not None:
@@ -204,7 +204,7 @@ def plan(
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
     """Return the largest cap that respects the limit, and the level [dB] at full scale.
 
-    The function raises ``InvalidInput`` if the boards cannot reduce their level that far.
+    The function raises ``InvalidInput`` if the boards cannot reduce the level below the limit.
     """
     head = Plan(stored, board_named(board), stored.modulation).head
     return head.safe_cap(), head.full
@@ -222,7 +222,7 @@ def sound_speed_of(stored: DriveFile) -> float:
 
 
 def write(made: Plan, file: Path, seconds: float | None) -> tuple[int, float | None]:
-    """Write the frames of a plan for some seconds to a file; see ``write_frames``."""
+    """Write frames that play a plan for a number of seconds to a file; see ``write_frames``."""
     drives = made.stored.drives
     sound = Drive(drives[0]) if made.rate is None else Sequence(drives, made.rate)
     return write_frames(

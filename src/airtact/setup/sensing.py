@@ -279,8 +279,8 @@ def calibrate_array(
 
     Returns
     -------
-    The calibration; and for simulated transmissions the error of the worst board [m] and that of
-    the speed of sound [m/s], otherwise None.
+    The calibration, and two errors: that of the worst board [m] and that of the speed of sound
+    [m/s]. The errors are None for measured transmissions.
 
     Raises
     ------

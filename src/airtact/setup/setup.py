@@ -50,7 +50,7 @@ class Setup:
     board : kind of the boards that make up the array; None for any other array.
     hands : hands that are bodies or provide named points, in the frame of the obstacles.
     riding : for each focus, the named point at which it lies and its distance from the surface [m];
-        None for a focus at no named point.
+        None for all other foci.
     objects : virtual objects.
     contacts : contacts of the bodies with the objects if the contacts define the foci, else
         None.

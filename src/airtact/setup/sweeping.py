@@ -256,10 +256,9 @@ def _computed(
 def process_count(points: int, limit: int | None = None, memory: float = 0.0) -> int:
     """Return the number of processes to use if each requires ``memory`` [bytes].
 
-    The number is ``limit``, or by default the number of processors, but not
-    more than the number of points or the number of processes that fit into 80 %
-    of the available memory. Raise ``InvalidInput`` if not even one process
-    fits.
+    By default, ``limit`` is the number of processors. The result exceeds neither ``limit`` nor the
+    number of points, nor the number of processes that fit into 80 % of the available memory. Raise
+    ``InvalidInput`` if a single process requires more than the available memory.
     """
     free = available_memory()
     if memory > free:
@@ -393,8 +392,8 @@ class ScenePoints:
     def memory(self, points: Sequence[Mapping[str, Value]]) -> float:
         """Estimate the memory [bytes] of a solve from the first, middle and last point.
 
-        An invalid path raises an error. If no point can be built, the method raises the first
-        error.
+        An invalid path of a key raises an error. If no point can be built, the method raises the
+        first error.
         """
         needed = 1.2e8  # of a process that has imported airtact
         faults = []

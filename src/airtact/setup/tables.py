@@ -62,7 +62,7 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         count = sum(getattr(self, name) is not None for name in self.one_of)
         if self.one_of and count != 1:
             raise InvalidInput(
-                f"set exactly one of {', '.join(self.one_of)}; {count} given.",
+                f"set exactly one of {', '.join(self.one_of)}; {count} are set.",
                 code="options_clash",
             )
 

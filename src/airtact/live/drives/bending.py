@@ -210,7 +210,7 @@ class SkinSources:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CarriedFactors(HandFactors):
-    """The factors of a hand as a sum of direct sound and sound scattered by each bone.
+    """Factors (see ``HandFactors``) as a sum of direct sound and sound scattered by each bone.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ from airtact.live.scene import Joints, LiveScene, pose_hand
 
 
 def solved_for(scene: LiveScene) -> list[Rule]:
-    """Return the parts of the hand to solve, each in its own process."""
+    """Return the parts of the hand for which separate processes solve the scattering."""
     # With three foci, or with one at the palm, scattering by other fingers and the palm matters.
     many = len(scene.places) >= 3 or "palm" in scene.places
     return ["carried"] if many and scene.moving is None else ["phalanges", "hand"]

@@ -88,7 +88,7 @@ def round_along(outlines: Sequence[Outline], frequency: float) -> Round:
 
     Parameters
     ----------
-    outlines : at least one outline.
+    outlines : outlines of contacts, at least one.
     frequency : frequency of the sound [Hz]. Each frame lasts a whole number of periods, as
         boards require.
     """

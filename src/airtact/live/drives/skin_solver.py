@@ -41,7 +41,7 @@ class SkinRequest:
     sent : time when the request was sent, by ``time.monotonic`` [s].
     joints : (25, 3) joints of each hand [m].
     velocities : (25, 3) velocities of the joints of each hand [m/s].
-    points : (B, 3) positions of the beacons when the hands have the joints ``joints`` [m].
+    points : (B, 3) positions of the beacons on hands with the joints ``joints`` [m].
     owners : (B,) index in ``SIDES`` of the hand with which each beacon moves.
     """
 
