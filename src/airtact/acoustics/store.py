@@ -240,7 +240,7 @@ class Stored(Solver):
         if field.scene is not scene:
             # An entry is read with the scene of its key.
             raise InvalidInput(
-                "the scene of the field excludes the reflecting boards.", code="not_supported"
+                "fields with reflecting boards cannot be stored.", code="not_supported"
             )
         content = packed(field, key)
         if len(content) > self.most_bytes:

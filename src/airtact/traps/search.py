@@ -129,7 +129,7 @@ def verdict(
 def judge(
     field: RadiatedField, points: Float64[np.ndarray, "points 3"], bead: Bead
 ) -> list[Verdict]:
-    """Return verdicts for points in the field of the first excitation."""
+    """Return a verdict for each point, based on the first excitation of a field."""
     scene = field.scene
     sound = derivatives(field, points, bead)
     forces = force_of(sound, bead, scene)

@@ -294,7 +294,7 @@ def smooth_patches(twins: Twins, borders: EdgeMask) -> TriangleLabels:
 
 
 def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
-    """Return the signed volume [m³] of the tetrahedron from the mean corner to each triangle.
+    """Return the signed volume [m³] of the tetrahedron from the mean vertex to each triangle.
 
     The volumes add up to the volume of the body.
     """
