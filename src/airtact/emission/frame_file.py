@@ -140,7 +140,7 @@ def write_frames(
     sound : a sequence or a drive. A drive is written as a single frame, or as one period of its
         modulation.
     board : name of the kind of board.
-    modulation : amplitude modulation of a drive.
+    modulation : amplitude modulation applied to a drive; none by default.
     seconds : duration of a sequence or a modulated drive [s]; by default, that of one repetition of
         the sequence or one period of the modulation.
     cap : largest amplitude of an element, as a fraction of full scale; larger drives are scaled

@@ -173,7 +173,7 @@ def follow(
 
     Parameters
     ----------
-    scene : the fixed part of the scene.
+    scene : the parts of the scene that stay fixed during the run.
     hands : source of the frames, which this function starts and closes.
     maker : object that computes the drives; closed by this function.
     output : boards that emit the drives; by default, nothing is emitted.

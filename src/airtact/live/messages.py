@@ -243,7 +243,7 @@ class ContactState(msgspec.Struct, frozen=True):
     object : name of the object.
     part : part of the hand, such as "left.index".
     point : point on the skin that is deepest inside the object [m].
-    depth : depth of that point [m].
+    depth : largest depth of the skin in the object [m].
     """
 
     object: str

@@ -48,7 +48,7 @@ class Moment:
         solution was used.
     kept : expected pressure at the weakest focus, as a fraction of the attainable pressure; None if
         unknown.
-    state : state of the loop.
+    state : state of the loop, such as "playing", "fading" or "silent".
     frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci
         move.
     rate : frames per second; 0 without frames.
@@ -59,7 +59,7 @@ class Moment:
         objects.
     depths : (C,) depths of the points ``contacts`` in the objects [m]; None without objects.
     touching : part of the hand and name of the object for each contact.
-    objects : the virtual objects.
+    objects : the virtual objects at ``time``.
     rejected : reasons why requested foci receive no sound, by name of the focus.
     """
 

@@ -47,7 +47,7 @@ class OscServer:
 
     Parameters
     ----------
-    stream : receives the frames of hands.
+    stream : stream to which received frames of hands are added.
     world : objects and foci that applications can change.
     port : port to listen on; 0 selects a free port. The attribute ``port`` contains the port
         used.

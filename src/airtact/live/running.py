@@ -163,7 +163,8 @@ def record(
     duration = checked_seconds(seconds)
     if file.suffix != ENDING:
         raise InvalidInput(
-            f"a recording must end in {ENDING}, not in {file.suffix!r}: change the file name.",
+            f"the name of a recording must end in {ENDING}, not in {file.suffix!r}: change "
+            "the file name.",
             code="unknown_format",
         )
     hands = received(source)

@@ -121,7 +121,7 @@ class SessionWriter:
     Parameters
     ----------
     path : file to write.
-    scene : the fixed part of the scene.
+    scene : the parts of the scene that stay fixed during the run.
     text : text of the scene file.
 
     Attributes

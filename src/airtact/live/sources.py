@@ -241,5 +241,5 @@ def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
 
 
 def checked_seconds(seconds: float | None) -> float:
-    """Return a duration [s], or infinity for None; raise ``InvalidInput`` unless positive."""
+    """Return a duration [s], or infinity for None; raise ``InvalidInput`` if it is not above 0."""
     return np.inf if seconds is None else positive(seconds, "the duration", "s")

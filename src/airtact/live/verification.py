@@ -28,11 +28,11 @@ class VerifiedSession:
 
     Attributes
     ----------
-    indices : (V,) indices of the drives.
+    indices : (V,) indices of the verified drives in the session.
     pressures : (V, F) pressures at the foci [Pa]; NaN if a drive has fewer foci.
-    kept : (V,) fraction of the attainable pressure. The ratio of pressure to strength is computed
-        at each focus; the smallest ratio is divided by that of the best drive of equal energy for
-        the same hands.
+    kept : (V,) fraction of the attainable pressure that each drive reaches. The ratio of pressure
+        to strength is computed at each focus; the smallest ratio is divided by that of the best
+        drive of equal energy for the same hands.
     """
 
     indices: tuple[int, ...]

@@ -143,7 +143,7 @@ def phases(
     Parameters
     ----------
     array : the transducers.
-    drive : drive of the transducers.
+    drive : drive whose phases or amplitudes are plotted.
     show : "phase" [rad] or "amplitude", as a fraction of full scale.
     ax : axes to draw into; by default, those of a new figure.
 
@@ -176,7 +176,7 @@ def scene(
     ----------
     scene : the bodies and the medium.
     array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
-    drive : drive of the transducers.
+    drive : drive whose phases colour the transducers, which are grey without a drive.
     target : the foci.
     ax : axes with ``projection="3d"`` to draw into; by default, those of a new
         figure.

@@ -12,7 +12,7 @@ def write_why_page(path: Path, explained: Explanation, title: str, text: str) ->
 
     Parameters
     ----------
-    path : file of the page.
+    path : HTML file to write.
     explained : causes of the pressure at each focus.
     title, text : name and content of the scene file.
     """

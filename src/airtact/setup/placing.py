@@ -92,7 +92,7 @@ class Placement:
 
     Attributes
     ----------
-    setup : the setup with its present array.
+    setup : setup that was searched, with its present array.
     board : kind of the boards.
     layouts : all layouts that were tried, best first. The best few were refined.
     present : pressure at the weakest focus with the setup's present array [Pa], over the same poses

@@ -41,7 +41,7 @@ class ReachMap:
     places : for each chosen vertex, the name of its part of the skin, such as "index", "palm" or a
         body's name.
     transfer : transfer matrix for the chosen vertices.
-    report : report that the solver returned.
+    report : report of the solve for the transfer matrix.
     """
 
     setup: Setup

@@ -34,8 +34,8 @@ class Plan:
 
     Attributes
     ----------
-    stored : file with the drive or sequence.
-    board : kind of board.
+    stored : contents of the file with the drive or sequence.
+    board : kind of board that emits the drive or sequence.
     modulation : amplitude modulation of a drive; None for a sequence or a constant
         drive.
     cap : largest amplitude of an element, as a fraction of full scale.
@@ -215,7 +215,7 @@ def sound_speed_of(stored: DriveFile) -> float:
     if stored.frequency is not None and abs(stored.frequency - FREQUENCY) > 1.0:
         raise InvalidInput(
             f"the drive is for {stored.frequency:g} Hz, but the boards emit {FREQUENCY:g} Hz: "
-            "compute it for that frequency.",
+            "compute the drive again for the frequency of the boards.",
             code="does_not_match",
         )
     return (stored.medium or air()).sound_speed

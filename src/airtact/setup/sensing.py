@@ -135,7 +135,7 @@ def sense(
     progress: Progress = no_progress,
     store: Path | None = None,
 ) -> Sensed:
-    """Locate the hand of a scene file from echoes, and compare the drives for both poses.
+    """Estimate a hand's pose from echoes, and compare the drives for the old and new poses.
 
     The search starts from the pose in the scene file. For a pinch, the gap is fitted as well.
 
@@ -344,7 +344,7 @@ def calibrate_from_files(
     Parameters
     ----------
     setup : scene whose array was scanned.
-    scan_files : files with the scans.
+    scan_files : .csv files with the measured scans.
     elements : index of the element that emitted at full scale during each scan; empty if whole
         drives were emitted.
     drive_files : file of the drive emitted during each scan, or a single file for all scans. If

@@ -73,7 +73,7 @@ class HandAware(SolvingMaker):
 
     Parameters
     ----------
-    scene : the fixed part of the scene.
+    scene : the parts of the scene that stay fixed during the run.
     noise : standard deviation of each coordinate of the tracker's landmarks [m]; by default, it is
         estimated from the frames.
     agility : standard deviation of the acceleration of the palm [m/s²]; see ``Predictor``.
@@ -83,7 +83,7 @@ class HandAware(SolvingMaker):
     Attributes
     ----------
     fault : message about the last pose that could not be solved; None if there was none.
-    solutions : number of solutions so far.
+    solutions : number of solutions that have been computed.
     """
 
     def __init__(

@@ -98,7 +98,7 @@ class TouchAware(SolvingMaker):
 
     Parameters
     ----------
-    scene : the fixed part of the scene.
+    scene : the parts of the scene that stay fixed during the run.
     noise, agility : see ``HandAware``.
     solvers : processes that solve the scattering by skin; by default, a single one. If the sequence
         is empty, phases are set from path lengths alone.
@@ -108,7 +108,7 @@ class TouchAware(SolvingMaker):
     Attributes
     ----------
     fault : message about the last pose that could not be used or solved; None if there was none.
-    solutions : number of solutions so far.
+    solutions : number of solutions that have been computed.
     """
 
     def __init__(

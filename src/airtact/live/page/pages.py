@@ -85,7 +85,7 @@ class Pages:
     Parameters
     ----------
     send : function that sends messages to the loop.
-    settings : settings of the page.
+    settings : scene, port and other settings of the page; see ``PageSettings``.
 
     Raises
     ------

@@ -65,7 +65,7 @@ class PageSettings:
 
     Attributes
     ----------
-    scene : the fixed part of the scene.
+    scene : the parts of the scene that stay fixed during the run.
     port, host, certificate : see ``start_server``.
     hand : (25, 3) initial joints of a hand that can be dragged [m]; None without such a hand.
     follows : whether the loop follows hands from the page.
@@ -92,7 +92,7 @@ class PageProcess:
 
     Parameters
     ----------
-    scene : the fixed part of the scene.
+    scene : the parts of the scene that stay fixed during the run.
     port : port to listen on; 0 selects a free port, which then appears in
         ``address``.
     host : address to listen on. Unless it is ``127.0.0.1``, ``address`` contains a token that every

@@ -43,7 +43,7 @@ class Picture:
 
     Attributes
     ----------
-    facts : numbers and texts.
+    facts : numbers and texts to display, by name.
     arrays : arrays that change with every picture.
     kept : groups of arrays by key. The page keeps a group as long as pictures contain its key.
     """
@@ -58,7 +58,7 @@ class View:
 
     Parameters
     ----------
-    scene : the fixed part of the scene.
+    scene : the parts of the scene that stay fixed during the run.
 
     Attributes
     ----------
@@ -78,11 +78,11 @@ class View:
         self.objects: dict[int, FlatMesh] = {}
 
     def picture(self, shown: Shown, across: Axis, offset: float, joints: Joints | None) -> Picture:
-        """Return the picture for data from the loop.
+        """Return the picture that shows data from the loop.
 
         Parameters
         ----------
-        shown : data from the loop.
+        shown : data that the loop sends for display.
         across : axis normal to the slice of the field.
         offset : offset of the slice from the foci along the axis ``across`` [m].
         joints : (25, 3) joints of a hand that is being dragged on the page [m]; None if no hand is
