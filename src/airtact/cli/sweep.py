@@ -154,9 +154,9 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
                 raise ValueError
         except ValueError:
             raise at.InvalidInput(
-                f'--vary "{words}" is not PATH=LOW:HIGH:COUNT, such as '
-                '"foci[0].offset=0.0005:0.003:6": use two numbers, equal for a count of 1, and a '
-                f"count from 1 to {MAX_POINTS:,}.",
+                f'--vary "{words}" does not have the form PATH=LOW:HIGH:COUNT, such as '
+                '"foci[0].offset=0.0005:0.003:6". LOW and HIGH must be numbers. COUNT must be '
+                f"from 2 to {MAX_POINTS:,}, or 1 if LOW and HIGH are equal.",
                 code="out_of_range",
             ) from None
         values: list[float] = np.linspace(first, last, count).tolist()

@@ -223,7 +223,7 @@ class LinkProcess:
         Raises
         ------
         LinkFailed
-            If the link process was lost.
+            If the link process has ended unexpectedly.
         """
         try:
             return self.ask("close")

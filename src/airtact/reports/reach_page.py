@@ -16,7 +16,7 @@ from airtact.setup.reaching import ReachMap
 
 
 def write_reach_page(path: Path, result: ReachMap) -> None:
-    """Write reach.html, replacing an existing file."""
+    """Write a page with the map of the largest pressures, replacing an existing file."""
     setup = result.setup
     kilopascals = 1e-3 * result.bounds
     rows = []

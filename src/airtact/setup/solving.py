@@ -73,7 +73,7 @@ def transfer_to_array(
 
     Returns
     -------
-    The transfer matrix, or an ensemble with that of each sample; and the report of the solve.
+    The transfer matrix (or an ensemble with one matrix per sample), and the report of the solve.
     """
     transducers = counted(len(setup.array), "transducer", "transducers")
     with clock.step("transfer", f"evaluating the beacons at {transducers}"):
@@ -209,7 +209,7 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 
 
 def verification_solver(setup: Setup) -> Solver:
-    """Return a solver, more accurate than the setup's, with which to verify its drive.
+    """Return a solver that is more accurate than the setup's, with which to verify the drive.
 
     For bodies filled with a fluid, it uses finite elements of the next higher order. For other
     bodies, it uses boundary elements with at least 1.8 times as many unknowns, as far as memory and

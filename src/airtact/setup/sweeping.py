@@ -434,8 +434,8 @@ def scene_points(scene: Setup | str | Path) -> ScenePoints:
 def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
     """Write the hand of each frame of a recording to a file; return a point for each frame.
 
-    Each point sets the hand of the scene to its file, and removes the gap and the pose of the hand.
-    The radii are those of the scene's hand.
+    Each point sets the scene's hand to the file of one frame, and removes the gap and the pose of
+    the hand. The radii are those of the scene's hand.
     """
     from airtact.hands.joints import joints_of
     from airtact.hands.tracking.recordings import load_recording

@@ -161,7 +161,8 @@ def objects_of(objects: "VirtualObject | Sequence[VirtualObject]") -> tuple[Virt
     listed = list(objects)
     if len(listed) > MAX_OBJECTS:
         raise InvalidInput(
-            f"there are {len(listed)} virtual objects, more than {MAX_OBJECTS}: remove some.",
+            f"there are {len(listed)} virtual objects, but at most {MAX_OBJECTS} are possible: "
+            "remove some.",
             code="too_many",
         )
     for index, thing in enumerate(listed):

@@ -393,7 +393,10 @@ class BendingHand:
         self._solutions = [*self._solutions[-59:], solution]
 
     def carried(self, joints: Joints, time: float) -> CarriedFactors | None:
-        """Move the solution of the most similar pose to this pose; None without solutions."""
+        """Move the solution of the most similar pose to the pose of these joints at a time [s].
+
+        None is returned if no solution is stored.
+        """
         solutions = self._solutions
         posed = pose_hand(self._scene, joints)
         if not solutions:

@@ -140,7 +140,7 @@ class SkinSolver:
     def solved(
         self, asked: tuple[SkinRequest, Mapping[Side, Joints]], time: float
     ) -> SkinFactors | None:
-        """Solve the scattering for the beacons of a request, with the pose at a time [s].
+        """Solve the scattering for the beacons of a request in the pose at a time [s].
 
         Returns
         -------

@@ -46,7 +46,7 @@ class Request:
     __repr__ = in_short
 
     def after(self, ahead: float) -> Joints:
-        """Return the joints after a time [s]; if they do not form a hand, the present ones."""
+        """Return the joints after a time [s], or the present ones if the result is not a hand."""
         try:
             return joints_of(self.joints + ahead * self.velocities)
         except InvalidInput:

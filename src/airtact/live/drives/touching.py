@@ -102,7 +102,7 @@ class TouchAware(SolvingMaker):
     noise, agility : see ``HandAware``.
     solvers : processes that solve the scattering by skin; by default, a single one. If the sequence
         is empty, phases are set from path lengths alone.
-    rest : the hand that will be followed, in any pose. Passing it avoids a delay of half a
+    rest : the hand that will be followed, in any pose. Passing this hand avoids a delay of half a
         second before the first sound, because its skin is meshed in advance.
 
     Attributes

@@ -158,7 +158,8 @@ class PageProcess:
                 answer
                 if isinstance(answer, InvalidInput)
                 else InvalidInput(
-                    f"the page did not start within {patience:g} s; use --no-page to run without.",
+                    f"the page did not start within {patience:g} s; use --no-page to run without "
+                    "a page.",
                     code="child_failed",
                 )
             )
