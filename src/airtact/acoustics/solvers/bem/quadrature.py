@@ -158,11 +158,15 @@ def place_nodes(
 @cache
 def near_quadrature(angular: int, radial: int) -> _kernels.NearQuadrature:
     """Return the Gauss-Legendre rules on [0, 1] for integrals over panels near a point."""
-    largest = 40
+    return _kernels.NearQuadrature(*_gauss_rules(40), 40, angular, radial)
+
+
+@cache
+def _gauss_rules(largest: int) -> tuple[Float64[np.ndarray, "_"], Float64[np.ndarray, "_"]]:
+    # Concatenate the nodes and the weights of the rules with 1 to ``largest`` points.
     rules = [np.polynomial.legendre.leggauss(n) for n in range(1, largest + 1)]
     nodes = np.concatenate([0.5 * (x + 1) for x, _ in rules])
-    weights = np.concatenate([0.5 * w for _, w in rules])
-    return _kernels.NearQuadrature(nodes, weights, largest, angular, radial)
+    return nodes, np.concatenate([0.5 * w for _, w in rules])
 
 
 def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:

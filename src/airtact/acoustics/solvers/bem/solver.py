@@ -566,7 +566,7 @@ class BoundaryElement(Solver):
             )
         else:
             # In narrow gaps the error is up to nine times the residual.
-            tolerance = max(0.1 * self.accuracy, 2e-6)
+            tolerance = max(0.1 * self.max_error, 2e-6)
         # Reflecting boards reflect the remaining sound back and forth.
         return tolerance * (0.1 if scene.boards else 1.0)
 
