@@ -358,7 +358,7 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
 
     Parameters
     ----------
-    scene : scene; its places, offsets, radii and array are used.
+    scene : scene of the live loop; its places, offsets, radii and array are used.
     joints : (25, 3) joints in scene coordinates [m].
     offset : distance of all foci from the skin [m]; by default, the scene's
         offsets.

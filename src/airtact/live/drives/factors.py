@@ -265,7 +265,7 @@ class OpenAir:
 
     Parameters
     ----------
-    scene : scene; its array, medium and frequency are used.
+    scene : scene of the live loop; its array, medium and frequency are used.
     """
 
     def __init__(self, scene: LiveScene) -> None:
