@@ -13,6 +13,7 @@ than noise.
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Complex, Complex64, Float64, Int64
@@ -127,6 +128,7 @@ class EchoModel:
         return parts if self.valid is None else parts * self.valid
 
 
+@lru_cache(maxsize=1)
 def _array_waves(
     scattering: ScatteringMatrix, array: PhasedArray, order: int
 ) -> Complex64[np.ndarray, "waves elements"]:
@@ -145,8 +147,9 @@ def _array_waves(
     waves = np.zeros((wave_count(order), len(array)), dtype=np.complex64)
     # Process one point of all faces at a time to limit the memory.
     for weight, points in zip(array.element.weights, np.swapaxes(faces, 0, 1), strict=True):
-        gains = (weight * array.gains).astype(np.complex64)
-        waves += monopole_waves(order, points, scattering.scene.wavenumber) * gains
+        strengths = weight * array.gains
+        waves += monopole_waves(order, points, scattering.scene.wavenumber, strengths)
+    waves.flags.writeable = False
     return waves
 
 

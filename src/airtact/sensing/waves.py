@@ -17,7 +17,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Complex128, Float32, Float64, Int, Real, Shaped
+from jaxtyping import Complex, Complex128, Float32, Float64, Int, Num, Real, Shaped
 from scipy.sparse import csr_matrix
 from scipy.special import jv, spherical_jn
 
@@ -121,10 +121,16 @@ def regular_waves(
     return of_waves(order, radial) * harmonics(order, offsets)
 
 
-def monopole_waves(order: int, offsets: Real[np.ndarray, "points 3"], wavenumber: complex) -> Waves:
-    """Return the regular waves (waves, P) of monopoles of 1 Pa·m at offsets (P, 3)."""
+def monopole_waves(
+    order: int,
+    offsets: Real[np.ndarray, "points 3"],
+    wavenumber: complex,
+    strengths: Num[np.ndarray, "points"] | float = 1.0,
+) -> Waves:
+    """Return the regular waves (waves, P) of monopoles of given strengths (P,) [Pa·m]."""
     radial = outgoing_radial(order, np.linalg.norm(offsets, axis=1), wavenumber)
-    waves = of_waves(order, (4j * np.pi * wavenumber * radial).astype(np.complex64))
+    radial *= 4j * np.pi * wavenumber * strengths
+    waves = of_waves(order, radial.astype(np.complex64))
     waves *= harmonics(order, offsets).astype(np.float32)
     return waves
 
