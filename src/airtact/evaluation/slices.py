@@ -175,7 +175,7 @@ def box_pressure(
 
 
 def window_pressure(
-    field: RadiatedField, window: Window
+    field: RadiatedField, window: Window, depth: Float64[np.ndarray, "points"]
 ) -> Complex128[np.ndarray, "points excitations"]:
     """Evaluate a field at the points of a window; most points of a large window are interpolated.
 
@@ -183,6 +183,7 @@ def window_pressure(
     ----------
     field : field computed by a solver.
     window : grid of points in the plane of a picture.
+    depth : (P,) depth of its points in bodies and behind planes [m], negative outside.
 
     Returns
     -------
@@ -198,7 +199,7 @@ def window_pressure(
     pressure = _carried_inside(pressure.reshape(1, *coarse.shape, -1))
     columns = [_finer(part, (1, *window.shape)) for part in np.moveaxis(pressure, -1, 0)]
     pressure = np.stack(columns, axis=-1).reshape(len(window.points), -1)
-    pressure[~field.valid(window.points)] = np.nan
+    pressure[depth > 0.0] = np.nan
     return pressure
 
 

@@ -27,9 +27,9 @@ def write_methods_page(
     page = folder / "methods.html"
     with clock.step("cuts", "computing the fields in the pictures"):
         window = plane_of_scene(setup.scene, setup.target.points)
-        pictured = window_pressure(contest.field.for_pictures, window)
-        pressures = dict(zip(emitted, pictured.T, strict=True))
-        cut = Cut(window, pressures, solid_depth(setup.scene, window.points))
+        depth = solid_depth(setup.scene, window.points)
+        pictured = window_pressure(contest.field.for_pictures, window, depth)
+        cut = Cut(window, dict(zip(emitted, pictured.T, strict=True)), depth)
     with clock.step("3-D scene", "computing the fields in the 3-D scene"):
         as_emitted = "the levels that they emit"
         at_foci = contest.field.at(setup.target.points)

@@ -83,12 +83,13 @@ def fields_of(run: Rendering, clock: Clock) -> tuple[Cut, SceneView]:
     scales = [drive.factor_to_match(run.drive) for drive in run.drives.values()]
     plane = plane_of_scene(setup.scene, setup.target.points)
     with clock.step("cuts", "computing the field in the pictures"):
-        pressure = window_pressure(run.verification.field.for_pictures, plane)
+        depth = solid_depth(setup.scene, plane.points)
+        pressure = window_pressure(run.verification.field.for_pictures, plane, depth)
         pressures = {
             name: scale * pressure[:, run.verification.column(name)]
             for name, scale in zip(run.drives, scales, strict=True)
         }
-        cut = Cut(plane, pressures, solid_depth(setup.scene, plane.points))
+        cut = Cut(plane, pressures, depth)
     with clock.step("3-D scene", "computing the field in the 3-D scene"):
         field = run.verification.field
         view = scene_view(

@@ -234,7 +234,7 @@ def three_js() -> str:
 
 
 def _packed(data: bytes) -> str:
-    return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode("ascii")
+    return base64.b64encode(gzip.compress(data, 4, mtime=0)).decode("ascii")
 
 
 def stage_facts(
