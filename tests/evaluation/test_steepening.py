@@ -106,6 +106,13 @@ def test_a_focus_on_a_body_is_a_focus_on_a_wall() -> None:
     np.testing.assert_allclose(effect.depletion, wall.depletion, rtol=0.1)
 
 
+def test_skin_that_faces_away_leaves_the_pressure_unknown() -> None:
+    ball = at.sphere(0.008, edge=2e-3, centre=(0.0, 0.0, 0.15))
+    behind = at.focus(at.flat_boards(1, 1), (0.0, 0.0, 0.1585), ball)
+    assert behind.pressures[0] > 1e3
+    assert np.isnan(behind.steepening.kept[0])
+
+
 def test_a_silent_point_does_not_steepen() -> None:
     sources = at.Monopoles(np.zeros((1, 3)), np.zeros((1, 1)))
     effect = steepening(at.Scene(AIR, []), sources, np.array([[0.1, 0.0, 0.0]]), np.zeros(1))

@@ -10,6 +10,7 @@ from airtact.acoustics.solvers.bem.solver import OF_THE_DIRECT, BoundaryElement
 from airtact.setup.sentences import reach_cautions, sensations
 from airtact.setup.solving import MOST_UNKNOWNS, solve_foci, unknowns_of, verification_solver
 from airtact.timing import Clock
+from airtact.transducers.placement import open_air_bound
 from paths import EXAMPLES, SCENES
 
 PINCH = at.read_scene(EXAMPLES / "pinch.toml")
@@ -29,6 +30,24 @@ def test_foci_that_no_method_separates_are_named() -> None:
     (words,) = reach_cautions(near)
     assert words.startswith("thumb.pad and finger.pad are 0.5 mm apart")
     assert reach_cautions(PINCH) == ()
+
+
+def test_foci_close_to_a_transducer_are_named() -> None:
+    board = at.flat_boards(1, 1)
+    close = at.Target(board.positions[:1] + [[0.0, 0.0, 1e-3]])
+    setup = at.Setup(at.Scene(at.air(celsius=20.0)), board, close)
+    assert "1 mm from a transducer" in reach_cautions(setup)[0]
+
+
+def test_requests_above_what_absorbing_air_lets_through_are_named() -> None:
+    absorbing = at.Scene(at.Medium(sound_speed=343.0, density=1.2, absorption=10.0))
+    board = at.flat_boards(1, 1)
+    target = at.Target(np.array([[0.0, 0.0, 0.2]]), pressures=np.array([1e5]))
+    words = " ".join(reach_cautions(at.Setup(absorbing, board, target)))
+    most = open_air_bound(board, target.points, absorbing.wavenumber)[0]
+    focused = at.focus(board, target.points[0], medium=absorbing.medium)
+    assert most == pytest.approx(focused.pressures[0], rel=1e-3)
+    assert f"{most:,.0f} Pa" in words
 
 
 def test_foci_away_from_skin_are_named() -> None:

@@ -135,6 +135,11 @@ def register(
     warnings = []
     if fit.repeat is not None:
         warnings.append(f"touch {fit.repeat + 1} contradicts the others and is ignored.")
+    if fit.likely_scale is not None:
+        warnings.append(
+            "the touches fit much better if the tracker's lengths are multiplied by "
+            f"{fit.likely_scale:.3f}. Use --fit-scale, and send lengths multiplied by that factor."
+        )
     show(
         table,
         warnings=warnings,

@@ -63,9 +63,9 @@ def in_real_air(
     """
     if steepening is None:
         return ()
-    focus = int(steepening.second.argmax())
+    focus = int(np.nan_to_num(steepening.second).argmax())
     # A second harmonic of 10 % is 20 dB lower and takes at most 0.5 % from the fundamental.
-    if steepening.second[focus] < 0.1:
+    if not steepening.second[focus] >= 0.1:
         return ()
     computed = pascals(float(np.abs(pressures[focus])))
     kept = float(steepening.kept[focus])

@@ -110,7 +110,9 @@ def steepening(
         waves = _waves_at(scene, sources, excitation, point)
         total = abs(waves.pressure.sum())
         if total == 0.0:
-            rows.append((0.0, 0.0, 0.0))
+            # All direct sound is behind the skin: what arrives came around the body.
+            unknown = np.nan if pressure != 0.0 else 0.0
+            rows.append((unknown, unknown, 0.0))
             continue
         waves = waves.patches(128)
         rows.append(

@@ -129,7 +129,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
         np.abs(open_air_matrix(scene, array, target).matrix[:count]).sum(axis=1)
         for scene, array in ((bare, nominal), (setup.scene, nominal), (setup.scene, setup.array))
     ]
-    strongest = max(strongest_open_air(nominal, setup.scene.wavenumber.real), alone[0].max())
+    strongest = max(strongest_open_air(nominal, setup.scene.wavenumber), alone[0].max())
     causes = [
         Cause("strongest place in open air", np.full(count, strongest)),
         Cause(

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float64
+from scipy.spatial import KDTree
 
 import airtact as at
 from airtact.acoustics.target_points import outward
@@ -119,8 +120,17 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
                 "less than a tenth of the wavelength. Most methods cannot separate such foci and "
                 "return no drive: remove one focus."
             )
-    bounds = open_air_bound(setup.array, points, scene.wavenumber.real)
-    strongest = strongest_open_air(setup.array, scene.wavenumber.real)
+    # The few points on a face give its near field only roughly: on the axis of a disc of 4.5 mm,
+    # the pressure is 4 % off at 1 mm and 7 % at 0.1 mm.
+    apart = KDTree(setup.array.positions).query(points)[0]
+    for name, distance in zip(setup.foci, apart, strict=True):
+        if distance < setup.array.element.radius:
+            cautions.append(
+                f"{name} is {millimetres(distance)} from a transducer: closer than a radius to a "
+                "face, the pressure is up to 7 % off. Move the focus away."
+            )
+    bounds = open_air_bound(setup.array, points, scene.wavenumber)
+    strongest = strongest_open_air(setup.array, scene.wavenumber)
     # A hard surface doubles the pressure of a plane wave, and so does a plane. For reflecting
     # boards, there is no such bound.
     gain = (2.0 if scene.obstacles else 1.0) * (2.0 if scene.planes else 1.0)
@@ -242,7 +252,7 @@ def shadows(setup: Setup, transfer: TransferMatrix) -> Iterator[str]:
         return
     points = setup.target.points
     attainable = np.abs(transfer.matrix).sum(axis=1)[: len(points)]
-    open_air = open_air_bound(setup.array, points, setup.scene.wavenumber.real)
+    open_air = open_air_bound(setup.array, points, setup.scene.wavenumber)
     for name, pressure, bound in zip(setup.foci, attainable, open_air, strict=True):
         if pressure < 0.2 * bound:
             yield (

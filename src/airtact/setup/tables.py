@@ -602,7 +602,7 @@ class ModulationTable(Table, frozen=True):
         path.
     frequency : frequency of the force, or repetitions of the path per second [Hz]; by default 200
         for "am", 50 for "lm", and 7 m/s along the path for "stm".
-    depth : modulation depth of the force, 0 to 1; by default 1.
+    depth : modulation depth of the force, above 0, at most 1; by default 1.
     path : shape of the path; "points" requires "stm".
     radius : radius of the circle [m]; by default 0.003 for "lm", 0.01 for "stm".
     length : length of the line [m]; by default 0.006 for "lm", 0.02 for "stm".

@@ -232,7 +232,7 @@ def _height(
 
 
 def open_air_bound(
-    array: PhasedArray, points: Real[np.ndarray, "points 3"], wavenumber: float
+    array: PhasedArray, points: Real[np.ndarray, "points 3"], wavenumber: complex
 ) -> Float64[np.ndarray, "points"]:
     """Return the peak pressure [Pa] at points if all elements are at full scale and in phase there.
 
@@ -244,7 +244,7 @@ def open_air_bound(
     ----------
     array : the transducers.
     points : (P, 3) points in the frame of the array [m].
-    wavenumber : wavenumber k [rad/m].
+    wavenumber : wavenumber k [rad/m]; its imaginary part is the absorption [Np/m].
 
     Returns
     -------
@@ -268,7 +268,7 @@ def open_air_bound(
     return bounds
 
 
-def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
+def strongest_open_air(array: PhasedArray, wavenumber: complex) -> float:
     """Return the largest ``open_air_bound`` [Pa] over all points in front of the array."""
     # Points in front of the centre and of about 15 elements, at least 30 mm from every element.
     chosen = slice(None, None, max(1, len(array) // 15))

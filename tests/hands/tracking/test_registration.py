@@ -64,6 +64,13 @@ def test_a_wrong_touch_is_named_and_left_out(size):
     assert named >= 19
 
 
+def test_a_likely_scale_is_named():
+    _, _, touched = seen(np.random.default_rng(3))
+    assert at.hands.register(touched, POINTS, NORMALS, offset=OFFSET).likely_scale is None
+    found = at.hands.register(touched / 1.03, POINTS, NORMALS, offset=OFFSET)
+    assert found.likely_scale == pytest.approx(1.03, abs=5e-3)
+
+
 def test_scale_and_offset_are_found_if_faces_differ():
     box = at.surrounding_box()
     elements = [0, 248, 300, 480, 600, 700, 800, 995]
@@ -89,6 +96,8 @@ TOUCHES = seen(np.random.default_rng(3))[2]
         ("data_missing", (TOUCHES, POINTS, NORMALS), {"offset": None}),
         ("pose_not_found", (TOUCHES[[1, 0, 5, 2, 4, 3]], POINTS, NORMALS), {}),
         ("not_finite", (np.nan * TOUCHES, POINTS, NORMALS), {}),
+        ("out_of_range", (TOUCHES, POINTS, NORMALS), {"offset": 6.6}),
+        ("out_of_range", (TOUCHES, POINTS, NORMALS), {"offset": -0.5}),
     ],
 )
 def test_touches_that_give_no_pose_are_rejected(code, arguments, options, as_outside_the_tests):

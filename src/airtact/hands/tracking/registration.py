@@ -9,7 +9,7 @@ from jaxtyping import Float64, Real
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from airtact.errors import InvalidInput, fixed, in_short, points_of
+from airtact.errors import InvalidInput, between, fixed, in_short, points_of
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.hands.joints import GENERIC_RADII, TRACKED
 from airtact.hands.tracking.frame import HandFrame
@@ -36,6 +36,8 @@ class Registration:
     angle_error : standard deviation of the rotation about the least certain axis [rad].
     repeat : index of the touch that contradicts all others and is excluded from the fit; None if
         all touches agree.
+    likely_scale : scale at which the residuals would be less than 0.4 times as large; None if the
+        scale was fitted, or no scale helps that much.
     """
 
     tracker: Pose
@@ -45,6 +47,7 @@ class Registration:
     position_error: float
     angle_error: float
     repeat: int | None
+    likely_scale: float | None = None
 
     __repr__ = in_short
 
@@ -92,9 +95,9 @@ def register(
     Raises
     ------
     InvalidInput
-        If there are fewer than 3 touches, if the points are in one line, if the offset cannot be
-        distinguished from a shift of the tracker, or if the touches contradict each other by more
-        than 10 mm and no single touch is the cause.
+        If there are fewer than 3 touches, if the points are in one line, if the offset is not
+        between 0 and 50 mm or cannot be distinguished from a shift of the tracker, or if the
+        touches contradict each other by more than 10 mm and no single touch is the cause.
 
     Examples
     --------
@@ -114,6 +117,9 @@ def register(
             "normals; pass one position and one normal per touch.",
             code="sizes_differ",
         )
+    if offset is not None:
+        slip = "is it in millimetres? Use metres."
+        between(offset, 0.0, 0.05, "the offset of the fingertip's joint", "m", slip)
     used = np.ones(len(points), dtype=bool)
     fit = _fitted(touched, points, normals, used, offset, scale)
     repeat = None
@@ -130,6 +136,12 @@ def register(
         if distance > max(2e-3, 5.0 * fits[best].rms):
             repeat = best
             fit = fits[best]
+            used[best] = False
+    likely_scale = None
+    if scale is not None and used.sum() > 4:
+        scaled = _fitted(touched, points, normals, used, offset, None)
+        if scaled.rms < 0.4 * fit.rms and fit.rms > 0.5e-3:
+            likely_scale = scaled.scale
     if fit.rms > 10e-3:
         raise InvalidInput(
             f"the touches contradict each other by {1e3 * fit.rms:.0f} mm: repeat all of them, in "
@@ -144,6 +156,7 @@ def register(
         fit.position_error,
         fit.angle_error,
         repeat,
+        likely_scale,
     )
 
 
