@@ -23,7 +23,7 @@ from airtact.drives.drive import Drive
 from airtact.drives.linear_methods import time_reversal
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.errors import in_short
-from airtact.evaluation.field import drive_sources
+from airtact.evaluation.metrics import drive_sources
 from airtact.hands.files import load_hand
 from airtact.hands.hand import Hand, hand_from_joints
 from airtact.live.drives.factors import (

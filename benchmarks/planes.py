@@ -18,7 +18,7 @@ import numpy as np
 
 import airtact as at
 from airtact.acoustics.solvers.bem.solutions import assemble, transposed_right_side
-from airtact.acoustics.solvers.gmres import gmres
+from airtact.acoustics.solvers.shared import gmres
 from airtact.hands.hand import hand_from_joints
 from airtact.live.drives.factors import OpenAir, solved
 from airtact.live.scene import foci_on

@@ -27,7 +27,7 @@ from .acoustics.scene import (
 )
 from .acoustics.solvers.bem.solver import BoundaryElement as BoundaryElement
 from .acoustics.solvers.fem.solver import FiniteElement as FiniteElement
-from .acoustics.solvers.free_field import FreeField as FreeField
+from .acoustics.solvers.problem import FreeField as FreeField
 from .acoustics.solvers.sampled_field import SampledField as SampledField
 from .acoustics.solvers.spherical.multipole_field import multipole_expansion as multipole_expansion
 from .acoustics.solvers.spherical.sphere_series import SphereSeries as SphereSeries
@@ -61,8 +61,8 @@ from .emission.emission import Emission as Emission
 from .emission.frame_file import load_drive as load_drive
 from .errors import InvalidInput as InvalidInput
 from .errors import NotConverged as NotConverged
-from .evaluation.field import field_map as field_map
 from .evaluation.metrics import evaluate as evaluate
+from .evaluation.metrics import field_map as field_map
 from .geometry.files import load_surface as load_surface
 from .geometry.pose import Pose as Pose
 from .geometry.primitives import capsule as capsule
@@ -72,7 +72,7 @@ from .hands.files import load_hand as load_hand
 from .hands.fitting.fit import fit_hand as fit_hand
 from .hands.hand import Hand as Hand
 from .hands.hand import hand_from_joints as hand_from_joints
-from .hands.pinch_dummy import pinch as pinch
+from .hands.hand import pinch as pinch
 from .reports import plot as plot
 from .reports.report import write_report as write_report
 from .sensing.echoes import Echoes as Echoes

@@ -351,6 +351,15 @@ def point_of(vector: Vector, what: str) -> Float64[np.ndarray, "3"]:
     return point
 
 
+def direction_of(vector: Vector, what: str, code: str = "all_zero") -> Float64[np.ndarray, "3"]:
+    """Return the unit vector along a vector (3,); raise an error if its length is 0."""
+    direction = point_of(vector, what)
+    length = float(np.linalg.norm(direction))
+    if length == 0.0:
+        raise InvalidInput(f"{what} has length 0; use a nonzero vector.", code=code)
+    return fixed(direction / length)
+
+
 def check_finite(array: np.ndarray, what: str) -> None:
     """Raise an error if an array contains NaN or infinity."""
     finite = np.isfinite(array)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from airtact.acoustics.drawings import MAX_CURVES, MAX_DRAWING_BYTES, svg_path, text
+from airtact.acoustics.target_points import MAX_CURVES, MAX_DRAWING_BYTES, svg_path, text
 from faults import raises_code
 
 

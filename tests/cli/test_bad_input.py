@@ -9,7 +9,7 @@ import pytest
 
 import airtact as at
 from airtact.acoustics.solvers.bem import solver as bem_solver
-from airtact.acoustics.solvers.gmres import gmres
+from airtact.acoustics.solvers.shared import gmres
 from airtact.cli import main
 from faults import facts, raises_code
 from geometry.mesh.meshes import box_mesh, torus_mesh

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import spherical_jn, spherical_yn
 
 import airtact as at
-from airtact.evaluation.radiation import radiation_of, radiation_pressure
+from airtact.evaluation.verification import radiation_of, radiation_pressure
 from faults import raises_code
 from worlds import AIR, two_fingers
 

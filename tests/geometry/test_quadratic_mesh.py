@@ -6,8 +6,7 @@ import trimesh
 from scipy.spatial import KDTree
 
 import airtact as at
-from airtact.geometry.mesh.panel_tree import panel_tree
-from airtact.geometry.mesh.triangles import cut, points_at, shape_functions
+from airtact.geometry.mesh.triangles import cut, panel_tree, points_at, shape_functions
 from airtact.geometry.mesh_shape import MeshShape, QuadraticMesh
 from geometry.mesh.meshes import flat_mesh
 

@@ -14,7 +14,7 @@ from airtact.acoustics.solvers.bem.quadrature import (
     place_nodes,
 )
 from airtact.acoustics.solvers.bem.solutions import assemble, dual_surface
-from airtact.acoustics.solvers.gmres import gmres
+from airtact.acoustics.solvers.shared import gmres
 from references import relative_columns
 from worlds import (
     directions,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.problem import FreeField
 from airtact.setup.placing import _hand_poses, hands_of
 from airtact.transducers.placement import check_apart, open_air_bound, overlapping_boards
 from faults import raises_code

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.evaluation.radiation import radiation_of
+from airtact.evaluation.verification import radiation_of
 from faults import raises_code
 from references.standing_wave import AIR, BOTH, ENERGY, FOAM, PAIR, K, standing_wave_function
 

@@ -1,5 +1,3 @@
-from .drawings import svg_path as svg_path
-from .drawings import text as text
 from .scene import Obstacle as Obstacle
 from .scene import Plane as Plane
 from .solvers.bem.factorised_bodies import FactorisedBodies as FactorisedBodies
@@ -35,3 +33,5 @@ from .target_points import (
 from .target_points import (
     surface_points as surface_points,
 )
+from .target_points import svg_path as svg_path
+from .target_points import text as text

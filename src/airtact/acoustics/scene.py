@@ -21,6 +21,7 @@ from airtact.errors import (
     check_choice,
     check_frequency,
     counted,
+    direction_of,
     fixed,
     in_mm,
     millimetres,
@@ -110,14 +111,7 @@ def plane(point: Vector, normal: Vector) -> Plane:
     [0.1]
     """
     point = point_of(point, "the point of a plane")
-    normal = point_of(normal, "the normal of a plane")
-    length = float(np.linalg.norm(normal))
-    if length == 0.0:
-        raise InvalidInput(
-            "the normal of a plane has length 0; use a vector that points to its front.",
-            code="out_of_range",
-        )
-    return Plane(point, fixed(normal / length))
+    return Plane(point, direction_of(normal, "the normal of a plane", code="out_of_range"))
 
 
 def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plane, ...]:

@@ -12,7 +12,7 @@ from jaxtyping import Complex128, Float64, Real
 from scipy.special import ndtri
 
 from airtact.acoustics.medium import air
-from airtact.errors import InvalidInput, Vector, between, in_short, one_line, point_of
+from airtact.errors import InvalidInput, Vector, between, one_line, point_of
 from airtact.geometry.pose import Pose
 
 # Angles above zero and below this are probably in radians [degree].
@@ -137,8 +137,6 @@ class Draw:
     groups: tuple[Pose, ...]
     skin: Float64[np.ndarray, "foci 2"]
     slower: float
-
-    __repr__ = in_short
 
 
 def draws(

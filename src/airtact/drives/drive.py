@@ -191,10 +191,19 @@ class Drive:
         )
 
 
-def check_drive(drive: Drive, name: str) -> None:
-    """Raise ``InvalidInput`` if ``drive``, called ``name`` in the message, is not a ``Drive``."""
+def check_drive(drive: Drive, name: str, owner: str = "", elements: int | None = None) -> None:
+    """Raise ``InvalidInput`` unless ``drive`` is a ``Drive``; the message calls it ``name``.
+
+    ``owner``, such as the array, has a number of ``elements`` that the drive must have as well.
+    """
     # The likely mistake is a Frame, whose amplitudes are levels.
     of_kind(drive, Drive, name, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
+    if elements not in (None, len(drive)):
+        raise InvalidInput(
+            f"{name} has {counted(len(drive), 'element', 'elements')}, but the {owner} has "
+            f"{elements}. Use the {owner} for which the drive was computed.",
+            code="sizes_differ",
+        )
 
 
 def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:

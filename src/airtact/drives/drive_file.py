@@ -48,23 +48,23 @@ from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import FULL_SCALE, AmplitudeModulation, Levels
 
+# Version of the format.
 VERSION = 1
-"""Version of the format."""
 
+# Name of the file that a run with moving foci writes next to its drive.
 SEQUENCE_FILE = "sequence.h5"
-"""Name of the file that a run with moving foci writes next to its drive."""
 
+# Columns of a drive's table. Positions are in metres; other units are those of the datasets.
 COLUMNS = (
     *("index", "x", "y", "z", "nx", "ny", "nz"),
     *("amplitude", "phase", "amplitude_level", "phase_level"),
 )
-"""Columns of a drive's table. Positions are in metres; other units are those of the datasets."""
 
+# Datasets that are attributes of ``DriveFile``; a file omits those that are None.
 PLAIN = (
     *("rate", "frequency", "positions", "normals", "sensitivity", "element_radius", "board"),
     *("foci", "wanted_pressures", "transfer_matrix"),
 )
-"""Datasets that are attributes of ``DriveFile``; a file omits those that are None."""
 
 UNITS = {
     "positions": "m",

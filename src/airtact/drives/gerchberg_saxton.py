@@ -12,8 +12,8 @@ from airtact.drives.drive import Drive
 from airtact.drives.transfer import FociRows, TransferMatrix, asked_rows, scaled_to_target
 from airtact.errors import InvalidInput
 
+# Complex source s at each focus. The elements emit the phases of Hᴴ s.
 Sources = Complex128[np.ndarray, "foci"]
-"""Complex source s at each focus. The elements emit the phases of Hᴴ s."""
 
 
 def weighted_gerchberg_saxton(
@@ -68,8 +68,8 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources))
 
 
+# Factor that reduces single-precision magnitudes near 1 to at most 1.
 SINGLE = np.float32(1.0 - 2e-7)
-"""Factor that reduces single-precision magnitudes near 1 to at most 1."""
 
 
 def alternating_projections(

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Complex, Float64, Num, Real
 
+from airtact.acoustics.target_points import even_directions
 from airtact.drives.frame import Frame, frame_at, share_under_cap
 from airtact.errors import InvalidInput
 from airtact.transducers.element import DEFAULT_SENSITIVITY
@@ -85,12 +86,12 @@ def pressures_around(
             values.append([frames.max(axis=1), np.sqrt(np.mean(frames**2, axis=1))])
         return np.concatenate(values, axis=1)
 
-    directions = _directions(2000)
+    directions = even_directions(2000)
     coarse = pressures(directions)
     # A beam may be narrower than the angle between two directions. The 12 largest pressures are
     # therefore refined with 100 directions each, up to one angle step away.
     steps = (
-        _directions(100)[None]
+        even_directions(100)[None]
         * np.sqrt(4.0 * np.pi / len(directions))
         * np.linspace(0.2, 1.0, 100)[None, :, None]
     )
@@ -99,14 +100,6 @@ def pressures_around(
     fine = pressures(around)
     peak, average = np.maximum(coarse.max(axis=1), fine.max(axis=1))
     return sensitivity * float(peak), sensitivity * float(average)
-
-
-def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:
-    index = np.arange(count) + 0.5
-    height = 1.0 - 2.0 * index / count
-    turn = np.pi * (1.0 + np.sqrt(5.0)) * index
-    width = np.sqrt(1.0 - height**2)
-    return np.stack([width * np.cos(turn), width * np.sin(turn), height], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

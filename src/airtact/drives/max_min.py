@@ -312,13 +312,9 @@ def smallest_pressure(matrix: FociRows, amplitudes: Amplitudes) -> float:
     return float(np.abs(matrix @ amplitudes).min())
 
 
+# Negative exponent of the power mean that approximates the smallest pressure. With 16 foci, the
+# mean exceeds the smallest pressure by at most 1.4 %.
 SHARPNESS = 200.0
-"""Negative exponent of the power mean that approximates the smallest pressure.
-
-With 16 foci, the mean exceeds the smallest pressure by at most 1.4 %."""
-
-Suppressed = Complex128[np.ndarray, "suppressed elements"]
-"""Rows of the transfer matrix at the suppression points."""
 
 
 def gradient(
@@ -392,7 +388,7 @@ def gradient(
 
 def _descend(
     matrix: FociRows,
-    suppressed: Suppressed,
+    suppressed: Complex128[np.ndarray, "suppressed elements"],
     lowest: float,
     penalty: float,
     start: Amplitudes,
@@ -449,7 +445,9 @@ def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amp
     return float(smallest), matrix.conj().T @ (shares * pressure / np.exp(2.0 * logs))
 
 
-def _suppressed_level(suppressed: Suppressed, amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
+def _suppressed_level(
+    suppressed: Complex128[np.ndarray, "suppressed elements"], amplitudes: Amplitudes
+) -> tuple[float, Amplitudes]:
     """Return log √(1 + mean squared pressure) at the suppression points, and its gradient."""
     pressure = suppressed @ amplitudes
     # The 1 under the root removes any reward for suppression beyond 60 dB.

@@ -22,17 +22,17 @@ from airtact.drives.sequence import MIN_FRAMES, Sequence
 from airtact.drives.transfer import MakeDrive, TransferMatrix, check_foci
 from airtact.errors import InvalidInput, check_choice, millimetres, of_kind, positive, within
 
+# Default number of positions on a path around a focus.
 DEFAULT_FRAMES = 16
-"""Default number of positions on a path around a focus."""
 
+# Largest number of frames that an AUTD3 board stores.
 MAX_FRAMES = 1024
-"""Largest number of frames that an AUTD3 board stores."""
 
 PATHS = ("circle", "line", "points")
 ALONG = ("skin", "array")
 
+# Positions of each focus in each frame [m].
 Paths = Float64[np.ndarray, "foci frames 3"]
-"""Positions of each focus in each frame [m]."""
 
 
 @dataclass(frozen=True)

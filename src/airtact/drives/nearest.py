@@ -9,7 +9,7 @@ from airtact.drives.drive import Drive
 from airtact.drives.gerchberg_saxton import asked_rows, weighted_gerchberg_saxton
 from airtact.drives.max_min import upper_bound
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import InvalidInput, between
+from airtact.errors import between
 
 Phases = Float64[np.ndarray, "elements"]
 
@@ -52,12 +52,7 @@ def nearest_drive(
     28.5
     """
     between(share, 0.0, 1.0, "the share", "of the bound", "95 per cent is 0.95.")
-    if len(drive) != transfer.matrix.shape[1]:
-        raise InvalidInput(
-            f"the drive has {len(drive)} elements, but the transfer matrix has "
-            f"{transfer.matrix.shape[1]}; use the array for which the drive was computed.",
-            code="sizes_differ",
-        )
+    transfer.check_fits(drive)
     weighted = TransferMatrix(transfer.matrix * drive.magnitudes, float("nan"))
     rows, requests = asked_rows(weighted, target)
     rows = rows / requests[:, None]

@@ -34,38 +34,33 @@ from airtact.drives.gerchberg_saxton import phase
 from airtact.drives.max_min import strongest_sources
 from airtact.drives.transfer import FociRows, TransferMatrix, asked_rows
 from airtact.drives.transfer_ensemble import TransferEnsemble
-from airtact.errors import InvalidInput
+from airtact.errors import check_choice
 from airtact.timing import one_thread
 
+# The statistic of the weakest focus over the samples.
 Goal = Literal["lowest tenth", "mean", "worst"]
-"""The statistic of the weakest focus over the samples."""
 
+# Limit on a drive: "energy" limits Σ|d|²; "phases" sets |d| = 1 for every element.
 Limit = Literal["energy", "phases"]
-"""Limit on a drive: "energy" limits Σ|d|²; "phases" sets |d| = 1 for every element."""
 
+# Rows at the foci in each sample, divided by the request of each focus.
 SampledRows = Complex128[np.ndarray, "samples foci elements"]
-"""Rows at the foci in each sample, divided by the request of each focus."""
-
-RowValues = Complex128[np.ndarray, "rows"]
-"""One number for each focus of each sample, ordered by sample."""
 
 
+# Sequences of exponents of the power mean, for each goal. Each exponent of a sequence corresponds
+# to one climb, which starts where the previous one ended. For large displacements of the hand
+# there are many distant local optima. Each sequence finds one of them, and the best is used.
 EXPONENTS: dict[str, tuple[tuple[float, ...], ...]] = {
     "mean": ((1.0,),),
     "lowest tenth": ((-2.0,), (1.0, -2.0)),
     "worst": ((-2.0, -8.0, -32.0), (1.0, -2.0, -8.0, -32.0)),
 }
-"""Sequences of exponents of the power mean, for each goal.
 
-Each exponent of a sequence corresponds to one climb, which starts where the previous one ended. For
-large displacements of the hand there are many distant local optima. Each sequence finds one of
-them, and the best is used."""
-
+# Negative exponent of the power mean that approximates the weakest focus of a sample.
 FOCUS_SHARPNESS = 8.0
-"""Negative exponent of the power mean that approximates the weakest focus of a sample."""
 
+# Largest number of L-BFGS steps in one climb.
 MAX_STEPS = 60
-"""Largest number of L-BFGS steps in one climb."""
 
 
 def robust(
@@ -116,12 +111,8 @@ def robust(
     True
     """
     # Scene files also state goals and limits, as words.
-    for word, allowed in ((goal, get_args(Goal)), (limit, get_args(Limit))):
-        if word not in allowed:
-            raise InvalidInput(
-                f'"{word}" is not a goal or limit. Use one of {", ".join(allowed)}.',
-                code="unknown_name",
-            )
+    check_choice(goal, "the goal", get_args(Goal))
+    check_choice(limit, "the limit", get_args(Limit))
     nominal, requests = asked_rows(ensemble, target)
     samples = sampled_rows(ensemble, target)
     certain = len(samples) == 1
@@ -332,8 +323,8 @@ def _climb_at_full_scale(
 
 
 def _log_power_mean(
-    pressures: RowValues, shape: tuple[int, int], exponent: float
-) -> tuple[float, RowValues]:
+    pressures: Complex128[np.ndarray, "rows"], shape: tuple[int, int], exponent: float
+) -> tuple[float, Complex128[np.ndarray, "rows"]]:
     """Return the log of the power mean of the weakest focus over the samples, and its gradient.
 
     Parameters

@@ -23,8 +23,8 @@ from airtact.errors import InvalidInput, check_finite, complex_numbers, in_short
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
 
+# Smallest number of frames in one period of a modulation.
 MIN_FRAMES = 4
-"""Smallest number of frames in one period of a modulation."""
 
 
 @dataclass(frozen=True, eq=False)

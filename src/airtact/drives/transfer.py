@@ -6,12 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex, Complex128, Float64, Int64
-from scipy.spatial import KDTree
 
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.acoustics.solvers.problem import FreeField, RadiatedField
 from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, check_drive
@@ -101,13 +99,7 @@ class TransferMatrix:
 
     def check_fits(self, drive: Drive) -> None:
         """Raise ``InvalidInput`` unless the drive has as many elements as the matrix."""
-        check_drive(drive, "the drive")
-        if len(drive) != self.matrix.shape[1]:
-            raise InvalidInput(
-                f"the drive has {counted(len(drive), 'element', 'elements')}, but the transfer "
-                f"matrix has {self.matrix.shape[1]}. Use a drive and a matrix of the same array.",
-                code="sizes_differ",
-            )
+        check_drive(drive, "the drive", "transfer matrix", self.matrix.shape[1])
 
     def of_rows(self, rows: Int64[np.ndarray, "rows"]) -> "TransferMatrix":
         """Return the transfer matrix with only the given rows, in this order."""
@@ -115,8 +107,8 @@ class TransferMatrix:
         return replace(self, matrix=self.matrix[rows], foci=foci)
 
 
+# A function that computes a drive, such as ``phase_conjugate``.
 MakeDrive = Callable[[TransferMatrix, Target], Drive]
-"""A function that computes a drive, such as ``phase_conjugate``."""
 
 
 def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
@@ -343,11 +335,11 @@ def rounding_error(
     return np.where(exact > 0.0, emitted / np.where(exact > 0.0, exact, 1.0) - 1.0, np.nan)
 
 
+# Rows of a transfer matrix at foci, often divided by the request of each focus.
 FociRows = Complex128[np.ndarray, "foci elements"]
-"""Rows of a transfer matrix at foci, often divided by the request of each focus."""
 
+# Smallest distance between two foci that can be separated [wavelengths].
 MIN_FOCUS_DISTANCE = 0.1
-"""Smallest distance between two foci that can be separated [wavelengths]."""
 
 
 def check_foci(transfer: TransferMatrix, target: Target) -> None:
@@ -453,15 +445,6 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
             code="foci_unreachable",
         )
     return rows
-
-
-def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float]:
-    """Return the indices of the two closest foci, and their distance [m]."""
-    distances, neighbours = map(np.asarray, KDTree(points).query(points, k=2))
-    first = int(distances[:, 1].argmin())
-    # For two foci at the same place the query may list the second before the first.
-    second = int(next(index for index in neighbours[first] if index != first))
-    return min(first, second), max(first, second), float(distances[first, 1])
 
 
 def suppression_rows(

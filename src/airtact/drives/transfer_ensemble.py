@@ -31,8 +31,7 @@ from jaxtyping import Complex128, Float64, Int64, Real
 from airtact.acoustics.scene import Plane, Scene, check_no_boards
 from airtact.acoustics.solvers.bem.moving_panels import BodiesBeforePlane
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.problem import RadiatedField, Solver
+from airtact.acoustics.solvers.problem import FreeField, RadiatedField, Solver
 from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.acoustics.solvers.spherical.multipole_field import (
     MultipoleField,
@@ -44,16 +43,14 @@ from airtact.acoustics.target import Beacons
 from airtact.acoustics.target_points import frame_of, outward
 from airtact.acoustics.uncertainty import Draw, Uncertainty, draws, gains
 from airtact.drives.drive import Drive
-from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.errors import InvalidInput, check_seed, counted, in_short, of_kind, one_line
+from airtact.drives.transfer import FociRows, TransferMatrix, transfer_matrix
+from airtact.errors import InvalidInput, check_seed, counted, of_kind, one_line
 from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement, strength_in
 
+# Largest allowed number of samples; a larger number is probably a mistake.
 MAX_SAMPLES = 10_000
-"""Largest allowed number of samples; a larger number is probably a mistake."""
-
-FociRows = Complex128[np.ndarray, "foci elements"]
 
 Made = TypeVar("Made")
 
@@ -290,8 +287,6 @@ class _Sampler:
     middle: Float64[np.ndarray, "3"]
     ball: tuple[Float64[np.ndarray, "3"], float] | None
     remainder: Complex128[np.ndarray, "foci elements"]
-
-    __repr__ = in_short
 
     @classmethod
     def of(

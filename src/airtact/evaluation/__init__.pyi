@@ -1,10 +1,8 @@
 from .comparison import HELD_EQUAL as HELD_EQUAL
 from .comparison import Comparison as Comparison
 from .comparison import HeldOut as HeldOut
-from .field import drive_sources as drive_sources
 from .metrics import Evaluation as Evaluation
-from .radiation import RadiationMap as RadiationMap
-from .radiation import radiation_pressure as radiation_pressure
+from .metrics import drive_sources as drive_sources
 from .scan import Microphone as Microphone
 from .scan import Overlay as Overlay
 from .scan import Scan as Scan
@@ -14,8 +12,10 @@ from .scan import overlay_scan as overlay_scan
 from .scan_calibration import ScanCalibration as ScanCalibration
 from .scan_calibration import calibrate_from_scans as calibrate_from_scans
 from .steepening import Steepening as Steepening
+from .verification import RadiationMap as RadiationMap
 from .verification import SideLobe as SideLobe
 from .verification import Verification as Verification
 from .verification import attainable as attainable
+from .verification import radiation_pressure as radiation_pressure
 from .verification import verify as verify
 from .windows import Window as Window

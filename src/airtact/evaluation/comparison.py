@@ -13,8 +13,7 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, check_drive
 from airtact.drives.transfer_ensemble import TransferEnsemble
 from airtact.errors import InvalidInput, as_sentence, counted, in_short, of_kind, one_line
-from airtact.evaluation.field import radiate_drives
-from airtact.evaluation.metrics import in_real_air, not_modelled, pascals
+from airtact.evaluation.metrics import in_real_air, not_modelled, pascals, radiate_drives
 from airtact.evaluation.steepening import Steepening, steepening
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray

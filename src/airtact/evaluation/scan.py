@@ -26,8 +26,8 @@ from airtact.files.text_table import read_text_table
 from airtact.geometry.primitives import turn_from_z
 from airtact.transducers.element import piston
 
+# Smallest number of positions; almost any field would fit fewer positions.
 MIN_POSITIONS = 3
-"""Smallest number of positions; almost any field would fit fewer positions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +89,16 @@ class Scan:
         object.__setattr__(self, "repeated", int(np.sum(counts > 1)))
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "pressures", pressures)
+
+    def comparable(
+        self, predicted: Complex128[np.ndarray, "points"], used: Bool[np.ndarray, "points"]
+    ) -> tuple[Complex128[np.ndarray, "used"], Complex128[np.ndarray, "used"]]:
+        """Return the measured and predicted pressures at some positions; magnitudes if unphased."""
+        pressures = self.pressures[used], predicted[used]
+        if self.phased:
+            return pressures
+        measured, model = (np.abs(part).astype(np.complex128) for part in pressures)
+        return measured, model
 
 
 def load_scan(path: str | Path) -> Scan:
@@ -208,12 +218,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
             "the others, a body overlaps the microphone. Is the scan in the scene's frame?",
             code="signal_unusable",
         )
-    model = predicted[used]
-    measured = scan.pressures[used]
-    # Without phases only magnitudes can be compared, so the scale is real and positive.
-    if not scan.phased:
-        model = np.abs(model).astype(np.complex128)
-        measured = np.abs(measured).astype(np.complex128)
+    measured, model = scan.comparable(predicted, used)
     if not model.any():
         raise InvalidInput(
             "the prediction is 0 Pa at all positions of the scan. Check the drive and the "
@@ -258,10 +263,7 @@ def best_shift(
         # A shift into a body leaves few positions, and almost any field fits few positions.
         if used.sum() < max(MIN_POSITIONS, 0.3 * len(used)):
             return 1.0
-        measured = scan.pressures[used]
-        if not scan.phased:
-            return fitted(np.abs(measured) + 0j, np.abs(model[used]) + 0j)[1]
-        return fitted(measured, model[used])[1]
+        return fitted(*scan.comparable(model, used))[1]
 
     best = np.zeros(3)
     lowest = error(best)

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from airtact.acoustics.scene import Scene
 from airtact.drives.drive import Drive
 from airtact.errors import InvalidInput, NotConverged, counted, one_line
-from airtact.evaluation.field import drive_sources
+from airtact.evaluation.metrics import drive_sources
 from airtact.evaluation.scan import Microphone, Scan, fitted, overlay_scan
 from airtact.geometry.pose import Pose
 from airtact.transducers.calibration import save_calibration

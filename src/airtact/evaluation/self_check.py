@@ -14,7 +14,6 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import in_short
 from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import sphere
 from airtact.timing import Progress, no_progress
@@ -57,8 +56,6 @@ class SelfCheck:
     threads: int
     asked: float
     fields: tuple[KnownField, ...]
-
-    __repr__ = in_short
 
     @property
     def failed(self) -> tuple[KnownField, ...]:

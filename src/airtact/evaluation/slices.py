@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Inexact, Int64, Real
 
 from airtact.acoustics.solvers.problem import RadiatedField
-from airtact.errors import in_short
 from airtact.evaluation.windows import Box, Window
 from airtact.geometry.mesh.remeshing import with_short_edges
 from airtact.geometry.mesh.triangles import with_middles
@@ -43,8 +42,6 @@ class Slices:
     depth: Float64[np.ndarray, "planes rows columns"]
     any_axis: bool
     samples: Complex128[np.ndarray, "sampled_planes sampled_rows sampled_columns excitations"]
-
-    __repr__ = in_short
 
     @property
     def box(self) -> Box:
@@ -264,8 +261,6 @@ class SurfacePressure:
     vertices: Float64[np.ndarray, "vertices 3"]
     triangles: Int64[np.ndarray, "triangles 3"]
     pressures: Float64[np.ndarray, "vertices excitations"]
-
-    __repr__ = in_short
 
 
 def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePressure | None:

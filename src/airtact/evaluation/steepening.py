@@ -24,6 +24,7 @@ from scipy.special import j1
 
 from airtact.acoustics.scene import Plane, Scene
 from airtact.acoustics.sources import Monopoles
+from airtact.acoustics.target_points import outward
 from airtact.errors import one_line, points_of
 
 # B/A of air: its ratio of specific heats minus 1
@@ -187,14 +188,11 @@ def _waves_at(
 
 def _skin_near(scene: Scene, point: Float64[np.ndarray, "3"]) -> list[Plane]:
     """Return the tangent plane of a body within half a wavelength of a point, if there is one."""
-    step = 1e-4  # step of the finite difference of depths [m]
-    around = step * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    depth = scene.depth(point + around)
-    if not -depth[0] < scene.wavelength / 2.0:
+    depth = float(scene.depth(point[None])[0])
+    if not -depth < scene.wavelength / 2.0:
         return []
-    normal = depth[4:] - depth[1:4]
-    normal /= np.linalg.norm(normal)
-    return [Plane(point + depth[0] * normal, normal)]
+    (normal,) = outward(scene.depth, point[None])
+    return [Plane(point + depth * normal, normal)]
 
 
 def _second_order(waves: _Waves) -> complex:

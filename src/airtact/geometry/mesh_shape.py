@@ -1,17 +1,16 @@
 """A closed mesh of quadratic triangles, its shape at a pose, and its covering by panels."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import KDTree
 
-from airtact.errors import InvalidInput, in_short
+from airtact.errors import InvalidInput
 from airtact.geometry.mesh.curving import curved
 from airtact.geometry.mesh.intersections import self_crossings
-from airtact.geometry.mesh.panel_tree import PanelTree, panel_tree
 from airtact.geometry.mesh.remeshing import (
     MAX_EDGE_TO_WALL,
     MIN_EDGE,
@@ -33,6 +32,7 @@ from airtact.geometry.mesh.triangles import (
     EdgeVectors,
     IndexPairs,
     Indices,
+    PanelTree,
     Pieces,
     PointLengths,
     Points,
@@ -51,6 +51,7 @@ from airtact.geometry.mesh.triangles import (
     longest_edges,
     normals_at,
     panel_areas,
+    panel_tree,
     points_at,
     shape_functions,
     shells,
@@ -81,8 +82,6 @@ class QuadraticMesh:
     midpoints: EdgeVectors | None = None
     sharp_degrees: float = SHARP_DEGREES
     sharp_edges: EdgeMask | None = None
-
-    __repr__ = in_short
 
     @cached_property
     def _curved(self) -> tuple[EdgeVectors, EdgeMask]:
@@ -293,8 +292,6 @@ class MeshShape(Shape):
         default_factory=dict, compare=False
     )
 
-    __repr__ = in_short
-
     @property
     def extent(self) -> float:
         return float(np.ptp(self.mesh.vertices[self.mesh.triangles].reshape(-1, 3), axis=0).max())
@@ -368,9 +365,6 @@ class MeshShape(Shape):
             placed = RidgedMesh(self.pose.apply(split.vertices), split.triangles, split.ridges)
             meshes.append(coarsened(placed, edge / 1.5))
         return meshes
-
-    def moved(self, pose: Pose) -> "MeshShape":
-        return replace(self, pose=pose @ self.pose)
 
 
 # --- new panels -------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from functools import cache, lru_cache
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.errors import InvalidInput, Vector, fixed, in_short, number, point_of, positive
+from airtact.errors import InvalidInput, Vector, fixed, number, point_of, positive
 from airtact.geometry.mesh.remeshing import RidgedMesh
 from airtact.geometry.mesh.triangles import (
     FlatMesh,
@@ -45,8 +45,6 @@ class Capsule(Shape):
     radius: float
     length: float
     pose: Pose
-
-    __repr__ = in_short
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
@@ -96,9 +94,6 @@ class Capsule(Shape):
         out *= (radius / np.sqrt(np.einsum("pd,pd->p", out, out)))[:, None]
         out[:, 2] += along
         return out
-
-    def moved(self, pose: Pose) -> "Capsule":
-        return Capsule(self.radius, self.length, pose @ self.pose)
 
     def extreme_points(self) -> PointVectors:
         reach = self.radius * np.concatenate([np.eye(3), -np.eye(3)])

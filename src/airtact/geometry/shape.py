@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -23,7 +24,12 @@ BEND = math.pi / 5
 
 
 class Shape(ABC):
-    """The true surface of a body: a closed form, or the curved triangles of a mesh."""
+    """The true surface of a body: a closed form, or the curved triangles of a mesh.
+
+    ``pose`` is the motion from the frame in which the other attributes are given.
+    """
+
+    pose: Pose
 
     @property
     @abstractmethod
@@ -119,6 +125,6 @@ class Shape(ABC):
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
         """Return initial triangles, with edges of about ``edge`` [m], for remeshing each piece."""
 
-    @abstractmethod
     def moved(self, pose: Pose) -> "Shape":
         """Return the shape moved rigidly."""
+        return replace(self, pose=pose @ self.pose)  # type: ignore[type-var]

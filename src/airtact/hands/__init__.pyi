@@ -4,8 +4,8 @@ from .files import load_landmarks as load_landmarks
 from .files import load_rigged_hand as load_rigged_hand
 from .fitting.fit import FittedHand as FittedHand
 from .fitting.priors import HandAnatomy as HandAnatomy
+from .hand import Pinch as Pinch
 from .hand import places_on as places_on
-from .pinch_dummy import Pinch as Pinch
 from .tracking.frame import FaultyFrame as FaultyFrame
 from .tracking.frame import HandFrame as HandFrame
 from .tracking.messages import from_json as from_json

@@ -73,8 +73,6 @@ class Hulls:
     blend: HullPairs
     apart: HullPairs
 
-    __repr__ = in_short
-
     @classmethod
     def unblended(
         cls, balls: Float64[np.ndarray, "balls 4"], parts: Int64[np.ndarray, "hulls 3"]

@@ -7,14 +7,18 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.errors import in_short
 from airtact.geometry.mesh.remeshing import RidgedMesh
-from airtact.geometry.mesh.triangles import QuadraticTriangles, enclosed_volume, panel_areas
+from airtact.geometry.mesh.triangles import (
+    QuadraticTriangles,
+    Vertices,
+    enclosed_volume,
+    panel_areas,
+)
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.geometry.shape import BEND, Shape
 from airtact.hands.body import Hulls
 from airtact.hands.joints import PerPoint, Point, Points, unit
-from airtact.hands.skin_mesh import HandMesh, Vertices, even_skin, midpoints, settled
+from airtact.hands.skin_mesh import HandMesh, even_skin, midpoints, settled
 
 # Largest motion at which a frame keeps the keyframe of the previous frame [m].
 NEAR_KEYFRAME = 2.5e-3
@@ -44,8 +48,6 @@ class HandShape(Shape):
     pose: Pose
     follows: "HandShape | None" = None
     meshes: dict[float, HandMesh] = field(default_factory=dict, compare=False, repr=False)
-
-    __repr__ = in_short
 
     @cached_property
     def keyframe(self) -> "HandShape":
@@ -142,9 +144,6 @@ class HandShape(Shape):
                 mesh = deformed(before.hulls, before.skin(edge), self.hulls, edge)
             self.meshes[edge] = (even_skin(self.hulls, edge) if mesh is None else mesh).fixed()
         return self.meshes[edge]
-
-    def moved(self, pose: Pose) -> "HandShape":
-        return replace(self, pose=pose @ self.pose)
 
 
 def curved_panels(hulls: Hulls, skin: HandMesh) -> QuadraticTriangles:

@@ -15,6 +15,9 @@ from scipy.spatial import KDTree
 from airtact import _kernels
 from airtact.errors import extra, fixed
 from airtact.geometry.mesh.triangles import (
+    Triangles,
+    VertexSizes,
+    Vertices,
     components,
     cone_volumes,
     edge_keys,
@@ -23,12 +26,6 @@ from airtact.geometry.mesh.triangles import (
 )
 from airtact.hands.body import Hulls
 from airtact.hands.joints import Points
-
-Vertices = Float64[np.ndarray, "vertices 3"]
-Triangles = Int64[np.ndarray, "triangles 3"]
-Sizes = Float64[np.ndarray, "vertices"]
-Ends = Int64[np.ndarray, "edges 2"]
-
 
 # Level of the distance divided by the grid step, and grid step divided by the usual step. The pairs
 # are tried in order until a mesh is good: a tiny tunnel that one grid meshes badly vanishes or is
@@ -64,7 +61,7 @@ class HandMesh:
 
     vertices: Vertices
     triangles: Triangles
-    sizes: Sizes
+    sizes: VertexSizes
 
     def fixed(self) -> "HandMesh":
         """Return a copy with read-only arrays."""
@@ -275,7 +272,7 @@ def _evened(
 
 
 def _projected(
-    hulls: Hulls, mesh: HandMesh, edge: float, max_sizes: Sizes | float = np.inf
+    hulls: Hulls, mesh: HandMesh, edge: float, max_sizes: VertexSizes | float = np.inf
 ) -> HandMesh:
     """Project the vertices onto the skin, and set the edge lengths that bends and gaps allow."""
     vertices = hulls.project(mesh.vertices)
@@ -293,7 +290,7 @@ def _projected(
 
 
 def _middles(
-    hulls: Hulls, mesh: HandMesh, ends: Ends
+    hulls: Hulls, mesh: HandMesh, ends: Int64[np.ndarray, "edges 2"]
 ) -> tuple[Float64[np.ndarray, "edges 3"], Float64[np.ndarray, "edges"]]:
     """Return skin points above the edges' midpoints (E, 3) [m], and their relative height."""
     starts = mesh.vertices[ends[:, 0]]
@@ -314,7 +311,7 @@ def _middles(
     return middles, off / lengths
 
 
-def _edges(triangles: Triangles) -> tuple[Ends, Triangles]:
+def _edges(triangles: Triangles) -> tuple[Int64[np.ndarray, "edges 2"], Triangles]:
     """Return the two ends of each edge, and the indices of edges 01, 12, 20 of each triangle."""
     keys, edges = np.unique(edge_keys(triangles), return_inverse=True)
     return np.stack(np.divmod(keys, triangles.max() + 1), axis=1), edges.reshape(triangles.shape)

@@ -20,6 +20,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from airtact.acoustics.scene import Scene, check_no_planes
 from airtact.acoustics.solvers.problem import Solver, SolveReport
+from airtact.acoustics.solvers.shared import sphere_rule
 from airtact.acoustics.solvers.spherical.multipole_field import ball_of
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, of_kind, one_line, within
@@ -132,7 +133,9 @@ def scattering_matrix(
     order = _order(scene.wavenumber.real * radius, accuracy)
     outer = radius + scene.wavelength  # radius of the layer of sources
     # Three additional orders avoid aliasing.
-    directions, weights = _quadrature(order + 3)
+    directions, weights = sphere_rule(order + 3)
+    weights = np.repeat(weights, directions.shape[1])
+    directions = directions.reshape(-1, 3)
     waves = harmonics(order, directions)
     radial = of_waves(order, outgoing_radial(order, np.array([outer]), scene.wavenumber))
     patterns = reaching_patterns(scene, centre, order, accuracy)
@@ -205,21 +208,6 @@ def _order(reach: float, accuracy: float) -> int:
             code="too_many",
         )
     return order
-
-
-def _quadrature(
-    order: int,
-) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points"]]:
-    # Return a quadrature on the unit sphere that is exact for products of two waves up to an order.
-    # Gauss-Legendre in cos θ and equal steps in φ are exact up to the order 2 order + 1.
-    cosines, weights = np.polynomial.legendre.leggauss(order + 1)
-    azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
-    sines = np.sqrt(1.0 - cosines**2)
-    x = np.outer(sines, np.cos(azimuth))
-    y = np.outer(sines, np.sin(azimuth))
-    z = np.outer(cosines, np.ones_like(azimuth))
-    weights = np.repeat(weights, len(azimuth)) * 2 * np.pi / len(azimuth)
-    return np.stack([x, y, z], axis=-1).reshape(-1, 3), weights
 
 
 def reaching_patterns(

@@ -197,9 +197,7 @@ def simulate_transmissions(
         pairs[rows, columns] = between
         pairs[columns, rows] = between.T
     pressures = received[:, None] * (pairs @ (array.gains[:, None] * codes))
-    deviation = None
-    if noise is not None:
-        pressures, deviation = noisy(pressures, noise, seed)
+    pressures, deviation = noisy(pressures, noise, seed)
     return Echoes(codes, pressures, None, frequency, deviation)
 
 
@@ -344,19 +342,22 @@ def simulate_echoes(
         over_faces = scattered.reshape(len(array), len(weights), -1)
         received = array.gains[:, None] * np.einsum("q,rqm->rm", weights, over_faces)
         pressures = received[receiving]
-    deviation = None
-    if noise is not None:
-        pressures, deviation = noisy(pressures, noise, seed)
+    pressures, deviation = noisy(pressures, noise, seed)
     return Echoes(drives, pressures, receiving, scene.frequency, deviation)
 
 
 def noisy(
-    pressures: Num[np.ndarray, "receivers transmissions"], decibels: float, seed: int
-) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float]:
-    """Add normal noise ``decibels`` below the pressures; return the sum and the rms noise [Pa]."""
-    decibels = between(
-        decibels, -300.0, 300.0, "the noise", "dB", "it is the ratio of the echoes to the noise."
-    )
+    pressures: Num[np.ndarray, "receivers transmissions"], decibels: float | None, seed: int
+) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float | None]:
+    """Add normal noise ``decibels`` below the pressures; return the sum and the rms noise [Pa].
+
+    None adds no noise.
+    """
+    pressures = pressures.astype(np.complex128)
+    if decibels is None:
+        return pressures, None
+    slip = "it is the ratio of the echoes to the noise."
+    decibels = between(decibels, -300.0, 300.0, "the noise", "dB", slip)
     deviation = 10.0 ** (-decibels / 20.0) * float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
     random = np.random.default_rng(seed)
     parts = random.normal(size=(2, *pressures.shape)) / np.sqrt(2.0)

@@ -20,8 +20,7 @@ from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput, counted, of_kind, one_line
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
-from airtact.evaluation.field import radiate_drives
-from airtact.evaluation.metrics import in_real_air
+from airtact.evaluation.metrics import in_real_air, radiate_drives
 from airtact.evaluation.steepening import steepening
 from airtact.files.atomic import whole_file, writable_folder
 from airtact.setup.rendering import save_drive

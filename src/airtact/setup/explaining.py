@@ -15,7 +15,7 @@ from airtact.drives.head_level import HeadLevel
 from airtact.drives.methods import best
 from airtact.drives.transfer import TransferMatrix, open_air_matrix
 from airtact.errors import in_short
-from airtact.evaluation.field import drive_sources
+from airtact.evaluation.metrics import drive_sources
 from airtact.evaluation.steepening import steepening
 from airtact.files.atomic import whole_file
 from airtact.setup.rendering import Rendering

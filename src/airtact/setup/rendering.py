@@ -349,7 +349,7 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
         drive = Drive(drive.amplitudes / max(share, peak))
     traps = ()
     if setup.traps:
-        from airtact.traps.search import settled
+        from airtact.traps.gorkov import settled
 
         traps = tuple(
             settled(comparison.field, point_of(trap.point, "a trap"), trap.bead(setup.scene))

@@ -11,12 +11,13 @@ from airtact.acoustics.target_points import outward
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import upper_bound
 from airtact.drives.methods import METHODS
-from airtact.drives.transfer import MIN_FOCUS_DISTANCE, TransferMatrix, nearest_foci
+from airtact.drives.transfer import MIN_FOCUS_DISTANCE, TransferMatrix
 from airtact.emission.codecs import codec_of
 from airtact.errors import counted, in_mm, millimetres
 from airtact.evaluation.metrics import pascals, sensation
 from airtact.setup.setup import Setup
 from airtact.transducers.boards import kind_of_array
+from airtact.transducers.layout import nearest_pair
 from airtact.transducers.levels import AmplitudeModulation
 from airtact.transducers.placement import (
     open_air_bound,
@@ -113,7 +114,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
             "threshold is meaningless."
         )
     if len(points) > 1:
-        first, second, apart = nearest_foci(points)
+        first, second, apart = nearest_pair(points)
         if apart < MIN_FOCUS_DISTANCE * scene.wavelength:
             cautions.append(
                 f"{setup.foci[first]} and {setup.foci[second]} are {millimetres(apart)} apart, "

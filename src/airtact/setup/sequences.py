@@ -12,8 +12,7 @@ from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.motion import Motion, moving_foci, moving_target
 from airtact.drives.sequence import Sequence
 from airtact.drives.transfer import TransferMatrix
-from airtact.evaluation.field import drive_sources
-from airtact.evaluation.metrics import in_real_air, sensation
+from airtact.evaluation.metrics import drive_sources, in_real_air, sensation
 from airtact.evaluation.steepening import Steepening, steepening
 from airtact.setup.setup import Setup
 from airtact.setup.solving import solve_foci, synthesise

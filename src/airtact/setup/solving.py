@@ -14,8 +14,7 @@ from jaxtyping import Float64
 import airtact as at
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.bem.solver import BFLOAT16_ACCURACY, OF_THE_DIRECT, BoundaryElement
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.acoustics.solvers.problem import FreeField, RadiatedField, Solver, SolveReport
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, quantise

@@ -10,6 +10,7 @@ from jaxtyping import Float64, Real
 from airtact.errors import (
     InvalidInput,
     Vector,
+    direction_of,
     fixed,
     in_short,
     point_of,
@@ -183,7 +184,7 @@ class HalfSpace(Solid):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", near_point(self.point, "the point of a half-space"))
-        object.__setattr__(self, "normal", _direction(self.normal, "the normal of a half-space"))
+        object.__setattr__(self, "normal", direction_of(self.normal, "the normal of a half-space"))
 
     def depth(self, points: Points) -> PointLengths:
         normal = np.asarray(self.normal)
@@ -236,7 +237,7 @@ class Button(Solid):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre", near_point(self.centre, "the centre of a button"))
-        object.__setattr__(self, "normal", _direction(self.normal, "the normal of a button"))
+        object.__setattr__(self, "normal", direction_of(self.normal, "the normal of a button"))
         object.__setattr__(self, "travel", positive(self.travel, "the travel of a button", "m"))
         self._body  # noqa: B018 (checks the radius)
 
@@ -350,14 +351,6 @@ def near_point(vector: Vector, what: str) -> Vector3:
             code="not_in_metres",
         )
     return point
-
-
-def _direction(vector: Vector, what: str) -> Vector3:
-    direction = point_of(vector, what)
-    length = float(np.linalg.norm(direction))
-    if not length > 0.0:
-        raise InvalidInput(f"{what} has length 0; use a nonzero vector.", code="all_zero")
-    return fixed(direction / length)
 
 
 def _depth_in(*beyond: PointLengths) -> PointLengths:

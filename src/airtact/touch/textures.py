@@ -5,7 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.errors import InvalidInput, Vector, check_finite, fixed, point_of, real_numbers, within
+from airtact.errors import (
+    InvalidInput,
+    Vector,
+    check_finite,
+    direction_of,
+    real_numbers,
+    within,
+)
 
 Points = Real[np.ndarray, "points 3"]
 
@@ -37,12 +44,8 @@ class Grating:
         slip = "is it in millimetres? Use metres."
         pitch = within(self.pitch, 0.0, 0.1, "the pitch of a grating", "m", slip)
         object.__setattr__(self, "pitch", pitch)
-        direction = point_of(self.direction, "the direction of a grating")
-        if not direction.any():
-            raise InvalidInput(
-                "the direction of a grating has length 0; use a nonzero vector.", code="all_zero"
-            )
-        object.__setattr__(self, "direction", fixed(direction / np.linalg.norm(direction)))
+        direction = direction_of(self.direction, "the direction of a grating")
+        object.__setattr__(self, "direction", direction)
 
     def heights(self, points: Points) -> Float64[np.ndarray, "points"]:
         """Return the height (P,), from 0 to 1, at points (P, 3) in the object's frame [m]."""

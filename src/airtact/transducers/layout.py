@@ -150,9 +150,7 @@ class PhasedArray:
     @cached_property
     def spacing(self) -> float:
         """Smallest distance [m] between two elements; infinite for a single element."""
-        if len(self) < 2:
-            return np.inf
-        return float(np.asarray(KDTree(self.positions).query(self.positions, k=2)[0])[:, 1].min())
+        return nearest_pair(self.positions)[2] if len(self) > 1 else np.inf
 
     def moved(self, pose: Pose) -> "PhasedArray":
         """Return the array moved rigidly: positions x become pose.apply(x), and faces rotate."""
@@ -240,6 +238,15 @@ class PhasedArray:
         """
         of_kind(pose, Pose, "the pose of the hand", "Pose(rotation, translation)")
         return self.moved(pose.inverse())
+
+
+def nearest_pair(points: Float64[np.ndarray, "points 3"]) -> tuple[int, int, float]:
+    """Return the indices of the two closest points, and their distance [m]."""
+    distances, neighbours = map(np.asarray, KDTree(points).query(points, k=2))
+    first = int(distances[:, 1].argmin())
+    # For two points at the same place, the query may list the second before the first.
+    second = int(next(index for index in neighbours[first] if index != first))
+    return min(first, second), max(first, second), float(distances[first, 1])
 
 
 def _as_many(

@@ -21,7 +21,7 @@ from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.transducers.boards import Board, kind_of_array
 from airtact.transducers.element import check_pattern
-from airtact.transducers.layout import PhasedArray
+from airtact.transducers.layout import PhasedArray, nearest_pair
 
 # Largest distance of an element from a focus or from the nearest body [m].
 MAX_ELEMENT_DISTANCE = 10.0
@@ -78,15 +78,12 @@ def check_apart(array: PhasedArray) -> None:
     smallest = max(array.element.radius, 1e-4)
     if array.spacing >= smallest:
         return
-    distances, neighbours = map(np.asarray, KDTree(array.positions).query(array.positions, k=2))
-    first = int(distances[:, 1].argmin())
-    distance = distances[first, 1]
-    second = int(next(index for index in neighbours[first] if index != first))
-    overlapping = int(np.sum(distances[:, 1] < smallest))
+    first, second, distance = nearest_pair(array.positions)
+    pairs = KDTree(array.positions).query_pairs(smallest, output_type="ndarray")
     raise InvalidInput(
         f"elements {first} and {second} are {1e3 * distance:.3g} mm apart at "
-        f"{in_mm(array.positions[first])}, and {overlapping} of {len(array)} elements overlap: is "
-        "a board or a list included twice? Move or remove one of them.",
+        f"{in_mm(array.positions[first])}, and {len(np.unique(pairs))} of {len(array)} elements "
+        "overlap: is a board or a list included twice? Move or remove one of them.",
         array.positions[first],
         code="bodies_overlap",
     )

@@ -1,13 +1,13 @@
 from .gorkov import Bead as Bead
+from .gorkov import Verdict as Verdict
+from .gorkov import find as find
 from .gorkov import force as force
 from .gorkov import potential as potential
 from .gorkov import stiffness as stiffness
+from .gorkov import verdict as verdict
 from .holding import Trap as Trap
 from .holding import hold as hold
 from .holding import path as path
 from .holding import signature as signature
 from .holding import stiffest as stiffest
 from .momentum import body_force as body_force
-from .search import Verdict as Verdict
-from .search import find as find
-from .search import verdict as verdict

@@ -31,14 +31,14 @@ from airtact.errors import (
     InvalidInput,
     Vector,
     check_choice,
-    counted,
+    direction_of,
     in_mm,
     of_kind,
     point_of,
     points_of,
     within,
 )
-from airtact.evaluation.field import radiate_drives
+from airtact.evaluation.metrics import radiate_drives
 from airtact.transducers.layout import PhasedArray
 from airtact.traps.gorkov import (
     DIRECTIONS,
@@ -77,12 +77,7 @@ class Trap:
     def lobes(self, wavelength: float) -> Float64[np.ndarray, "lobes 3"]:
         """Return points (L, 3) on the lobes of pressure next to the bead [m]; 2 for a twin trap."""
         check_choice(self.kind, "the kind of trap", ("twin", "vortex"))
-        axis = point_of(self.axis, "the axis of a trap")
-        if not np.linalg.norm(axis) > 0.0:
-            raise InvalidInput(
-                "the axis of a trap has length 0; use a nonzero vector.", code="all_zero"
-            )
-        axis = axis / np.linalg.norm(axis)
+        axis = direction_of(self.axis, "the axis of a trap")
         ways = np.stack([axis, -axis])
         if self.kind == "vortex":
             # The phase can start in any direction perpendicular to the axis.
@@ -262,20 +257,9 @@ def signature(
     [1.0, -1.0]
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
-    check_drive(drive, "the drive")
-    if len(drive) != len(array):
-        raise InvalidInput(
-            f"the drive is for {counted(len(drive), 'element', 'elements')}, but the array has "
-            f"{len(array)}. Use the array for which the drive was computed.",
-            code="sizes_differ",
-        )
+    check_drive(drive, "the drive", "array", len(array))
     check_choice(kind, "the kind of trap", ("twin", "vortex", "bottle"))
-    axis = point_of(axis, "the axis of a trap")
-    if not np.linalg.norm(axis) > 0.0:
-        raise InvalidInput(
-            "the axis of a trap has length 0; use a nonzero vector.", code="all_zero"
-        )
-    axis = axis / np.linalg.norm(axis)
+    axis = direction_of(axis, "the axis of a trap")
     offsets = array.positions - array.positions.mean(axis=0)
 
     if kind == "twin":

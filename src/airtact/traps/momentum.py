@@ -16,8 +16,8 @@ from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
 from airtact.drives.drive import Drive
 from airtact.errors import InvalidInput, Vector, in_mm, millimetres, of_kind, point_of
-from airtact.evaluation.field import radiate_drives
-from airtact.evaluation.radiation import radiation_pressure
+from airtact.evaluation.metrics import radiate_drives
+from airtact.evaluation.verification import radiation_pressure
 from airtact.geometry.primitives import Capsule
 from airtact.transducers.layout import PhasedArray
 

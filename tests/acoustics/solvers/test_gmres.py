@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.solvers.gmres import gmres
+from airtact.acoustics.solvers.shared import gmres
 from faults import raises_code
 
 

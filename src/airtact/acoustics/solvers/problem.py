@@ -1,4 +1,7 @@
-"""The interface of all solvers, which compute the field that monopoles radiate in a scene."""
+"""The interface of all solvers, which compute the field that monopoles radiate in a scene.
+
+``FreeField`` is the closed form for open air: p(x) = Σ_j s_j e^{ik|x - x_j|} / |x - x_j|.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -7,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.acoustics.scene import Obstacle, Scene
+from airtact.acoustics.scene import Obstacle, Scene, before_planes, check_sources
 from airtact.acoustics.solvers.shared import (
     Gradients,
     Mask,
@@ -19,9 +22,9 @@ from airtact.acoustics.solvers.shared import (
     differences,
     monopole_pressure,
 )
-from airtact.acoustics.sources import Monopoles, check_off_sources
-from airtact.acoustics.target_points import outward
-from airtact.errors import counted, in_short, one_line, points_of
+from airtact.acoustics.sources import STANDS_ON, Monopoles, check_off_sources, nearest_source
+from airtact.acoustics.target_points import even_directions, outward
+from airtact.errors import InvalidInput, counted, in_short, one_line, points_of
 from airtact.timing import Progress
 
 # Setting of a report: number of planes of the scene, if there are any.
@@ -288,13 +291,7 @@ def surrounding_points(scene: Scene, points: Vectors) -> Float64[np.ndarray, "ar
     """
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = np.linalg.norm(points - centre, axis=1).max() + 8 * scene.wavelength
-    index = np.arange(128) + 0.5
-    polar = np.arccos(1 - index / 64)
-    azimuth = np.pi * (1 + np.sqrt(5)) * index
-    directions = np.stack(
-        [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1
-    )
-    return centre + radius * directions
+    return centre + radius * even_directions(128)
 
 
 class Solver(ABC):
@@ -316,3 +313,58 @@ class Solver(ABC):
         if progress is None or not hasattr(self, "progress"):
             return self
         return replace(self, progress=progress)  # type: ignore[type-var]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OpenAirField(RadiatedField):
+    """The field of monopoles, and of their images in a plane, in a scene without obstacles."""
+
+    @property
+    def on_surface(self) -> SurfaceField:
+        """A surface field without points, because there is no surface."""
+        return SurfaceField.empty(self.sources)
+
+    def _at(self, points: Vectors) -> Pressures:
+        pressure = self._incident(points)
+        for plane in self.scene.planes:
+            pressure += self._incident(plane.image(points))
+        pressure[~self._valid(points)] = np.nan
+        return pressure
+
+    def _scattered_at(self, points: Vectors) -> Pressures:
+        # Only the images in a plane count as scattered.
+        scattered = np.zeros((len(points), self.excitations), dtype=np.complex128)
+        for plane in self.scene.planes:
+            images = Monopoles(plane.image(self.sources.positions), self.sources.strengths)
+            on = nearest_source(points, images, STANDS_ON)[0] < STANDS_ON
+            scattered[~on] += self._incident(plane.image(points[~on]))
+            scattered[on] = np.nan
+        scattered[~self._valid(points)] = np.nan
+        return scattered
+
+    def _valid(self, points: Vectors) -> Mask:
+        return before_planes(self.scene.planes, points)
+
+
+@dataclass(frozen=True)
+class FreeField(Solver):
+    """Solver for scenes without obstacles, in closed form: open air, or air in front of a plane."""
+
+    def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:
+        """Return the field of the monopoles in a scene without obstacles.
+
+        Raises
+        ------
+        InvalidInput
+            If the scene has obstacles, or an argument has the wrong type.
+        """
+        check_sources(scene, sources, planes=True)
+        if len(scene.obstacles) > 0:
+            bodies = counted(len(scene.obstacles), "obstacle", "obstacles")
+            raise InvalidInput(
+                f"FreeField only solves for open air, but the scene has {bodies}; use a solver "
+                "for bodies, such as BoundaryElement.",
+                code="not_supported",
+            )
+        settings = {PLANES: len(scene.planes)} if scene.planes else {}
+        return OpenAirField(scene, sources, SolveReport(solver="FreeField", settings=settings))

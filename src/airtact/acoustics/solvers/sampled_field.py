@@ -28,8 +28,6 @@ from airtact.errors import (
 )
 from airtact.files.text_table import TextTable, read_text_table
 
-TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
-
 # Nodes closer together than this count as identical [m].
 SAME_NODE = 1e-9
 
@@ -159,7 +157,7 @@ def load_samples(
     path: str | Path,
     scene: Scene,
     sources: Monopoles,
-    time_sign: TimeSign,
+    time_sign: Literal["e^{-iωt}", "e^{+jωt}"],
     scale: float | None = None,
 ) -> SampledField:
     """Load a field that another program exported as a text table.

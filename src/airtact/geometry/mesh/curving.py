@@ -11,7 +11,7 @@ Journal of Graphics Tools 3, 43 (1998).
 """
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Bool, Int64
 
 from airtact.geometry.mesh.triangles import (
     NODE_REFERENCES,
@@ -19,7 +19,6 @@ from airtact.geometry.mesh.triangles import (
     EdgeMask,
     EdgeVectors,
     QuadraticTriangles,
-    TriangleMask,
     Triangles,
     TriangleVectors,
     Twins,
@@ -87,7 +86,7 @@ def _rises(
     return length / 4 * (_half_tangent(start, along) - _half_tangent(end, along))
 
 
-def _is_folded(panels: QuadraticTriangles, flat: TriangleVectors) -> TriangleMask:
+def _is_folded(panels: QuadraticTriangles, flat: TriangleVectors) -> Bool[np.ndarray, "triangles"]:
     corners = panels[:, :3]
     rise = panels[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))
     twice_area = np.linalg.norm(area_vectors(corners), axis=1)
@@ -108,7 +107,7 @@ def _caps(
     twins: Twins,
     flat: TriangleVectors,
     bent: EdgeMask,
-) -> tuple[TriangleMask, EdgeMask]:
+) -> tuple[Bool[np.ndarray, "triangles"], EdgeMask]:
     """Find the triangles of caps and the edges of their rims.
 
     A cap is a patch of at least six triangles with nearly the same normal between bent edges. All

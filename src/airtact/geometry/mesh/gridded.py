@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int, Int64
 
 from airtact.errors import InvalidInput, counted, extra
-from airtact.geometry.mesh.panel_tree import panel_tree
 from airtact.geometry.mesh.repair import flat_mesh_of
 from airtact.geometry.mesh.triangles import (
     FlatMesh,
@@ -23,6 +22,7 @@ from airtact.geometry.mesh.triangles import (
     area_vectors,
     cone_volumes,
     edge_twins,
+    panel_tree,
     with_middles,
 )
 

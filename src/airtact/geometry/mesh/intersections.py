@@ -9,14 +9,13 @@ with a common edge cross only if they are folded flat onto each other.
 from itertools import combinations_with_replacement
 
 import numpy as np
-from jaxtyping import Bool, Int64
+from jaxtyping import Bool, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact.geometry.mesh.triangles import (
     Corners,
     IndexPairs,
     PairedCorners,
-    PairedSegments,
     PairMask,
     Triangles,
     area_vectors,
@@ -67,7 +66,9 @@ def _turned(
     return corners[members[:, None], (front[:, None] + np.arange(3)) % 3]
 
 
-def _pierces(segments: PairedSegments, corners: PairedCorners, tolerance: float) -> PairMask:
+def _pierces(
+    segments: Real[np.ndarray, "n 2 3"], corners: PairedCorners, tolerance: float
+) -> PairMask:
     """Return whether each segment meets its triangle; segments in the triangle's plane do not."""
     normal = unit(area_vectors(corners))
     heights = np.einsum("npi,ni->np", segments - corners[:, :1], normal)

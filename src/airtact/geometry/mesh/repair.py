@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Integer, Real
 from scipy.spatial import KDTree
 
-from airtact.errors import InvalidInput, between, counted, in_mm, in_short, real_numbers
+from airtact.errors import InvalidInput, between, counted, in_mm, real_numbers
 from airtact.geometry.mesh.triangles import (
     FlatMesh,
     Indices,
@@ -50,8 +50,6 @@ class RepairedMesh:
     vertices: Vertices
     triangles: Triangles
     notes: tuple[str, ...]
-
-    __repr__ = in_short
 
 
 def repaired(

@@ -1,16 +1,20 @@
 """Triangles of meshes: array types, neighbours, pieces, checks, and curved (six-node) triangles.
 
 Axes with the same name in a signature have the same length. The nodes of a curved triangle are
-corners 0, 1, 2 and the mid-edge points of edges 01, 12, 20.
+corners 0, 1, 2 and the mid-edge points of edges 01, 12, 20. A tree of boxes around curved triangles
+finds the one closest to a point.
 """
 
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int, Int64, Real
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
+from airtact import _kernels
 from airtact.errors import InvalidInput, counted, in_mm
 
 Points = Real[np.ndarray, "points 3"]
@@ -39,8 +43,6 @@ EdgeMask = Bool[np.ndarray, "triangles 3"]
 # A vector for each edge or corner of each triangle.
 EdgeVectors = Float64[np.ndarray, "triangles 3 3"]
 TriangleVectors = Float64[np.ndarray, "triangles 3"]
-TriangleMask = Bool[np.ndarray, "triangles"]
-TriangleLabels = Int64[np.ndarray, "triangles"]
 
 # The two ends of each sharp edge.
 Ridges = Int64[np.ndarray, "ridges 2"]
@@ -51,7 +53,6 @@ Pieces = Float64[np.ndarray, "_ 6 3"]
 
 # One triangle for each pair that is compared [m].
 PairedCorners = Real[np.ndarray, "n 3 3"]
-PairedSegments = Real[np.ndarray, "n 2 3"]
 PairMask = Bool[np.ndarray, "n"]
 
 # Indices of the two triangles of each pair.
@@ -61,8 +62,6 @@ Indices = Int64[np.ndarray, "n"]
 # Vertices [m] and triangles of a mesh of flat triangles.
 FlatMesh = tuple[Float64[np.ndarray, "_ 3"], NewTriangles]
 
-# Coordinates (u, v) on the unit triangle.
-References = Real[np.ndarray, "points 2"]
 NodeWeights = Float64[np.ndarray, "points 6"]
 PanelVectors = Float64[np.ndarray, "panels 3"]
 PanelSizes = Float64[np.ndarray, "panels"]
@@ -71,7 +70,7 @@ PanelSizes = Float64[np.ndarray, "panels"]
 NODE_REFERENCES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
 
 
-def shape_functions(points: References) -> NodeWeights:
+def shape_functions(points: Real[np.ndarray, "points 2"]) -> NodeWeights:
     """Return the quadratic shape functions of the six nodes at reference points (P, 2)."""
     u, v = points.T
     w = 1 - u - v
@@ -80,7 +79,7 @@ def shape_functions(points: References) -> NodeWeights:
     )
 
 
-def shape_gradients(points: References) -> tuple[NodeWeights, NodeWeights]:
+def shape_gradients(points: Real[np.ndarray, "points 2"]) -> tuple[NodeWeights, NodeWeights]:
     """Return the u- and v-derivatives of the shape functions at reference points (P, 2)."""
     u, v = points.T
     w = 1 - u - v
@@ -268,7 +267,7 @@ def are_among(
     return np.isin(np.sort(edges, axis=-1) @ [count, 1], np.sort(listed, axis=-1) @ [count, 1])
 
 
-def shells(triangles: AnyTriangles, twins: Twins | None = None) -> TriangleLabels:
+def shells(triangles: AnyTriangles, twins: Twins | None = None) -> Int64[np.ndarray, "triangles"]:
     """Label the triangles (T,) of a closed mesh by piece, in the order of the first triangles."""
     twins = edge_twins(triangles) if twins is None else twins
     count = len(twins)
@@ -287,7 +286,7 @@ def components(
     return connected_components(links, directed=False)[1].astype(np.int64)
 
 
-def smooth_patches(twins: Twins, borders: EdgeMask) -> TriangleLabels:
+def smooth_patches(twins: Twins, borders: EdgeMask) -> Int64[np.ndarray, "triangles"]:
     """Label the patches of a closed mesh that the border edges separate."""
     triangle, edge = np.nonzero(~borders)
     return components(triangle, twins[triangle, edge] // 3, len(twins))
@@ -402,3 +401,70 @@ def check_orientation(
             where,
             code="mesh_faulty",
         )
+
+
+@dataclass(frozen=True, eq=False)
+class PanelTree:
+    """A binary tree of boxes around curved panels.
+
+    The corners of the boxes, ``lower`` and ``upper`` [m], are stored as a heap: box 1 contains all
+    panels, and box b contains boxes 2 b and 2 b + 1. The leaves contain the panels in ``order``.
+    """
+
+    quadratic_triangles: QuadraticTriangles
+    order: Int64[np.ndarray, "panels"]
+    lower: Float64[np.ndarray, "boxes 3"]
+    upper: Float64[np.ndarray, "boxes 3"]
+
+    @cached_property
+    def _near(self) -> float:
+        """Radius [m] of the first search for the closest panel: 1/20 of the median leaf size."""
+        leaves = len(self.lower) // 2
+        return 0.05 * float(np.median((self.upper - self.lower)[leaves:].max(axis=1)))
+
+    def closest(
+        self, points: Points, within: PointLengths | None = None
+    ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 2"], PointLengths]:
+        """Return the panel closest to each point (P, 3), the closest point on it, and its distance.
+
+        The closest point is in reference coordinates, and the distance in metres. If no panel is
+        closer than ``within`` [m], the panel is arbitrary and the distance infinite.
+        """
+        tree = (self.quadratic_triangles, self.order, self.lower, self.upper)
+        if within is not None:
+            return _kernels.closest_on_panels(points, *tree, within)
+        # Most points are near the surface. A search in a small radius takes half the time, because
+        # it visits no distant panels before the closest one.
+        panel, reference, distance = _kernels.closest_on_panels(
+            points, *tree, np.full(len(points), self._near)
+        )
+        rest = np.flatnonzero(np.isinf(distance))
+        if len(rest):
+            panel[rest], reference[rest], distance[rest] = _kernels.closest_on_panels(
+                np.ascontiguousarray(points[rest]), *tree, None
+            )
+        return panel, reference, distance
+
+
+def panel_tree(panels: QuadraticTriangles) -> PanelTree:
+    """Sort panels (T, 6, 3) by position, and build boxes around them by repeated halving."""
+    panels = np.ascontiguousarray(panels)
+    corners = panels[:, :3]
+    # A quadratic panel lies in the convex hull of its Bézier control points.
+    control_points = 2 * panels[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))
+    hull = np.concatenate([corners, control_points], axis=1)
+    order = KDTree(panels.mean(axis=1), leafsize=1).indices.astype(np.int64)
+    leaves = 1 << (len(order) - 1).bit_length()
+    padded = np.full(leaves, order[-1])
+    padded[: len(order)] = order
+    lower = np.zeros((2 * leaves, 3))
+    upper = np.zeros((2 * leaves, 3))
+    lower[leaves:] = hull.min(axis=1)[padded]
+    upper[leaves:] = hull.max(axis=1)[padded]
+    while leaves > 1:
+        children = slice(leaves, 2 * leaves)
+        leaves //= 2
+        parents = slice(leaves, 2 * leaves)
+        lower[parents] = lower[children].reshape(leaves, 2, 3).min(axis=1)
+        upper[parents] = upper[children].reshape(leaves, 2, 3).max(axis=1)
+    return PanelTree(panels, order, lower, upper)

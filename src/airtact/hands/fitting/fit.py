@@ -21,6 +21,7 @@ from airtact.errors import (
     point_of,
     points_of,
 )
+from airtact.geometry.mesh.triangles import unit as unit_rows
 from airtact.geometry.pose import nearest_motion
 from airtact.geometry.surface import Surface
 from airtact.hands.body import Hulls
@@ -389,7 +390,7 @@ def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface
     for edge in edges:
         skin = even_skin(hulls, edge)
         look = hulls.look(skin.vertices)
-        normals = _unit_rows(look.gradient)
+        normals = unit_rows(look.gradient)
         # The offset is limited to a small share of the gap to other parts and of the bend radius.
         room = 0.3 * np.minimum(look.facing, np.abs(look.bend))
         limit = np.minimum(1.5e-3, np.maximum(room, 0.0))
@@ -418,7 +419,7 @@ def _mean_offset(
     width = 5e-3  # standard deviation of the weights
     look = hulls.look(points)
     near = np.flatnonzero(np.abs(look.distance) < 3e-3)
-    outward = _unit_rows(look.gradient[near])
+    outward = unit_rows(look.gradient[near])
     pairs = KDTree(vertices).sparse_distance_matrix(
         KDTree(points[near]), 2.5 * width, output_type="ndarray"
     )
@@ -429,7 +430,3 @@ def _mean_offset(
     total = np.bincount(vertex, weight, len(vertices)) + 1.0
     distance = look.distance[near][point]
     return np.bincount(vertex, weight * distance, len(vertices)) / total
-
-
-def _unit_rows(vectors: Float64[np.ndarray, "rows 3"]) -> Float64[np.ndarray, "rows 3"]:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -46,13 +46,9 @@ from airtact.hands.fitting.priors import (
 from airtact.hands.fitting.silhouette import Silhouette
 from airtact.hands.joints import Joints, PerPoint, Point, Points, Side
 
-HullIndices = Int64[np.ndarray, "points"]
-
 # The result of a search, and the covariance of joints and sizes (137, 137).
 Solution = tuple["NormalEquations", UnknownsMatrix]
 
-# One number for the fingers and one for the palm.
-FingersAndPalm = Float64[np.ndarray, "2"]
 
 # Kind of each hull: 0 for fingers, 1 for the palm.
 KIND = (np.arange(len(PARTS)) >= FREE).astype(np.int64)
@@ -117,7 +113,7 @@ class SkinResiduals(NamedTuple):
 
     distance: PerPoint
     by_balls: Float64[np.ndarray, "points numbers"]
-    hull: HullIndices
+    hull: Int64[np.ndarray, "points"]
 
 
 def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) -> SkinResiduals:
@@ -152,10 +148,10 @@ class NormalEquations:
     squares: float
     residuals: SkinResiduals
     weights: PerPoint
-    scale: FingersAndPalm
+    scale: Float64[np.ndarray, "2"]
     each: int
 
-    def cost(self, scale: FingersAndPalm, rules_weight: float = 1.0) -> float:
+    def cost(self, scale: Float64[np.ndarray, "2"], rules_weight: float = 1.0) -> float:
         """Return half the weighted squares of the priors plus Tukey's cost of the points."""
         kind = KIND[self.residuals.hull]
         share = np.minimum((self.residuals.distance / (TUKEY * scale[kind])) ** 2, 1.0)
@@ -349,7 +345,7 @@ def _covariance(seen: Observation, here: NormalEquations, hold: bool) -> Unknown
     return covariance
 
 
-def _points_as_one(points: Points, off: PerPoint, hull: HullIndices) -> float:
+def _points_as_one(points: Points, off: PerPoint, hull: Int64[np.ndarray, "points"]) -> float:
     """Return how many correlated neighbouring points count as one independent point.
 
     Errors in the shape correlate the misfits of a hull's points within a cube of 25 mm.

@@ -33,7 +33,6 @@ Unknowns = Float64[np.ndarray, "137"]
 UnknownsMatrix = Float64[np.ndarray, "137 137"]
 Sizes = Float64[np.ndarray, "62"]
 SizesMatrix = Float64[np.ndarray, "62 62"]
-Balls = Float64[np.ndarray, "26 4"]
 Axes = Float64[np.ndarray, "5 3"]
 Rows = Float64[np.ndarray, "rows 3"]
 
@@ -80,7 +79,7 @@ def joints_in(unknowns: Unknowns) -> Joints:
     return unknowns[JOINTS].reshape(25, 3)
 
 
-def balls_at(unknowns: Unknowns) -> Balls:
+def balls_at(unknowns: Unknowns) -> Float64[np.ndarray, "26 4"]:
     """Return the centres and radii of the balls of a hand [m]."""
     body = np.concatenate([unknowns[JOINTS], np.exp(unknowns[RADII])])
     return (_BALLS_BY_BODY @ body).reshape(26, 4)

@@ -10,7 +10,6 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from airtact.hands.body import PARTS
-from airtact.hands.fitting.priors import Balls
 from airtact.hands.joints import Point, Points
 
 
@@ -51,7 +50,7 @@ class Silhouette:
     outside: Float64[np.ndarray, "width height"]
 
     def beyond(
-        self, balls: Balls
+        self, balls: Float64[np.ndarray, "26 4"]
     ) -> tuple[Float64[np.ndarray, "rims"], Float64[np.ndarray, "rims 104"], float]:
         """Compute how far the rims of a hand's balls (26, 4) [m] protrude from the silhouette.
 

@@ -139,7 +139,7 @@ def test_all_vertices_of_a_coarse_mesh_count_as_outside() -> None:
     # the deviation measured at its probes.
     finger = at.pinch().surfaces[0]
     scene = hard(at.Surface(finger.vertices, finger.triangles))
-    panels = at.BoundaryElement(accuracy=0.01)._panels(scene, np.empty((0, 3)))
+    panels, _ = at.BoundaryElement(accuracy=0.01)._discretised(scene, np.empty((0, 3)))
     nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
     located = locate(scene, nodes, finger.vertices, NearRule(1.6, (4, 4)))
     assert located.outside.all()

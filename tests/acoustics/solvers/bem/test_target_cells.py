@@ -5,7 +5,7 @@ import pytest
 
 import airtact as at
 from airtact import _kernels
-from airtact.acoustics.solvers.bem.target_cells import GRIDS, cells_of, monopole_layer
+from airtact.acoustics.solvers.bem.layer_potentials import GRIDS, cells_of, monopole_layer
 from references import relative, relative_columns
 from worlds import WAVELENGTH, hard
 

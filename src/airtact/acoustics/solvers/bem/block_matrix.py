@@ -14,9 +14,8 @@ import scipy.linalg
 from jaxtyping import Bool, Complex, Complex128, Float64, Int64, Shaped
 
 from airtact import _kernels
-from airtact.acoustics.solvers.gmres import GmresResult
-from airtact.acoustics.solvers.shared import NearLists, available_memory
-from airtact.errors import InvalidInput, in_short
+from airtact.acoustics.solvers.shared import GmresResult, NearLists, available_memory
+from airtact.errors import InvalidInput
 
 # Number of panels in a block; each has six unknowns.
 PANELS = _kernels.lanes // 6
@@ -93,8 +92,6 @@ class BlockMatrix:
     blocks: Shaped[np.ndarray, "pairs lanes 2 words"]
     far: _kernels.FarBlocks
     factors: Shaped[np.ndarray, "factors 2 words"]
-
-    __repr__ = in_short
 
     @classmethod
     def empty(

@@ -22,7 +22,6 @@ from airtact.acoustics.solvers.bem.reduced_body import (
     product,
     rounded,
 )
-from airtact.acoustics.solvers.gmres import GmresResult, gmres
 from airtact.acoustics.solvers.problem import (
     RadiatedField,
     Solver,
@@ -30,6 +29,7 @@ from airtact.acoustics.solvers.problem import (
     SurfaceField,
 )
 from airtact.acoustics.solvers.shared import (
+    GmresResult,
     Mask,
     NodeValues,
     Points,
@@ -37,10 +37,11 @@ from airtact.acoustics.solvers.shared import (
     SourcePoints,
     Strengths,
     Vectors,
+    gmres,
     monopole_pressure,
 )
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import InvalidInput, counted, in_short, one_line
+from airtact.errors import InvalidInput, counted, one_line
 from airtact.geometry.panels import LARGEST_TO_POINT, LONGEST_TO_EQUILATERAL
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import rigid_motion
@@ -53,8 +54,6 @@ class PlacedBody:
 
     reduced: ReducedBody
     pose: Pose
-
-    __repr__ = in_short
 
     @cached_property
     def local(self) -> Pose:
@@ -129,8 +128,6 @@ class Coupling:
 
     placed: tuple[PlacedBody, ...]
     blocks: dict[tuple[int, int], Complex[np.ndarray, "rows columns"]]
-
-    __repr__ = in_short
 
     @classmethod
     def of(cls, placed: Sequence[PlacedBody]) -> "Coupling | None":

@@ -17,7 +17,9 @@ from scipy.spatial import KDTree
 from airtact import _kernels
 from airtact.acoustics.scene import Plane, Scene, before_planes, with_images
 from airtact.acoustics.solvers.bem.layer_potentials import (
+    Cells,
     Located,
+    cells_of,
     locate,
     near_surface,
     project_contacts,
@@ -29,7 +31,6 @@ from airtact.acoustics.solvers.bem.solutions import (
     TransposedSolution,
     incident_pressure,
 )
-from airtact.acoustics.solvers.bem.target_cells import Cells, cells_of
 from airtact.acoustics.solvers.problem import (
     RadiatedField,
     SolveReport,

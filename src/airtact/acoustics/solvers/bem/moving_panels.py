@@ -37,16 +37,14 @@ from airtact.acoustics.solvers.bem.solutions import (
 from airtact.acoustics.solvers.bem.solver import (
     LOW_RANK_ERROR,
     BoundaryElement,
-    _in_block_order,
-    _place_nodes,
 )
-from airtact.acoustics.solvers.gmres import gmres
 from airtact.acoustics.solvers.shared import (
     Admittances,
     GroupPoints,
     NodeValues,
     PanelLengths,
     Points,
+    gmres,
 )
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import in_short
@@ -183,15 +181,12 @@ class BodiesBeforePlane:
     density: NodeValues
     factors: Float64[np.ndarray, "sources"]
 
-    __repr__ = in_short
-
     @classmethod
     def of(cls, solver: BoundaryElement, scene: Scene, sources: Monopoles) -> "BodiesBeforePlane":
         """Solve the bodies without the plane, with smaller panels where a body faces its image."""
         accuracy = min(2.0 * solver.accuracy, 0.3)
         solver = replace(solver, accuracy=accuracy, precision="float32", estimate=False)
-        panels = _in_block_order(solver._panels(scene, sources.refined_positions))
-        surface = solver._surface(_place_nodes(panels, scene), scene, scene.obstacles)
+        _, surface = solver._discretised(scene, sources.refined_positions)
         matrix = assemble(surface, "bfloat16", LOW_RANK_ERROR * accuracy)
         right, factors = transposed_right_side(surface, sources.positions, sources.strengths)
         solved = solver._iterate(scene, [matrix], right, True, solver._tolerance(scene))

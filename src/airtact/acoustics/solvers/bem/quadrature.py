@@ -16,11 +16,9 @@ from airtact.acoustics.solvers.shared import (
     NearLists,
     NodePoints,
     PanelLengths,
-    PanelPoints,
     Points,
     SingleLayer,
 )
-from airtact.errors import in_short
 from airtact.geometry.mesh.triangles import (
     QuadraticTriangles,
     points_at,
@@ -90,11 +88,9 @@ class Nodes:
     body: Int64[np.ndarray, "nodes"]
     quadratic_triangles: QuadraticTriangles
     contact: PanelLengths
-    centres: PanelPoints
+    centres: Float64[np.ndarray, "panels 3"]
     radii: PanelLengths
     admittance: Admittances
-
-    __repr__ = in_short
 
     @cached_property
     def weighted_normals(self) -> NodePoints:
@@ -102,7 +98,7 @@ class Nodes:
         return self.normals * self.weights[:, None]
 
     @property
-    def panel_normals(self) -> PanelPoints:
+    def panel_normals(self) -> Float64[np.ndarray, "panels 3"]:
         """Mean of the six unit normals of each panel."""
         return self.normals.reshape(-1, 6, 3).mean(axis=1)
 
@@ -198,7 +194,7 @@ def thickness(
     )
     if not len(unknown):
         return diameter
-    from airtact.geometry.mesh.panel_tree import panel_tree
+    from airtact.geometry.mesh.triangles import panel_tree
 
     # Pairs of a node and a panel of the same body that may limit the node's largest ball.
     centres = nodes.points - 0.5 * largest * nodes.normals

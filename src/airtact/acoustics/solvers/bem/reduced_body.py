@@ -25,11 +25,9 @@ from airtact.acoustics.solvers.bem.layer_potentials import double_layer_transpos
 from airtact.acoustics.solvers.bem.quadrature import Nodes
 from airtact.acoustics.solvers.bem.solutions import DualSurface, assemble
 from airtact.acoustics.solvers.shared import SingleLayer
-from airtact.errors import in_short
 from airtact.geometry.mesh.triangles import longest_edges
 
 Proxies = Float64[np.ndarray, "proxies 3"]
-Columns = Float64[np.ndarray, "columns 3"]
 
 # A compiled loop multiplies up to this many vectors, because BLAS is slower and leaves threads
 # spinning.
@@ -47,8 +45,6 @@ class RoundedMatrix:
 
     numbers: Int16[np.ndarray, "rows columns 2"]
     scales: Float32[np.ndarray, "rows"]
-
-    __repr__ = in_short
 
     @property
     def dtype(self) -> np.dtype:
@@ -105,8 +101,6 @@ class FarMonopoles:
     combinations: Matrix
     error: float
 
-    __repr__ = in_short
-
 
 @dataclass(frozen=True, eq=False)
 class ReducedBody:
@@ -139,8 +133,6 @@ class ReducedBody:
     tree: KDTree
     far: FarMonopoles
 
-    __repr__ = in_short
-
     @cached_property
     def panel_edges(self) -> Float64[np.ndarray, "panels"]:
         """Longest edge of each panel [m]."""
@@ -152,7 +144,9 @@ class ReducedBody:
         return _row_points(self.surface, self.rows)
 
     @cached_property
-    def column_nodes(self) -> tuple[Columns, Columns, SingleLayer]:
+    def column_nodes(
+        self,
+    ) -> tuple[Float64[np.ndarray, "columns 3"], Float64[np.ndarray, "columns 3"], SingleLayer]:
         """Skeleton of the columns: nodes [m], normals times area [m²] and single layer."""
         nodes = self.surface.nodes
         single = nodes.single_layer(self.surface.wavenumber)

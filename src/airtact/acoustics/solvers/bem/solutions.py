@@ -42,14 +42,15 @@ from airtact.acoustics.solvers.bem.block_matrix import (
     near_blocks,
 )
 from airtact.acoustics.solvers.bem.layer_potentials import (
+    Cells,
     NearRule,
     double_layer_pressure,
     double_layer_transposed,
+    monopole_layer,
     near_rows,
     project_contacts,
 )
 from airtact.acoustics.solvers.bem.quadrature import Nodes, near_lists, place_nodes, thickness
-from airtact.acoustics.solvers.bem.target_cells import Cells, monopole_layer
 from airtact.acoustics.solvers.shared import (
     GroupPoints,
     Mask,
@@ -61,7 +62,6 @@ from airtact.acoustics.solvers.shared import (
     monopole_pressure,
 )
 from airtact.acoustics.sources import Monopoles, nearest_source
-from airtact.errors import in_short
 from airtact.geometry.mesh.triangles import cut
 
 # Bodies thicker than this have x' at a depth of 0.2 λ = 0.3 · 2/3 λ, so the thickness is measured
@@ -88,8 +88,6 @@ class DualSurface:
     wavenumber: complex
     near_rule: NearRule
     precision: str
-
-    __repr__ = in_short
 
 
 def dual_surface(
@@ -258,8 +256,6 @@ class DirectSolution:
     surface: DualSurface
     pressure: NodeValues
 
-    __repr__ = in_short
-
     def at(
         self,
         points: Vectors,
@@ -363,8 +359,6 @@ class TransposedSolution:
     surface: DualSurface
     density: NodeValues
     factors: Float64[np.ndarray, "sources"]
-
-    __repr__ = in_short
 
     @cached_property
     def emitted(self) -> Monopoles:

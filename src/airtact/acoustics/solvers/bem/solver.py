@@ -44,16 +44,15 @@ from airtact.acoustics.solvers.bem.solutions import (
     dual_surface,
     transposed_right_side,
 )
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.gmres import GmresResult, gmres
 from airtact.acoustics.solvers.problem import (
     BOARDS,
     PLANES,
+    FreeField,
     Solver,
     SolveReport,
     surrounding_points,
 )
-from airtact.acoustics.solvers.shared import Points
+from airtact.acoustics.solvers.shared import GmresResult, Points, gmres
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, counted, number, points_of
 from airtact.geometry.panels import Panels, covers, panels_of
@@ -250,13 +249,12 @@ class BoundaryElement(Solver):
         clock = Clock(self.progress)
         excitations = sources.strengths.shape[1]
         with clock.step("panels", "covering the bodies with panels"):
-            panels = _in_block_order(self._panels(scene, refined))
-            nodes = _place_nodes(panels, scene)
+            panels, surface = self._discretised(scene, refined)
+        nodes = surface.nodes
         count = len(nodes.points)
         by_elimination = worth_eliminating(count, excitations)
 
         with clock.step("matrix", f"filling the matrix of {count} unknowns"):
-            surface = self._surface(nodes, scene, scene.obstacles)
             store: Store = self.precision
             error = None
             if by_elimination:
@@ -361,7 +359,7 @@ class BoundaryElement(Solver):
         clock = Clock(self.progress)
         goal = 0.5 * self.accuracy  # for the error of the skeletons, which decreases with distance
         with clock.step("panels", "covering the bodies with panels"):
-            panels = self._panels(scene, points)
+            panels = panels_of(**self._covering(scene, points))
         bodies = []
         for body, obstacle in enumerate(scene.obstacles):
             with clock.step("bodies", f"factorising body {body}"):
@@ -417,8 +415,7 @@ class BoundaryElement(Solver):
         The panels before any motion, with their collocation points.
         """
         _check_bodies(scene)
-        panels = _in_block_order(self._panels(scene, refined))
-        surface = self._surface(_place_nodes(panels, scene), scene, scene.obstacles)
+        panels, surface = self._discretised(scene, refined)
         return at.acoustics.MovingPanels(
             corners=panels.quadratic_triangles,
             inside=surface.shifted,
@@ -522,8 +519,20 @@ class BoundaryElement(Solver):
             near_rule = NearRule(1.6, (4, 4))
         return dual_surface(nodes, scene.wavenumber, near_rule, self.precision, thickness)
 
-    def _panels(self, scene: Scene, refined: Points) -> Panels:
-        return panels_of(**self._covering(scene, refined))
+    def _discretised(self, scene: Scene, refined: Points) -> tuple[Panels, DualSurface]:
+        """Cover the bodies with panels, in the order of the blocks, and place their nodes."""
+        panels = panels_of(**self._covering(scene, refined))
+        centres = np.einsum("tsd->td", panels.quadratic_triangles[:, :3]) / 3  # faster than np.mean
+        order = block_order(centres)
+        panels = replace(
+            panels,
+            quadratic_triangles=panels.quadratic_triangles[order],
+            body=panels.body[order],
+            deviation=panels.deviation[order],
+        )
+        admittance = admittances(scene)[panels.body]
+        nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation, admittance)
+        return panels, self._surface(nodes, scene, scene.obstacles)
 
     def _covering(self, scene: Scene, refined: Points) -> dict[str, Any]:
         """Arguments that ``panels_of`` and ``covers`` share."""
@@ -569,22 +578,6 @@ class BoundaryElement(Solver):
             tolerance = max(0.1 * self.max_error, 2e-6)
         # Reflecting boards reflect the remaining sound back and forth.
         return tolerance * (0.1 if scene.boards else 1.0)
-
-
-def _in_block_order(panels: Panels) -> Panels:
-    centres = np.einsum("tsd->td", panels.quadratic_triangles[:, :3]) / 3  # faster than np.mean
-    order = block_order(centres)
-    return replace(
-        panels,
-        quadratic_triangles=panels.quadratic_triangles[order],
-        body=panels.body[order],
-        deviation=panels.deviation[order],
-    )
-
-
-def _place_nodes(panels: Panels, scene: Scene) -> Nodes:
-    admittance = admittances(scene)[panels.body]
-    return place_nodes(panels.quadratic_triangles, panels.body, panels.deviation, admittance)
 
 
 def _check_bodies(scene: Scene) -> None:

@@ -54,8 +54,7 @@ from airtact.acoustics.solvers.shared import (
     monopole_pressure,
 )
 from airtact.errors import InvalidInput, in_mm
-from airtact.geometry.mesh.panel_tree import PanelTree, panel_tree
-from airtact.geometry.mesh.triangles import points_at
+from airtact.geometry.mesh.triangles import PanelTree, panel_tree, points_at
 
 # Thickness of the perfectly matched layer [λ].
 LAYER_THICKNESS = 0.55
@@ -395,21 +394,6 @@ def _bend(mesh: CurvedMesh, tetrahedra: Tetrahedra) -> None:
 MAX_ABOVE = 4
 
 
-# Netgen's tetrahedra are up to three times larger or smaller than the nominal size. With the same
-# order everywhere, the largest ones determine the error and the smallest ones the cost. Graded
-# orders balance error and cost.
-def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:
-    """Return the longest edge [λ] for each order 1, 2, ... at which the error is within a limit.
-
-    A polynomial of order p approximates e^{ikx} over an edge h with the error 2 (kh/4)^(p+1) /
-    (p+1)! (Chebyshev interpolation). The limit is ``ease`` times the error of an edge of length
-    ``size`` [λ] with the given ``order``.
-    """
-    error = ease * (0.5 * np.pi * size) ** (order + 1) / factorial(order + 1)
-    powers = range(2, order + MAX_ABOVE + 2)
-    return np.array([(error * factorial(n)) ** (1 / n) / (0.5 * np.pi) for n in powers])
-
-
 def grade_orders(
     space: FiniteSpace,
     mesh: CurvedMesh,
@@ -464,5 +448,14 @@ def grade_orders(
 def _served(
     lengths: Real[np.ndarray, "nodes"], order: int, size: float, ease: float
 ) -> Int64[np.ndarray, "nodes"]:
-    limits = longest_served(order, 1.5 * size, ease)  # Netgen's longest edges
+    """Return the lowest order for each length [λ] at which the error is within a limit.
+
+    A polynomial of order p approximates e^{ikx} over an edge h with the error 2 (kh/4)^(p+1) /
+    (p+1)! (Chebyshev interpolation). The limit is ``ease`` times the error of Netgen's longest
+    edges, 1.5 times the nominal ``size`` [λ], with the nominal ``order``. With the same order
+    everywhere, the largest tetrahedra would determine the error and the smallest ones the cost.
+    """
+    error = ease * (0.5 * np.pi * 1.5 * size) ** (order + 1) / factorial(order + 1)
+    powers = range(2, order + MAX_ABOVE + 2)
+    limits = [(error * factorial(n)) ** (1 / n) / (0.5 * np.pi) for n in powers]
     return np.clip(1 + np.searchsorted(limits, lengths), min(order, 3), order + MAX_ABOVE)

@@ -31,9 +31,10 @@ from airtact.acoustics.solvers.shared import (
     available_memory,
     chebyshev_weights,
     monopole_pressure,
+    sphere_rule,
 )
 from airtact.acoustics.solvers.spherical.radial_functions import outgoing_shapes
-from airtact.errors import InvalidInput, in_short, of_kind
+from airtact.errors import InvalidInput, of_kind
 from airtact.timing import Clock, Progress
 
 # Gap between the bodies and the smallest sphere [λ]; some solutions are invalid closer to a body.
@@ -61,8 +62,6 @@ class InterpolationSpheres:
     radius: float
     order: int
     values: Complex64[np.ndarray, "polar azimuths radii excitations"]
-
-    __repr__ = in_short
 
     def at(self, offsets: Vectors, wavenumber: complex) -> Pressures:
         """Return the scattered pressure [Pa] at points (P, 3) relative to the centre [m]."""
@@ -278,16 +277,7 @@ def _coefficients(
     field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int
 ) -> Complex128[np.ndarray, "orders degrees excitations"]:
     """Return coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m = 0, 1, ... -2, -1."""
-    # Gauss-Legendre latitudes and equally spaced longitudes integrate products of two such orders
-    # exactly.
-    cosines, weights = np.polynomial.legendre.leggauss(order + 1)
-    polar = np.arccos(cosines)[:, None]
-    azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
-    sine = np.sin(polar)
-    directions = np.stack(
-        [sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar) * np.ones_like(azimuth)],
-        axis=-1,
-    )
+    directions, weights = sphere_rule(order)
     points = (centre + radius * directions).reshape(-1, 3)
     scattered = field.at(points) - field._incident(points)
     unknown = int((~np.isfinite(scattered)).any(axis=1).sum())
@@ -299,8 +289,9 @@ def _coefficients(
             code="data_missing",
         )
     scattered = scattered.reshape(order + 1, 2 * order + 1, -1)
-    series = 2 * np.pi * np.asarray(fft(scattered, axis=1, norm="forward"))
-    harmonics = np.real(sph_harm_y_all(order, order, polar[:, 0], np.zeros(order + 1)))
+    series = np.asarray(fft(scattered, axis=1))
+    polar = np.arccos(directions[:, 0, 2])
+    harmonics = np.real(sph_harm_y_all(order, order, polar, np.zeros(order + 1)))
     return np.einsum("nmj,j,jms->nms", harmonics, weights, series, optimize=True)
 
 

@@ -22,7 +22,7 @@ from jaxtyping import Complex128, Float64
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
-from airtact.acoustics.scene import CONTACT, Obstacle, Scene, check_sources
+from airtact.acoustics.scene import CONTACT, Obstacle, Scene, admittances, check_sources
 from airtact.acoustics.solvers.problem import (
     RadiatedField,
     Solver,
@@ -37,6 +37,7 @@ from airtact.acoustics.solvers.shared import (
     Points,
     Pressures,
     Vectors,
+    sphere_rule,
 )
 from airtact.acoustics.solvers.spherical.radial_functions import (
     image_sums,
@@ -56,7 +57,6 @@ ACCURACY = 1e-8
 
 _MAX_TERMS = 20_000
 
-_Radial = Complex128[np.ndarray, "radii"]
 _Term = tuple[ComplexPairs, Pairs]
 
 
@@ -255,7 +255,9 @@ class _Tail:
 
 
 def _summed(
-    waves: Iterator[tuple[complex, _Radial, _Radial, Pairs]],
+    waves: Iterator[
+        tuple[complex, Complex128[np.ndarray, "radii"], Complex128[np.ndarray, "radii"], Pairs]
+    ],
     tail: _Tail,
     first_check: int,
     tolerance: Pairs,
@@ -313,14 +315,9 @@ class SphereField(RadiatedField):
     @property
     def on_surface(self) -> SurfaceField:
         """Pressure at Gauss-Legendre latitudes and equally spaced longitudes."""
-        latitudes = int(np.ceil(2.0 * abs(self.modes.size))) + 12
-        cosine, weight = np.polynomial.legendre.leggauss(latitudes)
-        longitude = 2.0 * np.pi * (np.arange(2 * latitudes) + 0.5) / (2 * latitudes)
-        sine = np.sqrt(1.0 - cosine**2)
-        x = np.outer(sine, np.cos(longitude)).ravel()
-        y = np.outer(sine, np.sin(longitude)).ravel()
-        normals = np.stack([x, y, np.repeat(cosine, len(longitude))], axis=1)
-        areas = np.repeat(weight, len(longitude)) * np.pi / latitudes * self.modes.radius**2
+        directions, weights = sphere_rule(int(np.ceil(2.0 * abs(self.modes.size))) + 11)
+        normals = directions.reshape(-1, 3)
+        areas = np.repeat(weights, directions.shape[1]) * self.modes.radius**2
         points = self.centre + self.modes.radius * normals
         return SurfaceField(points, normals, areas, self.at(points))
 
@@ -418,7 +415,14 @@ class SphereSeries(Solver):
         clock = Clock()
         with clock.step("prepare"):
             obstacle, sphere = _only_sphere(scene)
-            modes = _modes(scene, obstacle, float(sphere.radius))
+            filling = obstacle.medium
+            modes = SphereModes(
+                float(sphere.radius),
+                scene.wavenumber,
+                admittance=complex(admittances(scene)[0]),
+                inner_wavenumber=filling.wavenumber(scene.frequency) if filling else None,
+                density_ratio=scene.medium.density / filling.density if filling else 0.0,
+            )
         centre = np.asarray(sphere.pose.translation, dtype=np.float64)
         report = SolveReport(
             solver="SphereSeries",
@@ -448,15 +452,3 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
             code="not_supported",
         )
     return obstacle, shape
-
-
-def _modes(scene: Scene, obstacle: Obstacle, radius: float) -> SphereModes:
-    if obstacle.boundary == "filled":
-        assert obstacle.medium is not None
-        inner = obstacle.medium.wavenumber(scene.frequency)
-        ratio = scene.medium.density / obstacle.medium.density
-        return SphereModes(radius, scene.wavenumber, inner_wavenumber=inner, density_ratio=ratio)
-    if obstacle.boundary == "impedance":
-        assert obstacle.ratio is not None
-        return SphereModes(radius, scene.wavenumber, admittance=1.0 / obstacle.ratio)
-    return SphereModes(radius, scene.wavenumber)
