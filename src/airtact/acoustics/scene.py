@@ -85,15 +85,15 @@ class Plane:
 def plane(point: Vector, normal: Vector) -> Plane:
     """Build a rigid plane, such as a table or a wall.
 
-    On the plane, ∂p/∂n = 0, and all sound is in front of it. The field is exact, because it is
-    computed with mirror images of the sources and bodies. A point source on the plane radiates
-    twice its open-air pressure. A transducer mounted flush with the plane keeps its
+    On the plane, ∂p/∂n = 0; the sound field exists only in front of it. The field is exact, because
+    it is computed with mirror images of the sources and bodies. A point source on the plane
+    radiates twice its open-air pressure. A transducer mounted flush with the plane keeps its
     sensitivity, because sensitivities are stated for transducers mounted in a board.
 
     Parameters
     ----------
     point : (3,) any point of the plane [m].
-    normal : (3,) direction toward the side with the sound, of any length.
+    normal : (3,) vector of any length that points to the side with the sound.
 
     Returns
     -------
@@ -285,10 +285,10 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
     Parameters
     ----------
     surface : closed surface of the body.
-    ratio : relative impedance Z/(ρc), where Z is the pressure divided by the particle
-        velocity into the surface, for the time factor e^{-iωt}. It must be finite and not
-        zero, and its real part must not be negative. ``BoundaryElement`` and
-        ``FiniteElement`` solve such bodies; ``SphereSeries`` solves a single sphere.
+    ratio : relative impedance Z/(ρc), where Z is the pressure divided by the particle velocity into
+        the surface, for the time factor e^{-iωt}. It must be finite and not zero, and its real part
+        must not be negative. ``BoundaryElement`` and ``FiniteElement`` support such bodies;
+        ``SphereSeries`` supports a single sphere.
 
     Returns
     -------
@@ -297,7 +297,8 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
     Raises
     ------
     InvalidInput
-        If the ratio is zero, not finite, or has a negative real part, which would emit power.
+        If the ratio is zero or not finite, or if its real part is negative, because the surface
+        would then emit power.
     """
     return Obstacle(surface, "impedance", ratio=ratio)
 
@@ -305,7 +306,7 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 def filled(surface: Surface, medium: Medium) -> Obstacle:
     """Build a body filled with a fluid, which sound can enter.
 
-    Only ``FiniteElement`` and ``SphereSeries`` solve such bodies.
+    Only ``FiniteElement`` and ``SphereSeries`` support such bodies.
 
     Parameters
     ----------
@@ -328,7 +329,7 @@ class Scene:
     medium : fluid around the bodies.
     obstacles : the bodies, which must not touch each other; empty for a free field.
     frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
-    planes : list of at most one rigid plane, such as a table (see ``plane``); empty for open air.
+    planes : list with at most one rigid plane, such as a table (see ``plane``); empty for open air.
 
     Raises
     ------
@@ -511,7 +512,7 @@ def check_not_inside(
 
 
 def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
-    """Raise an error if the sources have the wrong type, are inside a body or behind a plane.
+    """Raise an error if the sources have the wrong type, or if one is in a body or behind a plane.
 
     In messages, the sources made by ``Target.beacons`` are called foci. ``planes`` is True if the
     solver supports planes.

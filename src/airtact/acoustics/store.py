@@ -63,7 +63,7 @@ def program(package: Path = Path(errors.__file__).parent) -> str:
 def packed(field: RadiatedField, key: str) -> bytes:
     """Pack a field into the bytes of its entry.
 
-    A field that contains objects of other libraries raises an error.
+    The function raises an error if the field contains objects of other libraries.
     """
     arrays: list[np.ndarray] = []
     tree = _tree(field, arrays, {id(field.scene): "scene", id(field.sources): "sources"})
@@ -160,10 +160,10 @@ class Stored(Solver):
     last bit: vertices and mid-edge points, boundary conditions, medium, frequency, sources,
     settings of the solver, and airtact's code. Code outside airtact is not part of the key, so use
     another folder after changing your own solver. An entry is written completely or not at all,
-    even if several processes write or are killed. A damaged entry is detected by its checksum, and
-    its field is solved again. If the folder exceeds ``most_bytes``, the least recently used entries
-    are deleted. A field that cannot be stored, such as a field of finite elements, is still solved,
-    and a warning in its report states the reason.
+    even if several processes write at the same time or a process is killed. A damaged entry is
+    detected by its checksum, and its field is solved again. If the folder exceeds ``most_bytes``,
+    the least recently used entries are deleted. A field that cannot be stored, such as a field of
+    finite elements, is still solved, and a warning in its report states the reason.
 
     Parameters
     ----------

@@ -31,8 +31,8 @@ PerFocus = Num[np.ndarray, "foci"] | complex | float | int
 class Beacons(Monopoles):
     """The virtual sources of a target.
 
-    The first ``foci`` sources are at the foci, the others at the suppression points. Panels are
-    refined only near the foci.
+    The first ``foci`` sources are at the foci, the others at the suppression points. The boundary
+    element method uses smaller panels only near the foci.
     """
 
     foci: int = 0
@@ -56,8 +56,8 @@ class Target:
     points : (F, 3) foci in the obstacles' frame [m].
     pressures : (F,) requested peak pressures [Pa]; None makes the foci as strong as possible.
     shares : (F,) relative pressures, or None. The pressures at the foci have these ratios, at the
-        highest level that the array allows. Without pressures and shares, all foci have equal
-        weight.
+        highest level that the array allows. If neither pressures nor shares are given, all foci
+        have equal weight.
     phases : (F,) requested phases [rad], from complex pressures or shares; None if the drive method
         chooses them.
     suppression_points : (Q, 3) points where the pressure is suppressed [m]; none by default.

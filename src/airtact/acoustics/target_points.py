@@ -299,7 +299,7 @@ def spaced_apart(points: Points, spacing: float) -> Float64[np.ndarray, "kept 3"
 def frame_of(
     normal: Vector, up: Vector | None = None
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-    """Return the unit vectors right, up and along the normal of a plane seen from its front.
+    """Return three unit vectors of a plane seen from its front: right, up, and normal to the plane.
 
     ``up`` is projected onto the plane. The default is y, or z if the normal is nearly parallel to
     y.
@@ -510,8 +510,8 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
         # attributes into all children.
         if kind == "use" or len(element.attrib) > 100:
             raise InvalidInput(
-                f"{name} contains copies of elements, or an element with over 100 attributes; "
-                "flatten the drawing.",
+                f"{name} contains <use> elements (copies), or an element with over 100 attributes. "
+                "Convert the drawing to plain paths.",
                 code="too_many",
             )
         if kind == "style":

@@ -48,9 +48,10 @@ class Uncertainty:
     position : standard deviation of the hand's position along each of x, y and z [m].
     rotation : standard deviation of the angle by which the hand rotates about a random axis through
         the middle of the foci [degree].
-    own_position, own_rotation : standard deviations of an additional shift along each axis [m] and
-        an additional rotation [degree] of each body, or of each bone with a focus. A body rotates
-        about the middle of its foci.
+    own_position, own_rotation : standard deviations of an additional, independent shift along each
+        axis [m] and rotation [degree] of each body. A body rotates about the middle of its foci. A
+        single body counts as a hand, in which each focus is on a separate bone that moves
+        independently.
     along_skin : standard deviation of the position of each focus on its body, in each of two
         directions along the surface [m].
     age : standard deviation of the time between the measurement of the pose and the emission [s].
@@ -102,8 +103,9 @@ class Uncertainty:
             value = between(getattr(self, name), 0.0, largest, words, unit, slip)
             if unit == "degrees" and 0.0 < value < SMALLEST_ANGLE:
                 raise InvalidInput(
-                    f"{words} is {value:g} degrees: is it in radians? Use degrees, "
-                    f"np.degrees({value:g}) = {np.degrees(value):.2g}, or 0.",
+                    f"{words} is {value:g} degrees, which is too small: is it in radians? Use "
+                    f"degrees (np.degrees({value:g}) = {np.degrees(value):.2g}), or 0 for no "
+                    "uncertainty.",
                     code="out_of_range",
                 )
             object.__setattr__(self, name, value)

@@ -207,13 +207,13 @@ def check_drive(drive: Drive, name: str, owner: str = "", elements: int | None =
 
 
 def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:
-    """Round every amplitude and phase to the nearest level (section 3.4 of the paper).
+    """Round every amplitude and phase to the nearest level.
 
-    With 256 levels of each, the amplitude byte is round(255 |d|) and the phase byte is
-    round(256 arg(d) / 2π) modulo 256. An element with amplitude level 0 is off and gets phase level
-    0, so ``quantise(frame.drive(), frame.levels)`` returns the same frame. With only two amplitude
-    levels, every element above a thousandth of full scale is set to full scale, as in
-    ``drive.phase_only()``.
+    With 256 levels of each, the amplitude byte is round(255 |d|) and the phase byte is round(256
+    arg(d) / 2π) modulo 256 (Inoue, Makino and Shinoda, 2014, section 3.4). An element with
+    amplitude level 0 is off and gets phase level 0, so ``quantise(frame.drive(), frame.levels)``
+    returns the same frame. With only two amplitude levels, every element above a thousandth of full
+    scale is set to full scale, as in ``drive.phase_only()``.
 
     Parameters
     ----------

@@ -317,8 +317,8 @@ def read_drive_file(path: Path) -> DriveFile:
     Raises
     ------
     InvalidInput
-        If the file is missing or unreadable, has a later version, lacks a dataset, or contains
-        invalid values.
+        If the file is missing or unreadable, was written by a newer version of airtact, lacks a
+        dataset, or contains invalid values.
     """
     if checked_ending(path, (".h5", ".csv"), "drive") == ".csv":
         raw = _read_table(path)

@@ -104,11 +104,12 @@ def pressures_around(
 
 @dataclass(frozen=True, eq=False)
 class HeadLevel:
-    """Sound pressure level at a head 0.5 m from an array in open air, for capped drives.
+    """Sound pressure level at a head 0.5 m from an array in open air.
 
-    The level ignores nonlinear steepening, which is negligible at ``MAX_HEAD_LEVEL`` and therefore
-    does not affect ``safe_cap``. Beyond a focus, steepening at full scale lowers the level at loud
-    points and raises it at quieter points (``python -m benchmarks.nonlinear beyond``).
+    The amplitudes of the drives are limited to a cap, where 1 is full scale. The level ignores
+    nonlinear steepening, which is negligible at ``MAX_HEAD_LEVEL`` and therefore does not affect
+    ``safe_cap``. Beyond a focus, steepening at full scale lowers the level at loud points and
+    raises it at quieter points (``python -m benchmarks.nonlinear beyond``).
 
     Attributes
     ----------

@@ -21,12 +21,13 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
     """Compute the time-reversal drive d = Hᴴ w, where H is the transfer matrix.
 
     Each element emits, reversed in time, the sound that it would receive from sources at the foci
-    (equations 9 and 10 of the paper; equation 5 for several foci). The weight w_f is the requested
-    pressure of focus f, its share (relative pressure), or 1 if the target requests neither. Its
-    phase is the requested phase, or 0 as in the paper. For one focus, no drive of equal energy
-    Σ|d|² produces more pressure (Cauchy-Schwarz inequality). With several foci, each focus also
-    receives the sound meant for the others, so the ratios of their pressures differ from the
-    requested ratios. The method ignores suppression points.
+    (Inoue, Makino and Shinoda, 2014, equations 9 and 10; equation 5 for several foci). The weight
+    w_f is the requested pressure of focus f, its share (relative pressure), or 1 if the target
+    requests neither. Its phase is the requested phase, or 0 if no phase is requested, as in that
+    paper. For one focus, no drive of equal energy Σ|d|² produces more pressure (Cauchy-Schwarz
+    inequality). With several foci, each focus also receives the sound meant for the others, so the
+    ratios of their pressures differ from the requested ratios. The method ignores suppression
+    points.
 
     Parameters
     ----------

@@ -121,7 +121,8 @@ class Relaxed:
 
     Attributes
     ----------
-    signals : for each focus, a unit vector of its amplitude and phase in the R time intervals.
+    signals : for each focus, a complex vector of unit length with one entry (amplitude and phase)
+        for each of the R time intervals.
     weights : weights of the foci; they add up to F.
     norms : (E,) norm of Σ_f conj(H_fe) weight_f signal_f, the emission of element e before scaling.
     pressures : pressure of each focus divided by its requested pressure.
@@ -237,9 +238,10 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     Shinoda, IEEE World Haptics 2015), in which every element may emit several signals in turn. It
     then drops the weakest signals, a few at a time with iterations in between, until one is left
     (our own scheme). From there it runs ``iterations`` steps of weighted Gerchberg-Saxton. It also
-    tries the starts of ``weighted_gerchberg_saxton``, and returns the best drive. The result is
-    deterministic. With dozens of foci close together, the iterations may not converge; ``best``
-    then continues with ``gradient``. The target's phases and suppression points have no effect.
+    tries the starting points of ``weighted_gerchberg_saxton``, and returns the best drive. The
+    result is deterministic. With dozens of foci close together, the iterations may not converge;
+    ``best`` then continues with ``gradient``. The target's phases and suppression points have no
+    effect.
 
     Parameters
     ----------

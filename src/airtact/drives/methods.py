@@ -19,7 +19,7 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     ================================== ============================================================
     the target requests                method
     ================================== ============================================================
-    one focus                          ``phase_conjugate``; at full scale no drive does better
+    one focus                          ``phase_conjugate``, which is optimal at full scale
     several foci                       ``max_min``, continued by ``gradient`` if it stalls
     phases at several foci             ``least_peak``
     suppression points                 ``gradient``; the foci lose at most a tenth of their pressure

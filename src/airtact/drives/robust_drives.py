@@ -81,9 +81,8 @@ def robust(
     ensemble : the samples, as returned by the function ``ensemble``. A plain transfer matrix is
         treated as a single sample without uncertainty.
     target : the foci and their requested pressures.
-    goal : "lowest tenth", the pressure that the weakest focus exceeds in 9 out
-        of 10 samples; "mean", its mean over the samples; or "worst", its
-        smallest value.
+    goal : statistic, over the samples, of the pressure at the weakest focus: "lowest tenth", the
+        value that it exceeds in 9 out of 10 samples; "mean"; or "worst", the smallest value.
     limit : "energy" maximises the goal at a given energy Σ|d|²; "phases" maximises it with every
         element at full scale.
 
@@ -183,7 +182,10 @@ def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
 
 
 def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
-    """Return the rows of all samples (of one if all are equal), divided by the requests."""
+    """Return the transfer-matrix rows of the foci in all samples, divided by the requests.
+
+    If all samples are equal, only one is returned.
+    """
     nominal, requests = asked_rows(ensemble, target)
     if not isinstance(ensemble, TransferEnsemble):
         return (nominal / requests[:, None])[None]

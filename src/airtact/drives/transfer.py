@@ -115,15 +115,15 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     """Build the transfer matrix by reciprocity, from a single solve with unit beacons.
 
     A beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure
-    that the element, with the same source strength, produces at the focus (reciprocity, equation 3
-    of the paper). Therefore
+    that the element, with the same source strength, produces at the focus (reciprocity; Inoue,
+    Makino and Shinoda, 2014, equation 3). Therefore
 
         H[f, e] = g_e · sensitivity · Σ_j w_j b_f(x_ej),
 
     where b_f is the field of a beacon of 1 Pa·m at focus f, x_ej and w_j are the points and weights
     on the face of element e, and g_e is its gain (1 unless calibrated, 0 if it is dead). One solve
     covers every translation and rotation of the array relative to the bodies (section 3.3 of the
-    paper).
+    same paper).
 
     If the scene contains the array's boards (``reflecting_boards``), b_f is the pressure on their
     faces. This pressure is halved, because an infinite face doubles the pressure and the
@@ -263,9 +263,9 @@ def focus_by_distance(
 ) -> Drive:
     """Compute a drive from the distances between elements and foci alone.
 
-    The drive is d_e = Σ_f e^{−ik r_ef} (equations 5 and 11 of the paper), scaled to a largest
-    amplitude of 1. All foci have the same weight, regardless of their requests. k is the real part
-    of the wavenumber.
+    The drive is d_e = Σ_f e^{−ik r_ef} (Inoue, Makino and Shinoda, 2014, equations 5 and 11),
+    scaled to a largest amplitude of 1. All foci have the same weight, regardless of their requests.
+    k is the real part of the wavenumber.
 
     Parameters
     ----------
@@ -418,9 +418,9 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     if near.any():
         first, second = divmod(int(np.argmin(np.where(near, apart, np.inf))), len(points))
         raise InvalidInput(
-            f"foci {first} and {second} are {millimetres(apart[first, second], 3)} apart, at "
-            f"{in_mm(points[first])} and {in_mm(points[second])}, which is too close to separate "
-            "them. Remove one, or move them at least a tenth of the wavelength apart.",
+            f"foci {first} and {second} at {in_mm(points[first])} and {in_mm(points[second])} are "
+            f"only {millimetres(apart[first, second], 3)} apart, too close to be controlled "
+            "separately. Remove one, or move them at least a tenth of the wavelength apart.",
             points[first],
             code="foci_unreachable",
         )

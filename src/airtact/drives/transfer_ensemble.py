@@ -142,12 +142,12 @@ def ensemble(
     """Compute transfer matrices for random deviations of the hand, the air and the transducers.
 
     A rigid motion of the hand requires no new solve: the multipole expansion of the beacons' field
-    is evaluated at the elements' positions relative to the moved hand. If bodies move
-    independently or foci move along the skin, each focus is evaluated as if all bodies moved with
-    it. With ``solver``, each such sample is solved instead; ``BoundaryElement().factorised(scene,
-    refined=target.points)`` takes milliseconds for each. A change of the air's temperature or
-    humidity scales the wavenumber. In front of a rigid plane, one solve covers all motions along
-    the plane, and ``solver`` solves the other samples.
+    is evaluated at the elements' positions relative to the moved hand. If bodies move independently
+    or foci move along the skin, each focus is evaluated as if all bodies moved with it. If
+    ``solver`` is given, it solves the scene of each such sample instead;
+    ``BoundaryElement().factorised(scene, refined=target.points)`` needs only milliseconds per
+    sample. A change of the air's temperature or humidity scales the wavenumber. In front of a rigid
+    plane, one solve covers all motions along the plane, and ``solver`` solves the other samples.
 
     Parameters
     ----------
@@ -221,8 +221,8 @@ def matrices_at(
     The wavenumber is multiplied by ``slower``, which is below 1 in warmer air. If an element is
     inside a body, or if a body or a focus is behind a face, the pose is impossible and None is
     yielded. In front of a plane, ``solver`` solves each pose that changes the position relative to
-    the plane. Without it, such a pose raises an error with the code "not_converged". Otherwise, the
-    function raises the same errors as ``transfer_matrix``.
+    the plane. Without ``solver``, the function raises an error with the code "not_converged" for
+    such a pose. Otherwise, the function raises the same errors as ``transfer_matrix``.
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)

@@ -36,9 +36,9 @@ class Comparison:
     target : the foci.
     pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each
         focus [Pa].
-    field : field with one excitation per drive, scaled so that its strongest element is at full
-        scale. For each drive with unequal amplitudes, a further excitation has the same phases and
-        every element at full scale.
+    field : field with one excitation per drive; each drive is scaled so that its strongest element
+        is at full scale. For each drive with unequal amplitudes, a further excitation has the same
+        phases and every element at full scale.
     phase_columns : for each drive, the index of its phase-only version among the excitations of
         ``field``.
     at_foci : (F, S) complex pressure of each excitation of ``field`` at the foci [Pa].
@@ -72,7 +72,7 @@ class Comparison:
         return self.field.report_at(self.target.points)
 
     def steepening(self, name: str) -> Steepening:
-        """Effect of real air at the foci for a drive with its strongest element at full scale."""
+        """Nonlinear steepening at the foci for a drive whose strongest element is at full scale."""
         column = self.column(name)
         field = self.field
         pressures = self.at_foci[:, column]

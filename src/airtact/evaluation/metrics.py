@@ -23,7 +23,7 @@ from airtact.transducers.placement import check_placement, strength_in
 def drive_sources(
     array: PhasedArray, drives: Sequence[Drive], scene: Scene | None = None
 ) -> Monopoles:
-    """Return all face points of an array as monopoles, with one excitation per drive.
+    """Return the points on the faces of all elements as monopoles, one excitation per drive.
 
     Parameters
     ----------
@@ -142,7 +142,8 @@ def field_map(
     return field.at(points)[:, 0]
 
 
-# Limits of a computed pressure without planes or reflecting boards (section 3.1 of the paper)
+# Limits of a computed pressure without planes or reflecting boards (Inoue, Makino and Shinoda,
+# 2014, section 3.1)
 NOT_MODELLED = (
     "The array's own boards, the table and the walls do not reflect, and the elements' sensitivity "
     "is not calibrated."
@@ -179,12 +180,12 @@ def pascals(pressure: float) -> str:
 def in_real_air(
     pressures: Num[np.ndarray, "foci"], steepening: Steepening | None
 ) -> tuple[str, ...]:
-    """State the pressure in real air at the focus with the most steepening, if it is noticeable.
+    """Return a sentence on the focus with the strongest nonlinear steepening, if it is noticeable.
 
     Parameters
     ----------
     pressures : (F,) linear pressures [Pa].
-    steepening : effect of real air at these F foci; None if it was not estimated.
+    steepening : nonlinear steepening at these F foci; None if it was not estimated.
     """
     if steepening is None:
         return ()
@@ -217,7 +218,7 @@ class Evaluation:
     pressures : (F,) complex peak pressure at each focus [Pa].
     report : report of the solver that computed the pressures.
     field : the field of the drive alone; None if several drives were solved together.
-    steepening : effect of real air at the foci; None if it was not estimated.
+    steepening : nonlinear steepening at the foci; None if it was not estimated.
     """
 
     target: Target
@@ -241,7 +242,7 @@ class Evaluation:
 
     @property
     def expected(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) peak pressure [Pa] in real air, where strong sound steepens; NaN if unknown."""
+        """(F,) peak pressure [Pa], reduced by nonlinear steepening in air; NaN if unknown."""
         return self.magnitudes * (self.steepening.kept if self.steepening else np.nan)
 
     @property
@@ -341,8 +342,7 @@ def evaluate(
     Returns
     -------
     The complex pressures (F,) at the foci [Pa], with the report of the solver. These pressures are
-    linear in the drive; ``expected`` contains the pressures in real air, where strong sound
-    steepens.
+    linear in the drive; ``expected`` contains the pressures reduced by nonlinear steepening in air.
 
     Raises
     ------

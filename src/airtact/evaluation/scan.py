@@ -295,9 +295,9 @@ class Microphone:
 
     Attributes
     ----------
-    diameter : diameter of the face and the housing [m]; a quarter of an inch in the paper (section
-        4.2).
-    axis : (3,) direction in which the face points, of any length.
+    diameter : diameter of the face and the housing [m]; a quarter of an inch in Inoue, Makino and
+        Shinoda (2014), section 4.2.
+    axis : (3,) vector of any length that points outward from the face.
     housing : length of the housing behind the face [m].
 
     Raises

@@ -50,7 +50,8 @@ class ScanCalibration:
     sensitivity : peak pressure of the average element at full scale, 1 m away on its axis [Pa·m].
     deviation : standard deviation of ``sensitivity`` [Pa·m], without the microphone's own
         uncertainty.
-    gain_deviations : (E,) relative standard deviation of the gains, and of their phases [rad].
+    gain_deviations : (E,) standard deviation of each gain relative to its magnitude, or of its
+        phase [rad] if that is larger.
     determined : (E,) whether the scans determine an element's gain: its uncertainty is then
         less than half of the spread of the gains. Without phases, no gain is determined.
     pose : rigid motion that maps the positions in the scans to the true positions of the

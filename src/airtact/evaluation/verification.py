@@ -172,7 +172,7 @@ class SideLobe:
     Attributes
     ----------
     pressure : peak pressure [Pa].
-    point : (3,) position of this pressure [m].
+    point : (3,) position at which this pressure occurs [m].
     """
 
     pressure: float
@@ -190,8 +190,8 @@ class Verification:
     levels : amplitude and phase levels of the board.
     attainable : (F,) pressure at each focus at full scale if it were the only focus [Pa].
     skin : sound on the surfaces of the bodies; None in open air.
-    forces : (F,) force in real air on the skin within 5 mm of each focus [N]; NaN for foci away
-        from skin and where ``evaluation.expected`` is NaN.
+    forces : (F,) force on the skin within 5 mm of each focus, reduced by nonlinear steepening [N];
+        NaN for foci away from skin and where ``evaluation.expected`` is NaN.
     side_lobe : strongest pressure more than a wavelength from every focus, on the bodies or in
         the air up to two wavelengths beyond the foci.
     suppression_points : (Q,) complex pressure at the target's suppression points [Pa].

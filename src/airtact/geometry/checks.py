@@ -88,10 +88,10 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
 
     The thickness at a point is the diameter of the largest inner ball that touches the surface
     there and also touches the opposite surface. The normals there must be antiparallel to within 20
-    degrees, so edges of wedges pass the check. The points are 0.25 mm apart, or more on large
-    bodies. A part counts as thin only if the body is too thin everywhere within a distance of
-    ``THINNEST``, so small bumps, ribs and necks pass. The limit for the thickness is reduced by 10
-    %, because meshes may be rough or coarse.
+    degrees, so edges of wedges pass the check. The thickness is measured at points 0.25 mm apart,
+    or farther apart on large bodies. A part counts as thin only if the body is too thin everywhere
+    within a distance of ``THINNEST``, so small bumps, ribs and necks pass. The limit for the
+    thickness is reduced by 10 %, because meshes may be rough or coarse.
     """
     shape = surface.shape
     if shape.least_thickness >= THINNEST * (1.0 - 1e-9):
@@ -155,7 +155,10 @@ def _stands_alone(surface: Surface, centres: PointVectors) -> Bool[np.ndarray, "
 
 
 class Approach(NamedTuple):
-    """Distance [m] between two bodies, negative if they overlap, and its position (3,) [m]."""
+    """Distance [m] between two bodies, and the point (3,) of closest approach [m].
+
+    The distance is negative if the bodies overlap.
+    """
 
     gap: float
     position: Vector3

@@ -28,11 +28,11 @@ def load_surface(
 ) -> Surface:
     """Read a closed surface from a file, and repair it if it is damaged.
 
-    If the file contains a scene graph, its nodes are placed by their transforms and
-    joined. Vertices at the same position are merged, even if their textures or normals
-    differ. Materials and images are not read. The attribute ``repairs`` of the surface
-    lists the repairs (see ``airtact.geometry.mesh.repair.repaired``). Files may contain
-    up to 100 MB and 250,000 triangles, which take about 10 s and 1 GB of memory.
+    If the file contains a scene graph, its nodes are placed by their transforms and joined.
+    Vertices at the same position are merged, even if their textures or normals differ. Materials
+    and images are not read. The attribute ``repairs`` of the surface lists the repairs (see
+    ``airtact.geometry.mesh.repair.repaired``). A file may have up to 100 MB and 250,000 triangles;
+    reading it then takes about 10 s and 1 GB of memory.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def load_surface(
         body wider than 0.5 m needs an explicit ``scale=1.0``.
     largest_hole : width of the widest hole that is filled [m]; 0 fills none.
     sharp_degrees : angle between neighbouring triangles above which their edge remains sharp
-        [degrees]; the rest of the surface is curved.
+        [degrees]; the surface is smooth across all other edges.
     union : whether to replace overlapping parts, such as those of a CAD export, by one surface
         around all of them. This surface is computed on a grid with a spacing of 1/256 of the body's
         length. Edges are rounded on the scale of the grid, but edges that turn by more than 30

@@ -1,4 +1,4 @@
-"""A closed mesh of quadratic triangles, its shape at a pose, and its covering by panels."""
+"""A closed mesh of quadratic triangles, its shape in a given pose, and its cover of panels."""
 
 import math
 from dataclasses import dataclass, field
@@ -70,11 +70,11 @@ _RULE_FIT = np.linalg.solve(_WEIGHTED_SHAPE @ _RULE_SHAPE, _WEIGHTED_SHAPE)
 
 @dataclass(frozen=True, eq=False)
 class QuadraticMesh:
-    """A closed mesh of quadratic triangles before any motion; it is curved on first use.
+    """A closed mesh of quadratic triangles in the body's own frame.
 
-    ``midpoints`` are points of the surface at the middles of edges 01, 12, 20 [m]; by default the
-    mesh is curved by its normals. By default ``sharp_edges`` are the edges that bend by more than
-    ``sharp_degrees``.
+    ``midpoints`` are points of the surface at the middles of edges 01, 12, 20 [m]. By default, they
+    are computed from the normals of the mesh when they are first needed. By default ``sharp_edges``
+    are the edges that bend by more than ``sharp_degrees``.
     """
 
     vertices: Vertices
@@ -280,7 +280,7 @@ def _along_ridge(
 
 @dataclass(frozen=True, eq=False)
 class MeshShape(Shape):
-    """A mesh of quadratic triangles at a pose.
+    """A mesh of quadratic triangles in a given pose.
 
     ``cached`` contains panels of the mesh before its motion; the keys are the settings of the
     panels.
@@ -344,7 +344,7 @@ class MeshShape(Shape):
         return self.mesh.flat_tree.closest(self.pose.inverse().apply(points))[2]
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the mesh with curved panels the size of equilateral triangles of edge ``edge``.
+        """Cover the mesh with curved panels as large as equilateral triangles of side ``edge``.
 
         Where the mesh is smooth, the rms deviation of the panels is at most about ``away`` [m].
         """
@@ -373,7 +373,7 @@ class MeshShape(Shape):
 def covered(
     mesh: QuadraticMesh, edge: float, bend: float = BEND, away: float = np.inf
 ) -> QuadraticTriangles:
-    """Cover a closed piece with curved panels the size of equilateral triangles of edge ``edge``.
+    """Cover a closed piece with curved panels as large as equilateral triangles of side ``edge``.
 
     MMG generates the triangles. Their corners and midpoints are projected onto the surface or its
     sharp edges. Panels that deviate by more than 0.4 % of the edge, or by more than ``away`` [m]

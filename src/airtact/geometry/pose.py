@@ -100,7 +100,7 @@ class Pose:
 
         Parameters
         ----------
-        axis : (3,) direction, of any length above zero.
+        axis : (3,) vector of any length above zero along the axis.
         angle : right-handed angle about the axis, at most 2π in magnitude [rad].
         translation : (3,) translation after the rotation [m].
 

@@ -114,7 +114,7 @@ class Capsule(Shape):
         return mesh.vertices, mesh.triangles
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the surface with curved panels the size of equilateral triangles of edge ``edge``.
+        """Cover the surface with curved panels as large as equilateral triangles of side ``edge``.
 
         The normal turns by at most ``bend`` [rad] from one edge of a panel to another.
         """

@@ -1,4 +1,4 @@
-"""The interface of a body's true surface, with defaults for closed forms."""
+"""The interface of a body's true surface, with defaults for exact shapes such as spheres."""
 
 import math
 from abc import ABC, abstractmethod
@@ -24,7 +24,7 @@ BEND = math.pi / 5
 
 
 class Shape(ABC):
-    """The true surface of a body: a closed form, or the curved triangles of a mesh.
+    """The true surface of a body: an exact shape such as a sphere, or a curved mesh.
 
     ``pose`` is the motion from the frame in which the other attributes are given.
     """
@@ -34,7 +34,7 @@ class Shape(ABC):
     @property
     @abstractmethod
     def extent(self) -> float:
-        """Length [m] of a closed form, or longest side of a mesh's original bounding box."""
+        """Length [m] of an exact shape, or longest side of a mesh's original bounding box."""
 
     @property
     @abstractmethod
@@ -100,14 +100,14 @@ class Shape(ABC):
         return self.project(straight.reshape(-1, 3)).reshape(straight.shape)
 
     def off_triangles(self, points: Points) -> PointLengths:
-        """Return the distance [m] of points from the defining triangles; 0 for closed forms."""
+        """Return the distance [m] of points from the triangles of the mesh; 0 for exact shapes."""
         return np.zeros(len(points))
 
     @abstractmethod
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover the surface with curved panels the size of equilateral triangles of edge ``edge``.
+        """Cover the surface with curved panels as large as equilateral triangles of side ``edge``.
 
-        On a closed form, the normal turns by at most about ``bend`` [rad] from one edge of a panel
+        On an exact shape, the normal turns by at most about ``bend`` [rad] from one edge of a panel
         to another. On smooth parts of a mesh, the rms deviation of panels from the surface is at
         most about ``away`` [m].
         """

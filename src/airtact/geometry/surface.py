@@ -43,7 +43,7 @@ from airtact.geometry.shape import Shape
 
 
 class Body:
-    """Identity of a rigid body: two surfaces with the same ``Body`` are one body at two poses."""
+    """Identity of a rigid body: two surfaces with the same ``Body`` are one body in two poses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ class Surface:
 
     @cached_property
     def body(self) -> "Body":
-        """Identity of the body, which is the same at all poses."""
+        """Identity of the body, which is the same in all poses."""
         return Body()
 
     @cached_property
@@ -251,8 +251,8 @@ def _triangles_of(triangles: np.ndarray) -> Triangles:
         ) from None
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise InvalidInput(
-            f"surface triangles have shape {array.shape}, but must have shape (triangles, 3), "
-            "with at least one.",
+            f"surface triangles have shape {array.shape}, but must have shape (triangles, 3) with "
+            "at least one triangle.",
             code="wrong_shape",
         )
     if not np.issubdtype(array.dtype, np.integer):

@@ -122,7 +122,7 @@ class HandShape(Shape):
         return self.pose.apply(self.hulls.project(self.pose.inverse().apply(points)))
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Return curved panels about the size of equilateral triangles of edge ``edge`` [m]."""
+        """Return curved panels about as large as equilateral triangles of side ``edge`` [m]."""
         return self.pose.apply(curved_panels(self.hulls, self.skin(edge)))
 
     def extreme_points(self) -> Points:

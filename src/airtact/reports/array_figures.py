@@ -1,4 +1,4 @@
-"""Pictures of transducers, in 3-D or with faces side by side (as in Fig. 5 of the paper)."""
+"""Pictures of transducers, in 3-D or with faces side by side."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -128,10 +128,11 @@ def _pictures(run: Rendering) -> dict[str, Any]:
     phases = picture(
         figure,
         f"{shown} of each transducer for the method {run.method}, in Re[u e^(−iωt)].{amplitude} "
-        "Each face is drawn as seen from the side to which it radiates. The faces are in the order "
-        "that a viewer inside the array sees when turning right (compare Fig. 5 of the paper). "
-        f"Rounding to {len(levels.amplitudes)} amplitude levels and {levels.phases} phase levels "
-        f"(drive.csv) changes the pressure at the foci by at most {rounding:.2%}.",
+        "Each face is drawn as seen from the side to which it radiates. The faces are in the "
+        "order that a viewer inside the array sees when turning right (compare Fig. 5 of Inoue, "
+        f"Makino and Shinoda, 2014). Rounding to {len(levels.amplitudes)} amplitude levels and "
+        f"{levels.phases} phase levels (drive.csv) changes the pressure at the foci by at most "
+        f"{rounding:.2%}.",
         f"{shown} of {len(array)} transducers, face by face",
         wide=bool(figure.get_figwidth() > 7.0),
     )

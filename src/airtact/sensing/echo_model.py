@@ -40,9 +40,10 @@ class EchoModel:
     Attributes
     ----------
     scattering : scattering matrix of the bodies.
-    emitted : (W, M) regular waves of each transmission about the initial centre, with additional
-        orders, times sensitivity/(4πik), which converts products of waves to pressures [Pa].
-    receiving : (W, R) regular waves of each receiver about the initial centre.
+    emitted : (W, M) coefficients of the regular waves of each transmission about the initial
+        centre, including the additional orders. They are multiplied by sensitivity/(4πik), so that
+        the echoes are in pascals.
+    receiving : (W, R) coefficients of the regular waves of each receiver about the initial centre.
     valid : (R, M) whether each pressure was received; None if all were received. The echoes and
         derivatives of other pressures are 0.
     """

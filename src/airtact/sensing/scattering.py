@@ -314,7 +314,11 @@ class ScatteringFamily:
 
     @cached_property
     def effect(self) -> float:
-        """Change of the matrix per unit of the parameter, divided by its change per metre moved."""
+        """Effect of the parameter on the matrix, compared with that of a translation [m per unit].
+
+        This is the change of the matrix per unit of the parameter, divided by its change per metre
+        of translation.
+        """
         middle = 0.5 * (self.low + self.high)
         here = self.at(middle).matrix
         change = self.derivative(middle).matrix

@@ -87,10 +87,11 @@ def facing(
     cosine: float = 0.5,
     nearest: float = 0.02,
 ) -> Bool[np.ndarray, "receivers emitters"]:
-    """Return whether elements of two boards face each other and are not neighbours at an edge.
+    """Return which pairs of elements of two boards face each other and are not too close together.
 
-    The default limits are 60 degrees from the axis and a distance of 20 mm. At larger angles, real
-    transducers deviate from pistons.
+    The default limits are 60 degrees from the axis and a distance of 20 mm, which excludes
+    neighbours where the boards meet at an edge. At larger angles, real transducers deviate from
+    pistons.
     """
     away = receiving.positions[:, None, :] - emitting.positions
     distance = np.linalg.norm(away, axis=2)
@@ -349,9 +350,9 @@ def simulate_echoes(
 def noisy(
     pressures: Num[np.ndarray, "receivers transmissions"], decibels: float | None, seed: int
 ) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float | None]:
-    """Add normal noise ``decibels`` below the pressures; return the sum and the rms noise [Pa].
+    """Add Gaussian noise to pressures; return the noisy pressures and the rms noise [Pa].
 
-    None adds no noise.
+    The noise is ``decibels`` below the rms pressure. If ``decibels`` is None, none is added.
     """
     pressures = pressures.astype(np.complex128)
     if decibels is None:

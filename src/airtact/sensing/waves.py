@@ -98,9 +98,10 @@ def projected(
     strengths: Complex128[np.ndarray, "points columns"],
     wavenumber: complex,
 ) -> Waves:
-    """Return the outgoing waves (waves, S) of monopoles of strengths (P, S) at offsets (P, 3).
+    """Expand monopoles of strengths (P, S) at offsets (P, 3) in outgoing waves.
 
-    The sums are in single precision, which is more accurate than the solvers.
+    The result contains the coefficients (waves, S). The sums are in single precision, which is more
+    accurate than the solvers.
     """
     waves = regular_waves(order, offsets, wavenumber)
     strengths = np.ascontiguousarray(strengths, dtype=np.complex64)
@@ -127,7 +128,7 @@ def monopole_waves(
     wavenumber: complex,
     strengths: Num[np.ndarray, "points"] | float = 1.0,
 ) -> Waves:
-    """Return the regular waves (waves, P) of monopoles of given strengths (P,) [Pa·m]."""
+    """Expand monopoles of strengths (P,) [Pa·m] in regular waves; return the coefficients."""
     radial = outgoing_radial(order, np.linalg.norm(offsets, axis=1), wavenumber)
     radial *= 4j * np.pi * wavenumber * strengths
     waves = of_waves(order, radial.astype(np.complex64))

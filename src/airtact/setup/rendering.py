@@ -66,7 +66,7 @@ class Rendering:
     pressures : (F,) verified peak pressure at each focus [Pa]. If one focus runs through the points
         in turn, each value applies while the focus is at that point, and is computed from the
         transfer matrix.
-    steepening : effect of real air on these pressures.
+    steepening : effect of nonlinear steepening on these pressures.
     verification : comparison of the drive with its control, a drive that the same method
         computes without the bodies. In open air there is no control.
     felt : comparison of ``pressures`` with those of the control. It differs from ``verification``

@@ -30,7 +30,7 @@ class MovingDrive:
         ``moving_target``.
     pressures : (P,) peak pressure at each position while a focus is there, without steepening
         [Pa].
-    steepening : effect of real air on these pressures. The motion of the foci is
+    steepening : effect of nonlinear steepening on these pressures. The motion of the foci is
         ignored.
     warnings : warnings of methods that stopped early.
     """
@@ -44,7 +44,7 @@ class MovingDrive:
 
     @property
     def expected(self) -> Float64[np.ndarray, "positions"]:
-        """(P,) pressure in real air [Pa], as in ``Evaluation``; NaN where it is unknown."""
+        """(P,) pressure reduced by nonlinear steepening [Pa]; NaN where it is unknown."""
         return self.pressures * self.steepening.kept
 
     @property
@@ -54,7 +54,7 @@ class MovingDrive:
         return self.sequence.drives[:: len(self.sequence) // len(self.target.points)]
 
     def sentences(self) -> tuple[str, ...]:
-        """State the pressure at the weakest position, and the effect of real air if noticeable."""
+        """State the pressure at the weakest position, and nonlinear steepening if noticeable."""
         # Where the estimate is invalid, the linear pressure is far above the threshold.
         felt = np.fmin(self.pressures, self.expected)
         return (

@@ -33,8 +33,8 @@ class Setup:
     scene : the medium and the bodies in it.
     array : transducers in the frame of the obstacles.
     target : the foci.
-    solver : solver that computes the fields; by default, boundary elements, or the closed form in
-        open air.
+    solver : solver that computes the fields; by default, boundary elements, or the closed-form
+        solution in open air.
     accuracy : requested relative error; by default, that of the solver if it has one,
         else 0.01.
     method : name of the method that computes the drive, a key of

@@ -213,7 +213,7 @@ def verification_solver(setup: Setup) -> Solver:
     For bodies filled with a fluid, it uses finite elements of the next higher order. For other
     bodies, it uses boundary elements with at least 1.8 times as many unknowns, as far as memory and
     time allow. Its report contains a warning if the estimated error exceeds the setup's accuracy.
-    For open air, it is the closed form.
+    For open air, it uses the closed-form solution.
     """
     if not setup.scene.obstacles:
         return FreeField()

@@ -114,11 +114,11 @@ class ArrayTable(Table, frozen=True):
 
     Attributes
     ----------
-    layout : "surrounding_box" is the paper's box around the origin, or a box of four
-        boards of the kind ``board``; "flat_boards" places AUTD3 boards edge to edge in
-        the plane z = 0; "boards" places each board at a pose; "tinylev", "biglev",
-        "flat_8x8" and "opposed_sonicsurfaces" are known arrays; a .csv file in the
-        folder of the scene contains a custom array.
+    layout : "surrounding_box" is the box of Inoue, Makino and Shinoda (2014) around the origin, or
+        one of four boards of kind ``board``; "flat_boards" places AUTD3 boards edge to edge in the
+        plane z = 0; "boards" places each board in its pose; "tinylev", "biglev", "flat_8x8" and
+        "opposed_sonicsurfaces" are known arrays; a .csv file in the scene's folder contains a
+        custom array.
     board : kind of board: "autd3", "sonicsurface", "nano16" or "openmpd"; by default
         "autd3".
     rows, columns : number of flat boards along y and along x; by default 2.
@@ -153,7 +153,7 @@ class ArrayTable(Table, frozen=True):
 
 
 class PinchTable(Table, frozen=True):
-    """The paper's thumb and forefinger.
+    """The thumb and forefinger of Inoue, Makino and Shinoda (2014).
 
     Attributes
     ----------

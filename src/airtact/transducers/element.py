@@ -142,7 +142,9 @@ class Element:
 
 
 def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
-    """Return a transducer that radiates equally in all directions (section 4.1 of the paper).
+    """Return a transducer that radiates equally in all directions.
+
+    Inoue, Makino and Shinoda (2014, section 4.1) use this model.
 
     Parameters
     ----------

@@ -176,8 +176,8 @@ class PhasedArray:
         Parameters
         ----------
         point : (3,) point, such as a focus [m].
-        direction : (3,) direction from the point to the centre of the array, of any length above
-            zero.
+        direction : (3,) vector of any length above zero, in the direction from the point to the
+            centre of the array.
         distance : distance from the point to the centre of the array [m].
 
         Raises
@@ -345,24 +345,23 @@ def _centred(board: Board, element: Element | None) -> PhasedArray:
 
 
 def surrounding_box(element: Element | None = None, board: str | None = None) -> PhasedArray:
-    """Return the paper's array (section 3.3): four AUTD3 boards around a box of 14 x 14 x 18 cm.
+    """Return an array of four AUTD3 boards around a box of 14 x 14 x 18 cm.
 
-    The origin is the centre of the box, and z is its long axis. The faces are at x =
-    +70 mm, x = -70 mm, y = +70 mm and y = -70 mm, in this order. One board is centred
-    on each face and radiates inward. The elements of each board keep their order. The
-    board's x axis (18 elements) runs along +z on every face, so its y axis (14
-    elements) runs along +y, -y, -x and +x: each face is the first one rotated about z.
-    The box is 140 mm wide, but a real board is 151.4 mm wide and would extend 5.7 mm
-    beyond its neighbours at each corner. Use ``board="autd3"`` for a box that real
-    boards fit.
+    The array is that of Inoue, Makino and Shinoda (2014), section 3.3. The origin is the centre of
+    the box, and z is its long axis. The faces are at x = +70 mm, x = -70 mm, y = +70 mm and y = -70
+    mm, in this order. One board is centred on each face and radiates inward. The elements of each
+    board keep their order. The board's x axis (18 elements) runs along +z on every face, so its y
+    axis (14 elements) runs along +y, -y, -x and +x: each face is the first one rotated about z. The
+    box is 140 mm wide, but a real board is 151.4 mm wide and would extend 5.7 mm beyond its
+    neighbours at each corner. Use ``board="autd3"`` for a box that real boards fit.
 
     Parameters
     ----------
     element : kind of transducer; by default, the piston of the board. The paper uses
         ``monopole()`` (section 4.1).
-    board : name of a real board. Each face is then half the board's height from the
-        centre (75.7 mm for "autd3"), so that thin boards touch along their long edges.
-        By default, the paper's box.
+    board : name of a real board. Each face is then half the board's height from the centre (75.7 mm
+        for "autd3"), so that thin boards touch along their long edges. By default, the box of the
+        paper.
 
     Raises
     ------

@@ -120,7 +120,7 @@ def _check_count(levels: int, name: str) -> int:
     return int(levels)
 
 
-# 256 amplitudes and 256 phases, as in the paper's array and in AUTD3.
+# 256 amplitudes and 256 phases, as in surrounding_box() and AUTD3.
 EIGHT_BITS = Levels.even(256, 256)
 
 

@@ -132,8 +132,8 @@ def force(
         ``body_force``.
     density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
         those of expanded polystyrene.
-    solver : solver that computes the field. The default is the closed form for open air if the
-        scene has no body, and boundary elements otherwise.
+    solver : solver that computes the field. The default is the closed-form solution for open air if
+        the scene has no body, and boundary elements otherwise.
 
     Returns
     -------

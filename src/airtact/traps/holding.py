@@ -62,7 +62,7 @@ class Trap:
     point : (3,) position of the centre of the bead [m].
     kind : "twin" for two lobes of opposite phase, one on each side of the bead along ``axis``;
         "vortex" for a ring of high pressure around ``axis`` whose phase increases by 2π.
-    axis : (3,) direction of the axis, of any length.
+    axis : (3,) vector of any length along the axis.
     radius, density, sound_speed : radius [m], density [kg/m³] and speed of sound [m/s] of the
         bead; by default, a bead of expanded polystyrene with a radius of 0.65 mm.
     """

@@ -41,19 +41,20 @@ class SolveReport:
     Attributes
     ----------
     solver : name of the method.
-    residual : largest relative residual of the linear systems; 0 for closed forms.
+    residual : largest relative residual of the linear systems; 0 for closed-form solvers.
     iterations : number of iterations until the slowest right-hand side converged.
     nodes : number of unknowns.
-    nodes_per_square_wavelength : unknowns per λ² of the bodies' surfaces; infinite for closed
-        forms.
+    nodes_per_square_wavelength : unknowns per λ² of the bodies' surfaces; infinite for closed-form
+        solvers.
     estimated_error : the solver's own estimate of the relative error of the field away from the
         surfaces.
     seconds : wall time of each step [s].
     settings : the solver's settings.
     warnings : warnings, one sentence each.
     citations : references for the method.
-    farthest_off_triangles, mean_off_triangles : largest and mean distance between the panels
-        and the triangles of the surface, for the worst body [m]; 0 for primitives.
+    farthest_off_triangles, mean_off_triangles : largest and mean distance between the solver's
+        panels and the triangles of the original mesh [m], for the body where this distance is
+        largest; 0 for primitives such as spheres.
     """
 
     solver: str

@@ -173,8 +173,8 @@ def load_samples(
     path : the file with the table.
     scene : the scene for which the field was computed.
     sources : the monopoles that emit the sound, with one excitation for each pressure column.
-    time_sign : time factor of the pressures, "e^{-iωt}" as in airtact or "e^{+jωt}" as in COMSOL,
-        whose pressures are conjugated.
+    time_sign : time factor of the pressures, "e^{-iωt}" as in airtact or "e^{+jωt}" as in COMSOL.
+        With the latter, the pressures are conjugated on loading.
     scale : length of the file's unit in metres, such as 1e-3 for mm. By default the unit is
         taken from the comment "Length unit"; without that comment it is the metre.
 

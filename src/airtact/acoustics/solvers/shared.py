@@ -97,9 +97,10 @@ def sphere_rule(
 def chebyshev_weights(
     coordinates: Float[np.ndarray, "points"], count: int
 ) -> Float32[np.ndarray, "points count"]:
-    """Return the weights of the points cos(π (j + 1/2)/count) for coordinates in [-1, 1].
+    """Return the weights that interpolate from points cos(π (j + 1/2)/count) to coordinates.
 
-    The barycentric formula follows J.-P. Berrut, L. N. Trefethen, SIAM Review 46 (2004) 501.
+    The coordinates are in [-1, 1]. The barycentric formula follows J.-P. Berrut, L. N. Trefethen,
+    SIAM Review 46 (2004) 501.
     """
     angles = np.pi * (np.arange(count) + 0.5) / count
     off = coordinates[:, None] - np.cos(angles).astype(coordinates.dtype)
@@ -155,8 +156,8 @@ def gmres(
     right_sides : the right-hand sides b, as rows.
     tolerance : relative residual that all right-hand sides must reach.
     error : approximate relative error of the solution at which the iteration stops. If A is
-        ill-conditioned, as for sound in a cavity, this error is large even if the residual is
-        small, and more iterations are made.
+        ill-conditioned, as for sound in a cavity, the error can be large although the residual is
+        small; the iteration then continues.
     most_iterations : largest number of iterations.
 
     Raises

@@ -32,10 +32,10 @@ def united_parts(
 ) -> tuple[Float64[np.ndarray, "nodes 3"], Int64[np.ndarray, "faces 3"], str]:
     """Return the surface of the union of all parts of a mesh, and a note on its precision.
 
-    The winding number is counted along the lines of a grid in three directions, and each node gets
-    the majority of the three results. A hole or an edge that three triangles share therefore only
-    corrupts single lines. Faces keep their position, but edges are rounded on the scale of a grid
-    cell, and walls thinner than two cells disappear.
+    The winding number is computed along the lines of a grid in three directions, and the majority
+    of the three results is used at each node. A hole or an edge that three triangles share
+    therefore only corrupts single lines. Faces keep their position, but edges are rounded on the
+    scale of a grid cell, and walls thinner than two cells disappear.
 
     Parameters
     ----------

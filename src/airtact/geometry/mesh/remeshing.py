@@ -367,8 +367,8 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
 def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSizes:
     """Return the longest edge [m] allowed at each vertex: twice the distance to the next ridge.
 
-    Vertices that are not on sharp edges get ``largest``. Near a corner the limit is smaller,
-    because the other edge of the corner is close.
+    The limit is ``largest`` at vertices that are not on sharp edges. Near a corner the limit is
+    smaller, because the other edge of the corner is close.
     """
     width = np.full(len(vertices), largest / 2.0)
     if not len(ridges):

@@ -71,9 +71,9 @@ def repaired(
     InvalidInput
         If an index is out of range, if a used vertex is NaN, if the extent is over 2 m or under 0.5
         mm, if an edge belongs to more than two triangles, if the surface is one-sided, if a hole is
-        wider than ``largest_hole``, if parts touch in a single vertex, or if triangles or pieces
-        remain flat. The message states the position. Self-intersections are checked by
-        ``check_surface``.
+        wider than ``largest_hole``, if parts touch in a single vertex, or if triangles without area
+        or pieces without volume remain. The message states the position. Self-intersections are
+        checked by ``check_surface``.
 
     Examples
     --------

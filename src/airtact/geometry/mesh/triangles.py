@@ -92,7 +92,10 @@ def shape_gradients(points: Real[np.ndarray, "points 2"]) -> tuple[NodeWeights, 
 def points_at(
     panels: QuadraticTriangles, references: Real[np.ndarray, "panels 2"]
 ) -> tuple[PanelVectors, PanelVectors]:
-    """Return a point of each panel [m], and the outward normal there times twice the area."""
+    """Return a point of each panel [m] and an outward normal vector there.
+
+    The length of the vector is the Jacobian, which is twice the area of a flat panel [m²].
+    """
     along_u, along_v = (
         np.einsum("tn,tnd->td", gradient, panels) for gradient in shape_gradients(references)
     )

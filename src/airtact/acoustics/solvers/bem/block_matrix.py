@@ -60,7 +60,7 @@ def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks bloc
     """Return a mask of the block pairs in which a point of one block is near a panel of the other.
 
     Each of the ``lists`` contains the near panels of one set of points. The points of a set are
-    ordered by panel, with the same number on every panel.
+    ordered by panel, and every panel has the same number of points.
     """
     blocks = -(-panels // PANELS)
     near = np.zeros((blocks, blocks), dtype=bool)
@@ -134,7 +134,7 @@ class BlockMatrix:
         )
 
     def dense(self) -> Complex[np.ndarray, "nodes nodes"]:
-        """Return a matrix without low-rank blocks as one array; bfloat16 is not supported."""
+        """Return the matrix as one dense array; low-rank blocks and bfloat16 are not supported."""
         lanes = _kernels.lanes
         out = np.empty((self.count, self.count), dtype=self.precision, order="F")  # for LAPACK
         rows = lanes * self.whole.row
@@ -178,10 +178,10 @@ def eliminate(
     right: Complex128[np.ndarray, "nodes excitations"],
     transposed: bool,
 ) -> GmresResult:
-    """Add matrices without low-rank blocks, and solve with the sum by Gaussian elimination.
+    """Solve a linear system by Gaussian elimination; its matrix is the sum of ``matrices``.
 
-    The reported residual belongs to the sum of all right-hand sides, so computing it takes only one
-    product with the matrix.
+    The matrices must not contain low-rank blocks. The reported residual belongs to the sum of all
+    right-hand sides, so computing it takes only one product with the matrix.
     """
     total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
     for matrix in matrices[1:]:

@@ -75,7 +75,10 @@ class PlacedBody:
         return bool(squares.min(initial=np.inf) > (radius + reach) ** 2)
 
     def reaches(self, points: Points) -> Mask:
-        """Return which points are too close to the body for its skeletons to be accurate."""
+        """Return which points are too close to the body for the skeletons.
+
+        The skeletons are the reduced set of nodes; they are inaccurate close to the body.
+        """
         reach = self.reduced.reach
         near = self.in_box(points, reach)
         if near.any():
@@ -176,8 +179,8 @@ class FactorisedField(RadiatedField):
     Attributes
     ----------
     densities : strengths of the skeletons' monopoles, which radiate the scattered field [Pa·m].
-    factors : factor for each source: 1 off the surface, and 2 on it, where a source coincides
-        with its image.
+    factors : factor for the strength of each source: 1 away from the surfaces, and 2 on a surface,
+        where the source coincides with its mirror image.
     """
 
     placed: tuple[PlacedBody, ...]
@@ -251,7 +254,7 @@ class FactorisedField(RadiatedField):
 
 @dataclass(frozen=True, eq=False)
 class FactorisedBodies(Solver):
-    """Solver for bodies that were factorised separately and may be at any poses.
+    """Solver for bodies that were factorised separately and may be in any pose.
 
     Attributes
     ----------
@@ -276,7 +279,7 @@ class FactorisedBodies(Solver):
         )
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Solve for the monopoles, with each body at its pose in the scene.
+        """Solve for the monopoles, with each body in its pose in the scene.
 
         The scene must contain the same bodies, which may have moved rigidly, in the same medium at
         the same frequency. The monopoles must be outside the bodies or on their surfaces. If two

@@ -111,7 +111,10 @@ class Cells:
 
 
 def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
-    """Sort points into cells for sums to a relative ``error``, or return None if this is slower."""
+    """Sort points into cells, or return None if sums in cells would not be faster.
+
+    The relative error of sums in cells is at most ``error``.
+    """
     grids = [(order, beyond) for left, order, beyond in GRIDS if left <= error]
     if not grids or len(points) < grids[0][0] ** 2 / MAX_GRID_SHARE:
         return None
@@ -175,7 +178,7 @@ Contacts = tuple[
 
 @dataclass(frozen=True)
 class NearRule:
-    """Settings for the integration of panels near a point.
+    """Settings for integrals over panels near a point.
 
     Attributes
     ----------
@@ -423,10 +426,10 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
     """Locate points relative to the panels.
 
     Away from the panels, points are classified by the solid angle, or by the scene's signed
-    distance if all surfaces are closed forms. Near the panels, they are classified by the signed
-    distance if it exceeds the panels' deviation from the true surface. Points closer to the surface
-    are projected onto a panel or classified by the solid angle, from accurate integrals over near
-    panels. Points behind a plane are not classified as outside.
+    distance if all bodies are spheres or capsules. Near the panels, they are classified by the
+    signed distance if it exceeds the panels' deviation from the true surface. Points still closer
+    to the surface are projected onto a panel, or classified by the solid angle, which is computed
+    with accurate integrals over near panels. Points behind a plane are not classified as outside.
     """
     positions = np.array(points, dtype=np.float64)
     contact = np.zeros(len(positions), dtype=bool)

@@ -183,7 +183,7 @@ class BodiesBeforePlane:
 
     @classmethod
     def of(cls, solver: BoundaryElement, scene: Scene, sources: Monopoles) -> "BodiesBeforePlane":
-        """Solve the bodies without the plane, with smaller panels where a body faces its image."""
+        """Solve the scene without its plane, with smaller panels where a body faces its image."""
         accuracy = min(2.0 * solver.accuracy, 0.3)
         solver = replace(solver, accuracy=accuracy, precision="float32", estimate=False)
         _, surface = solver._discretised(scene, sources.refined_positions)

@@ -182,9 +182,8 @@ def thickness(
     The diameter is limited to ``largest``. Nodes whose ``lower_bound`` reaches this limit are
     skipped.
 
-    For each node, the ball shrinks until it contains no other node. It then shrinks until it only
-    touches the panel point closest to its centre, because a panel may enter it between nodes (J.
-    Ma, S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).
+    For each node, the ball shrinks until it contains no other node. It then shrinks until no panel
+    enters it between nodes (J. Ma, S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).
     """
     diameter = np.full(len(nodes.points), float(largest))
     unknown = (

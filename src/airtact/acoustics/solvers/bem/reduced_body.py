@@ -104,7 +104,7 @@ class FarMonopoles:
 
 @dataclass(frozen=True, eq=False)
 class ReducedBody:
-    """A body in its own frame, reduced to skeletons: a few nodes that represent all of them.
+    """A body in its own frame, reduced to skeletons: small sets of nodes that represent all nodes.
 
     Attributes
     ----------

@@ -121,8 +121,8 @@ def assemble(
     ----------
     surface : nodes and second collocation points.
     store : number format of the matrix.
-    error : Frobenius norm of the errors of all low-rank blocks together, divided by the norm of the
-        1/2 on the diagonal; None stores every block in full.
+    error : allowed Frobenius norm of the errors of all low-rank blocks together, relative to that
+        of the matrix's identity term I/2; if None, every block is stored in full.
     image : plane of the bodies' mirror image; if given, the matrix contains only the contribution
         of the image. The image has the same pressure, and its double layer at x equals the double
         layer of the bodies at the image of x. Only the collocation points change, and the term 1/2
@@ -223,8 +223,8 @@ def transposed_right_side(
     The right-hand side is the transposed double layer of the monopoles, including their images in
     ``planes``. The strength of a source is multiplied by 1 off the surface and by 2 on it. On the
     surface, Green's formula yields only half of the pressure, p/2 = p_inc + D[p]. By reciprocity,
-    the strength of a source there is doubled. This is true for any impedance, because D includes
-    the single layer.
+    the strength of a source there is doubled. This also holds for surfaces with an impedance,
+    because D then includes their single-layer term.
     """
     positions, contact = project_contacts(surface.nodes, positions)
     factors = np.where(contact, 2.0, 1.0)
@@ -272,8 +272,8 @@ class DirectSolution:
         ----------
         points : positions [m]. Points in contact with the surface must already be projected
             onto it.
-        contact : mask of the points on the surface. There the total pressure is twice the sum of
-            incident pressure and double layer.
+        contact : mask of the points on the surface. At these points, the total pressure is twice
+            the sum of the incident pressure and the double layer.
         on_surface : nodes and pressure on the surface; by default those of the solution.
         cells : the points sorted into cells, if sums in cells are faster.
         nodal : whether all points are on panels and away from their edges.
@@ -351,8 +351,8 @@ class TransposedSolution:
     Attributes
     ----------
     density : strengths of the monopoles at the nodes [Pa·m].
-    factors : factor for each source: 1 off the surface, and 2 on it, where a source coincides
-        with its image.
+    factors : factor for the strength of each source: 1 away from the surface, and 2 on the surface,
+        where the source coincides with its mirror image.
     """
 
     sources: Monopoles
@@ -362,7 +362,7 @@ class TransposedSolution:
 
     @cached_property
     def emitted(self) -> Monopoles:
-        """The sources, together with the images of the sources on the surface."""
+        """The sources, with doubled strengths for those on the surface."""
         return Monopoles(self.sources.positions, self.factors[:, None] * self.sources.strengths)
 
     @cached_property

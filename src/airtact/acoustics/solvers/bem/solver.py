@@ -340,7 +340,7 @@ class BoundaryElement(Solver):
 
         Returns
         -------
-        A solver for these bodies at any poses, in the same medium and at the same frequency.
+        A solver for these bodies in any poses, in the same medium and at the same frequency.
 
         Raises
         ------
@@ -403,7 +403,7 @@ class BoundaryElement(Solver):
         )
 
     def moving_panels(self, scene: Scene, refined: Points) -> "at.acoustics.MovingPanels":
-        """Cover one body with panels that the caller can move and solve in single precision.
+        """Cover one body with panels that can be moved, for solutions in single precision.
 
         Parameters
         ----------
@@ -586,8 +586,8 @@ def _check_bodies(scene: Scene) -> None:
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary == "filled":
             raise InvalidInput(
-                f"obstacle {index} is filled, but BoundaryElement solves sound-hard and impedance "
-                "bodies only. Use FiniteElement, or SphereSeries for a single sphere.",
+                f"obstacle {index} is filled, but BoundaryElement supports only sound-hard and "
+                "impedance bodies. Use FiniteElement, or SphereSeries for a single sphere.",
                 code="not_supported",
             )
 

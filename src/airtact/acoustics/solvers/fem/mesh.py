@@ -42,8 +42,8 @@ class SurfaceMesh:
     ----------
     vertices : (V, 3) positions [m].
     triangles : (T, 3) vertex indices, anticlockwise when seen from outside the body.
-    middles : (T, 3, 3) points of the curved surface at the middles of edges 01, 12, 20 [m], the
-        same for both neighbours.
+    middles : (T, 3, 3) points on the curved surface at the middles of edges 01, 12 and 20 [m]. Two
+        triangles that share an edge have the same middle there.
     body : (T,) index of each triangle's obstacle.
     """
 
@@ -152,7 +152,7 @@ class Tetrahedra:
         return KDTree(self.corners.mean(axis=1))
 
     def positions(self, number: Indices, weights: Barycentric) -> Vectors:
-        """Return points at barycentric coordinates (P, 4) in the tetrahedra numbered (P,) [λ]."""
+        """Return P points [λ] from tetrahedron indices (P,) and barycentric coordinates (P, 4)."""
         products = weights[:, EDGES[:, 0]] * weights[:, EDGES[:, 1]]
         straight = np.einsum("pc,pcd->pd", weights, self.corners[number])
         return straight + 4 * np.einsum("pe,ped->pd", products, self.bends[number])
@@ -169,9 +169,9 @@ class Tetrahedra:
     def smallest_stretch(self) -> tuple[float, int]:
         """Smallest ratio of a curved to a straight volume element, and its tetrahedron's index.
 
-        A tetrahedron with a ratio of 0 or less is folded. The samples lie 15 % inwards from corners
-        and midpoints, because a ratio of 0 is harmless where two faces of a tetrahedron meet on a
-        smooth surface.
+        A tetrahedron with a ratio of 0 or less is folded. The ratio is evaluated at points shifted
+        15 % inward from the corners and midpoints. At an edge where two faces of a tetrahedron lie
+        on the same smooth surface, a ratio of 0 is harmless.
         """
         midpoints = 0.5 * (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]])
         samples = 0.85 * np.concatenate([np.eye(4), midpoints]) + 0.15 / 4
@@ -234,7 +234,7 @@ def meshed(
 ) -> tuple[NetgenMesh, SurfaceMesh, Tetrahedra]:
     """Mesh the filled bodies, the air in a box around all bodies, and the perfectly matched layer.
 
-    Netgen's mesh and the curved tetrahedra are in wavelengths.
+    The coordinates of Netgen's mesh and of the curved tetrahedra are in units of the wavelength.
 
     Raises
     ------
@@ -253,7 +253,7 @@ def meshed(
             mesh = _tetrahedra(surface, box, filled, scene.wavelength, size)
         if not _fills_box(mesh, box, surface, filled, scene.wavelength):
             fault = InvalidInput(
-                "Netgen cannot fill the box around the bodies with tetrahedra on triangles of "
+                "Netgen cannot mesh the box around the bodies with surface triangles of "
                 f"{1e3 * edge:.3g} mm: a body is too thin, or two bodies are too close together. "
                 "Increase elements_per_wavelength, or use BoundaryElement.",
                 code="mesh_faulty",

@@ -1,6 +1,7 @@
 """The Helmholtz equation in weak form, assembled on curved tetrahedra, and its right-hand sides.
 
-The paper's equation (8), divided by the density of the air and 4π, in wavelengths, is: find p with
+Equation (8) of Inoue, Makino and Shinoda (2014), divided by the density of the air and 4π, with
+lengths in units of the wavelength, is: find p with
 
     ∫ w (∇p · ∇v − k² p v) dV − ∮ (ik/ratio) p v dS = L(v),
 
@@ -161,7 +162,7 @@ class QuadraturePoints:
 
 
 def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> QuadraturePoints:
-    """Return quadrature points on the boundaries "surface0" ... or in the materials "body0" ..."""
+    """Return quadrature points on all bodies (kind "surface") or in all filled bodies ("body")."""
     ngsolve = ngsolve_library()
     on_surface = kind == "surface"
     names = mesh.GetBoundaries() if on_surface else mesh.GetMaterials()
@@ -337,7 +338,7 @@ def assembled(
     method: str,
     graded: float | None,
 ) -> System:
-    """Assemble the equation on a mesh from Netgen, in wavelengths.
+    """Assemble the equation on a Netgen mesh with coordinates in units of the wavelength.
 
     Edges of length ``graded`` [λ] use the given order; longer and shorter edges use higher and
     lower orders. If ``graded`` is None, all edges use the given order.

@@ -54,8 +54,9 @@ class InterpolationSpheres:
     radius : radius of the smallest sphere [m].
     order : highest order of the expansion.
     values : (A, B, R, S) values for each polar angle, azimuth, radius and excitation. There are
-        twice ``order`` polar angles, plus some beyond the poles, and some azimuths are repeated.
-        The quotients of ``radius`` and the radii are the Chebyshev points of [0, 1].
+        2 ``order`` + 2 polar angles and twice as many azimuths. Both continue a little beyond their
+        ends, as padding for the interpolation. For the radii r, the quotients ``radius``/r are the
+        Chebyshev points of [0, 1].
     """
 
     centre: Float64[np.ndarray, "3"]

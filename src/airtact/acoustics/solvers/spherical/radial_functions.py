@@ -15,7 +15,7 @@ _BLOCK = 64
 
 
 def outgoing_quotients(argument: complex) -> Iterator[complex]:
-    """Yield h_(n+1)(z)/h_n(z) for n = 0, 1, 2 ... (upward recurrence, DLMF 10.51.1)."""
+    """Yield h_(n+1)(z)/h_n(z) for n = 0, 1, 2, ... (upward recurrence, DLMF 10.51.1)."""
     quotient = 1.0 / argument - 1j
     order = 0
     while True:
@@ -27,7 +27,7 @@ def outgoing_quotients(argument: complex) -> Iterator[complex]:
 def outgoing_ratios(
     arguments: Complex[np.ndarray, "arguments"], reference: complex
 ) -> Iterator[Complex128[np.ndarray, "arguments"]]:
-    """Yield h_n(z)/h_n(z0) for n = 0, 1, 2 ..., which stay bounded for |z| >= |z0|."""
+    """Yield h_n(z)/h_n(z0) for n = 0, 1, 2, ..., which stay bounded for |z| >= |z0|."""
     carrier = reference / arguments * np.exp(1j * (arguments - reference))
     for shape in outgoing_shapes(arguments, reference):
         yield carrier * shape
@@ -49,9 +49,10 @@ def outgoing_shapes(
 def regular_quotients(
     arguments: Complex[np.ndarray, "arguments"], first: int, last: int
 ) -> Complex128[np.ndarray, "orders arguments"]:
-    """Return the quotients j_n(z)/j_(n-1)(z) for n = first ... last by downward recurrence.
+    """Return the quotients j_n(z)/j_(n-1)(z) for n from ``first`` to ``last``.
 
-    z may be zero. Where j_(n-1) vanishes, the quotient is about 1e30 instead of infinite.
+    The quotients are computed by downward recurrence. z may be zero. Where j_(n-1) vanishes, the
+    quotient is about 1e30 instead of infinite.
     """
     largest = float(np.max(np.abs(arguments), initial=0.0))
     # Above the turning point |z|, each downward step reduces the initial error by the factor
@@ -70,7 +71,7 @@ def regular_quotients(
 def regular_ratios(
     arguments: Complex[np.ndarray, "arguments"], reference: complex
 ) -> Iterator[Complex128[np.ndarray, "arguments"]]:
-    """Yield j_n(z)/j_n(z0) for n = 0, 1, 2 ..., which stay bounded for |z| <= |z0|.
+    """Yield j_n(z)/j_n(z0) for n = 0, 1, 2, ..., which stay bounded for |z| <= |z0|.
 
     The argument z may be zero.
     """
@@ -101,7 +102,7 @@ def _lowest_regular(
 
 
 def outgoing_derivatives(argument: complex) -> Iterator[complex]:
-    """Yield the logarithmic derivatives h_n'(z)/h_n(z) for n = 0, 1, 2 ... (DLMF 10.51.2)."""
+    """Yield the logarithmic derivatives h_n'(z)/h_n(z) for n = 0, 1, 2, ... (DLMF 10.51.2)."""
     for order, quotient in enumerate(outgoing_quotients(argument)):
         yield order / argument - quotient
 

@@ -86,7 +86,7 @@ class SphereModes:
         return self.wavenumber * self.radius
 
     def surface_ratios(self) -> Iterator[complex]:
-        """Yield β_n of the boundary condition f'(z) + β_n f(z) = 0 for n = 0, 1, 2 ..."""
+        """Yield β_n of the boundary condition f'(z) + β_n f(z) = 0 for n = 0, 1, 2, ..."""
         if self.inner_wavenumber is None:
             yield from repeat(1j * self.admittance)
             return
@@ -305,8 +305,9 @@ _CITATIONS = (
 class SphereField(RadiatedField):
     """The field of monopoles around one sphere, and inside it if it is filled.
 
-    The error of the field is 1e-8 of the open-air pressures. A point within micrometres of a source
-    that touches the surface raises ``NotConverged``. ``centre`` is the centre of the sphere [m].
+    The error of the field is 1e-8 of the open-air pressures. Evaluating the field within
+    micrometres of a source that touches the surface raises ``NotConverged``. ``centre`` is the
+    centre of the sphere [m].
     """
 
     modes: SphereModes
