@@ -1,8 +1,8 @@
 """A hand in a pose, computed from a tracker's joints: its closed skin for solvers and its pads.
 
-``pinch`` is the paper's model of a pinching hand, two capsules that represent thumb and index
-finger (Inoue, Makino and Shinoda, 2014, section 4, with the simplifications that
-``docs/architecture.md`` describes).
+``pinch`` is a simple model of a pinching hand, two capsules that represent thumb and index finger
+(Inoue, Makino and Shinoda, 2014, section 4, with the simplifications that ``docs/architecture.md``
+describes).
 """
 
 import math

@@ -451,10 +451,11 @@ def _served(
 ) -> Int64[np.ndarray, "nodes"]:
     """Return the lowest order for each length [λ] at which the error is within a limit.
 
-    A polynomial of order p approximates e^{ikx} over an edge h with the error 2 (kh/4)^(p+1) /
-    (p+1)! (Chebyshev interpolation). The limit is ``ease`` times the error of Netgen's longest
-    edges, 1.5 times the nominal ``size`` [λ], with the nominal ``order``. With the same order
-    everywhere, the largest tetrahedra would determine the error and the smallest ones the cost.
+    On an edge of length h, a polynomial of order p approximates e^{ikx} with an error of 2
+    (kh/4)^(p+1) / (p+1)! (Chebyshev interpolation). The limit is ``ease`` times the error of
+    Netgen's longest edges, 1.5 times the nominal ``size`` [λ], with the nominal ``order``. With the
+    same order everywhere, the largest tetrahedra would determine the error and the smallest ones
+    the cost.
     """
     error = ease * (0.5 * np.pi * 1.5 * size) ** (order + 1) / factorial(order + 1)
     powers = range(2, order + MAX_ABOVE + 2)
