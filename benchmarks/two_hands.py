@@ -5,8 +5,9 @@ pads of thumb and index finger of each. Palms face each other, with the boards a
 by side over the boards. The matrix of both hands solved together is compared with that of each hand
 solved alone. Printed are the errors of its rows, amplitudes and phases, medians over the foci and largest,
 and the pressure at the weakest focus that the drive from hands solved alone keeps, at equal energy;
-after it, what drives of the live loop during touch keep, from distances and from the 250 panels of
-both hands nearest to the foci, and the processor time of that solution.
+after it, what drives of the live loop during touch keep, from distances and from the solver for skin,
+and the processor time of its solution. Every drive has the same amplitude at all elements, so equal
+energy is the same as full scale.
 """
 
 import time
@@ -98,7 +99,7 @@ def main() -> None:
             print(
                 f"{'palms facing' if facing else 'side by side'}, {1e3 * distance:.0f} mm apart: error "
                 f"median {median:.2f}, largest {most:.2f}, phase {phase:.2f} rad; kept {kept:.3f}; "
-                f"live: distances {straight:.3f}, nearest panels {live:.3f} in {spent:.0f} ms",
+                f"live: distances {straight:.3f}, solved {live:.3f} in {spent:.0f} ms",
                 flush=True,
             )
 
