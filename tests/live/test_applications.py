@@ -15,6 +15,7 @@ from websockets.sync.client import connect
 
 import airtact as at
 from airtact.live.messages import MAX_FOCI, read_message
+from airtact.live.moment import Moment
 from airtact.live.world import SILENCE
 from live.live_scenes import VirtualClock, playing
 from references.motions import still
@@ -283,6 +284,20 @@ def test_foci_without_a_tracked_hand_get_a_reason(world):
     world.show(None, "waiting for a hand")
     (focus,) = world.state.foci
     assert (focus.id, focus.strength, focus.reason) == ("a", 0.0, "waiting for a hand")
+
+
+def test_foci_of_a_long_contact_have_their_own_names_and_no_pressure_without_a_solution(world):
+    names = ("palm at ball", "palm at ball", "a")
+    pressures = np.full(3, 900.0)
+    moment = Moment(
+        0.0, 0.0, None, np.zeros((3, 3)), np.ones(9, complex), pressures=pressures, names=names
+    )
+    world.show(moment, None)
+    unsolved = world.state.foci
+    assert [focus.id for focus in unsolved] == ["palm at ball", "palm at ball 2", "a"]
+    assert [focus.pressure for focus in unsolved] == [None] * 3
+    world.show(replace(moment, rule="contacts"), None)
+    assert [focus.pressure for focus in world.state.foci] == [900.0] * 3
 
 
 def test_unknown_keys_are_ignored_and_unknown_values_are_not():

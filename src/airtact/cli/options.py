@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import click
+from click.core import ParameterSource
 
 import airtact as at
 from airtact.cli.console import JSON, QUIET, say, wanted
@@ -29,7 +30,9 @@ class InputFile(click.ParamType):
         from airtact.setup.examples import file_or_example
 
         file = file_or_example(value)
-        if file != Path(value) and not wanted(QUIET):
+        named = ctx is None or param is None or param.name is None
+        named = named or ctx.get_parameter_source(param.name) != ParameterSource.DEFAULT
+        if file != Path(value) and named and not wanted(QUIET):
             say(f"There is no file {value} here: using the example {file}")
         return file
 

@@ -128,8 +128,20 @@ def datasets_of(
             # An unsupported version explains all other errors.
             is_version = name == "format_version"
             if item is None:
+                # Name files of airtact that belong to another command.
+                kinds = {
+                    "frames/time": "a live session: use airtact live --from or --verify.",
+                    "amplitude": "a drive: use airtact emit or export.",
+                    "pressures_real": "echoes: use airtact sense or calibrate.",
+                }
+                missing = f"it does not contain {name}; write the file in airtact's format."
+                own = (
+                    f"it is {words}"
+                    for entry, words in kinds.items()
+                    if entry not in layout and _item(file, entry) is not None
+                )
                 raise InvalidInput(
-                    f"it does not contain {name}; write the file in airtact's format.",
+                    next(own, missing),
                     code="unsupported_version" if is_version else "data_missing",
                 )
             text = h5py.check_string_dtype(item.dtype) is not None

@@ -261,7 +261,7 @@ class FocusState(msgspec.Struct, frozen=True):
         contact.
     point : predicted position [m], or null if unknown.
     strength : current strength, from 0 to 1.
-    pressure : predicted pressure [Pa], or null if unknown.
+    pressure : predicted pressure [Pa]; null while no solution for the hand fits its pose.
     reason : why the focus receives no sound, for example because it is inside the hand;
         or null.
     """

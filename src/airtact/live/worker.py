@@ -149,7 +149,10 @@ def main() -> None:
     # Output of libraries must not be mixed with the messages.
     with open(os.devnull, "wb") as nothing:
         os.dup2(nothing.fileno(), sys.stdout.fileno())
-    work, arguments = pickle.load(sys.stdin.buffer)
+    try:
+        work, arguments = pickle.load(sys.stdin.buffer)
+    except (EOFError, pickle.UnpicklingError):
+        return  # the parent process ended before it had sent everything
     mailbox = Mailbox()
     lock = Lock()
 

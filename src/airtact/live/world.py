@@ -356,10 +356,14 @@ def _state_of(
     foci = []
     for index, point in enumerate(moment.foci):
         pressure = None
-        if moment.pressures is not None:
+        # Without a solution, the effect of the hand is unknown: a palm doubles the pressure.
+        if moment.pressures is not None and moment.rule != "distances":
             pressure = round(float(scale * moment.pressures[index]), 1)
         strength = 1.0 if moment.strengths is None else round(float(moment.strengths[index]), 3)
         name = moment.names[index] if moment.names else f"focus {index + 1}"
+        # A long contact has several foci.
+        before = moment.names[:index].count(name) if moment.names else 0
+        name = f"{name} {before + 1}" if before else name
         foci.append(FocusState(name, _rounded(point), strength, pressure))
     for name, why in moment.rejected.items():
         foci.append(FocusState(name, None, 0.0, 0.0, why))

@@ -27,6 +27,7 @@ from airtact.evaluation.steepening import Steepening
 from airtact.files.atomic import writable_folder
 from airtact.setup.sentences import (
     disagreement,
+    facing_away,
     reach_cautions,
     sensations,
     shadows,
@@ -360,7 +361,7 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     warnings = (
         *reach_cautions(setup),
         *computed.notes,
-        *shadows(setup, transfer),
+        *(tuple(shadows(setup, transfer)) or facing_away(setup)),
         *disagreement(setup, transfer, drive, pressures),
         *named(comparison.report.warnings, setup.bodies),
     )
