@@ -107,7 +107,7 @@ def moving_drive(
     points = len(target.points)
     with clock.step("sequence", f"computing the drives of foci at {points} positions"):
         sequence = moving_foci(transfer, target, together, turns, method, clock=setup.frequency)
-    with clock.step("air", "estimating the pressures of moving foci in real air"):
+    with clock.step("air", "estimating nonlinear steepening at the moving foci"):
         pressures = []
         effects = []
         # Short paths repeat every position, and the foci of a frame are adjacent points.

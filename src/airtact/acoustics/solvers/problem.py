@@ -1,6 +1,6 @@
 """The interface of all solvers, which compute the field that monopoles radiate in a scene.
 
-``FreeField`` is the closed form for open air: p(x) = Σ_j s_j e^{ik|x - x_j|} / |x - x_j|.
+``FreeField`` is the closed-form solution for open air: p(x) = Σ_j s_j e^{ik|x - x_j|} / |x - x_j|.
 """
 
 from abc import ABC, abstractmethod

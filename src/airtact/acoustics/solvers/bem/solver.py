@@ -504,7 +504,7 @@ class BoundaryElement(Solver):
         return replace(result, solution=result.solution.astype(np.complex128) * size[:, None])
 
     def _surface(self, nodes: Nodes, scene: Scene, obstacles: Sequence[Obstacle]) -> DualSurface:
-        # The thickness of closed forms is known, so it is measured only on other shapes.
+        # The thickness of exact shapes is known, so it is measured only on other shapes.
         thickness = np.empty(len(nodes.points))
         for index, obstacle in enumerate(obstacles):
             of_body = nodes.body == index
