@@ -35,8 +35,7 @@ class AUTD3Boards(Link):
 
     Parameters
     ----------
-    poses : pose of each board in the order of the chain, from the board's frame to the array's
-        frame.
+    poses : pose of each board in the array's frame, in the order of the chain.
     """
 
     plays_itself = True
@@ -99,8 +98,8 @@ class AUTD3Link(AUTD3Boards):
 
     Parameters
     ----------
-    poses : pose of each board in the order of the chain, from the board's frame to the array's
-        frame, as returned by ``poses_of_boards``.
+    poses : pose of each board in the array's frame, in the order of the chain, as
+        returned by ``poses_of_boards``.
     through : connection to the boards: "audit" (no device; a model of the firmware in this
         process), "ethercrab" (boards on an Ethernet port of this computer), "twincat" (Beckhoff's
         TwinCAT, on this or another computer), "remote" (an AUTD server) or "simulator".

@@ -85,9 +85,9 @@ class Emission:
     Raises
     ------
     InvalidInput
-        If the cap is not above 0 and at most 1, or a time is negative or not finite. Without a cap,
-        a drive is rejected if it is too loud for boards without amplitude levels, or if the poses
-        of several boards are unknown.
+        If the cap is not in the interval (0, 1], or a time is negative or not finite. Without a
+        cap, a drive is rejected if it is too loud for boards without amplitude levels, or if the
+        poses of several boards are unknown.
     """
 
     link: Link
@@ -283,7 +283,7 @@ class Emission:
     ) -> Played:
         """Play a drive with amplitude modulation for a number of seconds.
 
-        Skin feels only a modulated drive. By default the force varies as a cosine at 200 Hz. On
+        Only a modulated drive can be felt. By default the force varies as a cosine at 200 Hz. On
         boards without amplitude levels, the number of active elements varies instead. The drive
         rises over the ramp.
 
@@ -510,9 +510,9 @@ def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
     """Choose the number of frames per period of a modulation, and their rate [frames/s].
 
     On boards without a rate limit, a frame lasts a whole number of periods of the 40 kHz sound. The
-    number from 16 to 40 that best matches the frequency is chosen; if several match equally well,
-    the one nearest to 20. Slower serial lines get an even number of frames, up to 20; with 2 frames
-    the sound is switched on and off.
+    number of frames, from 16 to 40, is the one that best matches the frequency; if several match
+    equally well, it is the one nearest to 20. Slower serial lines get an even number of frames,
+    up to 20; with 2 frames the sound is switched on and off.
 
     Parameters
     ----------

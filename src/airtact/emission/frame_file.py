@@ -154,7 +154,7 @@ def write_frames(
     ------
     InvalidInput
         If the drive does not fit the boards, the modulation is too fast for them, the cap is not
-        above 0 and at most 1, or the file cannot be written.
+        in the interval (0, 1], or the file cannot be written.
     """
     path = Path(of_kind(path, str | Path, "the file of frames", "its path"))
     ending = checked_ending(path, (".h5", ".bin"), "frame")

@@ -50,7 +50,7 @@ class Link(ABC):
     codec : encoder and decoder of the messages to the boards.
     name : name of the link on the command line.
     boards, elements : number of boards, and total number of elements.
-    poses : poses of the boards, from the board's frame to the array's frame; None if unknown.
+    poses : poses of the boards in the array's frame; None if unknown.
     plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves;
         otherwise every frame must be sent in time.
     fastest : largest rate of the link [frames/s].
@@ -144,8 +144,8 @@ class Link(ABC):
         Raises
         ------
         InvalidInput
-            If the frame has a different number of elements or different levels, the link is not
-            open, or the time is more than ``lead`` in the future.
+            If the number of elements or levels of the frame does not match the boards, the link is
+            not open, or the time is more than ``lead`` in the future.
         LinkFailed
             If the link fails.
         """

@@ -67,7 +67,7 @@ class Channel:
         self._socket.sendall(self.LENGTH.pack(len(data)) + data)
 
     def receive(self, seconds: float) -> tuple[Any, ...] | None:
-        """Return the next message, or None after the timeout; raise EOFError if the peer closed."""
+        """Return the next message, or None on timeout; raise EOFError if the other end closed."""
         end = time.monotonic() + seconds
         while (message := self._complete()) is None:
             self._socket.settimeout(max(end - time.monotonic(), 0.0))
@@ -296,7 +296,7 @@ class Tether:
         end.setblocking(False)
 
     def alive(self, seconds: float) -> None:
-        """Tell the guard that the boards are open, and how long the next call may take [s]."""
+        """Tell the guard that the link is open, and how long the next call may take [s]."""
         with suppress(OSError):
             self._socket.send(self.TIME.pack(seconds))
 

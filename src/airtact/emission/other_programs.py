@@ -40,7 +40,7 @@ def read_other(path: Path, board: str | None = None, elements: int | None = None
     ----------
     path : file whose name ends in one of ``ENDINGS``.
     board : name of the board whose messages a .bin file contains.
-    elements : number of elements of all boards; by default one board.
+    elements : number of elements of all boards; by default, that of one board.
 
     Raises
     ------

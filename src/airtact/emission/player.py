@@ -48,7 +48,7 @@ class Cycle:
     begun: float
 
     def at(self, now: float) -> Any:
-        """Return the item that is due at a time [s]."""
+        """Return the item that is due at a given time [s]."""
         # 1e-6 is added so that rounding does not select the previous frame.
         return self.items[int((now - self.begun) * self.rate + 1e-6) % len(self.items)]
 

@@ -24,8 +24,8 @@ class UDPLink(AUTD3Boards):
 
     Parameters
     ----------
-    poses : pose of each board in the order of the chain, from the board's frame to the array's
-        frame, as returned by ``poses_of_boards``.
+    poses : pose of each board in the array's frame, in the order of the chain, as
+        returned by ``poses_of_boards``.
     address : network interface of the boards (by default the first one with boards), [::1]:PORT of
         a simulator, or "emulator" for the manufacturer's model of the boards in the link process.
 

@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 class Client:
     """Connection of an application to ``airtact live SCENE --from websocket``.
 
-    Use it in a ``with`` block. Foci end if the client sends nothing for 0.5 s, so repeat them or
-    send any other message several times per second. The methods raise ``InvalidInput`` with the
-    code "link_failed" once the loop has ended.
+    Use it in a ``with`` block. Foci are removed if the client sends nothing for 0.5 s, so repeat
+    them or send any other message several times per second. The methods raise ``InvalidInput`` with
+    the code "link_failed" once the loop has ended.
 
     Parameters
     ----------

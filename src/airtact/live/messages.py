@@ -263,7 +263,7 @@ class FocusState(msgspec.Struct, frozen=True):
     strength : current strength, from 0 to 1.
     pressure : predicted pressure [Pa]; null while no solution for the hand fits its pose.
     reason : why the focus receives no sound, for example because it is inside the hand;
-        or null.
+        null if it receives sound.
     """
 
     id: str
@@ -365,8 +365,8 @@ def read_message(text: bytes | str) -> Message:
             )
         if head.version != VERSION:
             raise InvalidInput(
-                f"the message has version {head.version}, but this airtact reads version "
-                f"{VERSION}: use that version.",
+                f"the message has version {head.version}, but the installed airtact only reads "
+                f"version {VERSION}: use that version.",
                 code="unsupported_version",
             )
         return _decoder.decode(raw)

@@ -42,8 +42,8 @@ class Moment:
     foci : (F, 3) predicted foci at ``time`` [m]; None if no hand is seen.
     amplitudes : (E,) complex amplitudes, as fractions of full scale; zeros for silence.
     pressures : (F,) predicted pressures at the foci [Pa]; None if unknown.
-    rule : how the drive was computed: from distances alone, or from a solution for the phalanges,
-        the whole hand or the skin near contacts.
+    rule : what the drive accounts for: only distances, or also scattering by the phalanges, the
+        whole hand or the skin near contacts.
     shape_age : age at ``time`` of the pose for which the scattering was solved [s]; None if no
         solution was used.
     kept : expected pressure at the weakest focus, as a fraction of the attainable pressure; None if
@@ -53,7 +53,7 @@ class Moment:
         move.
     rate : frames per second; 0 without frames.
     other : (25, 3) predicted joints of the other hand [m]; None if it is not seen.
-    names : a name for each focus; empty if the foci are at the places of the scene.
+    names : a name for each focus; if empty, the names are the places of the scene.
     strengths : (F,) strengths of the foci, from 0 to 1; None if all are equal.
     contacts : (C, 3) points of the skin that touch an object [m]; None without
         objects.
@@ -142,8 +142,8 @@ class Controls:
 class DriveMaker(ABC):
     """Interface for computing drives in the live loop; implement it to test another method.
 
-    The loop passes each frame of the hand to ``take`` and requests each drive from ``make``. No
-    method may wait for anything, because the loop waits for the method.
+    The loop passes each frame of the hand to ``take`` and requests each drive from ``make``. All
+    methods must return without blocking, because the loop waits for them.
     """
 
     @abstractmethod
@@ -152,7 +152,7 @@ class DriveMaker(ABC):
 
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive whose sound will be in the air at a time on the tracker's clock [s]."""
+        """Compute the drive whose sound will be in the air at ``time`` on the tracker's clock."""
 
     def feel(  # noqa: B027 (some makers have fixed foci)
         self, objects: Sequence[VirtualObject], foci: "Sequence[at.live.WantedFocus]"

@@ -16,9 +16,9 @@ from airtact.transducers.levels import AmplitudeModulation, Levels
 class Output:
     """Output for drives: boards that are connected by a link, or no boards.
 
-    Use it in a ``with`` block, which ends in silence. Drives above the cap, which is full
-    scale by default, are scaled down. After silence, the sound rises within 0.2 s. The
-    methods raise ``LinkFailed`` if the boards fail.
+    Use it in a ``with`` block, at whose end the output is silenced. Drives above the cap, which is
+    full scale by default, are scaled down. After silence, the sound rises within 0.2 s. The methods
+    raise ``LinkFailed`` if the boards fail.
 
     Parameters
     ----------

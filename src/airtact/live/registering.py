@@ -264,7 +264,7 @@ def with_tracker(text: str, pose: Pose) -> str:
     Raises
     ------
     InvalidInput
-        If the file defines the tracker in another form than a table ``[tracker]``.
+        If the file defines the tracker, but not as a table ``[tracker]``.
     """
     values = _values(pose)
     lines = text.splitlines(keepends=True)

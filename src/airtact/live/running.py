@@ -148,8 +148,8 @@ def record(
     source : "websocket" or "osc". Append ":PORT" for another port; port 0 selects a
         free one.
     seconds : duration [s]; by default, until Ctrl-C is pressed.
-    report_step : function called with the address once it is open, and with a message whenever
-        frames begin to be rejected or stop arriving.
+    report_step : function called with the address once the port is open, and with a message
+        whenever frames begin to be rejected or stop arriving.
 
     Returns
     -------
@@ -271,7 +271,7 @@ def received(
 def output_to(
     setup: Setup, folder: Path, board: str | None, link: str | None, **settings: str | None
 ) -> Output:
-    """Return the output of a run: boards that are connected by a link, or none without options.
+    """Return the output of a run: boards connected by a link, or no boards if no link is given.
 
     Parameters
     ----------
@@ -290,7 +290,7 @@ def output_to(
     port = settings.get("port")
     if port is not None and (link is None or port.isdecimal()):
         raise InvalidInput(
-            f"--port {port} is not possible here: --port names the serial port of boards and "
+            f"--port {port} cannot be used here: --port names the serial port of boards and "
             "requires --link serial. Use --page-port for the port of the page.",
             code="options_clash",
         )
@@ -315,7 +315,7 @@ def output_to(
 def drive_at_rest(setup: Setup) -> DriveFile:
     """Compute the drive for the scene's hand at rest, ignoring its scattering.
 
-    The result serves to find a safe level before the live loop starts.
+    The result is used to find a safe level before the live loop starts.
 
     Parameters
     ----------

@@ -366,8 +366,8 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``hand_from_joints`` (apart from the side), or if a place is
-        unknown.
+        For the reasons listed in ``hand_from_joints`` (except those about the side), or if a
+        place is unknown.
     """
     hand = hand_in(scene, joints)
     # The directions to 12 elements, spread over the array, describe the orientation of the hand.

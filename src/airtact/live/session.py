@@ -114,9 +114,9 @@ class SessionWriter:
 
     A separate process writes the file. A slow disk therefore does not delay the loop, and a killed
     loop or a full disk does not damage the file. An existing file is replaced when the loop begins.
-    The real and imaginary parts of amplitudes are rounded in steps of 1/15 to 1/7 of the largest
-    amplitude in the drive, which changes the pressure at a focus by about 0.5 %. Landmarks are
-    rounded to 1 µm; positions and depths that belong to a drive are rounded to 8 µm.
+    The real and imaginary parts of amplitudes are rounded to multiples of a step, which is 1/15 to
+    1/7 of the largest amplitude in the drive. This changes the pressure at a focus by about 0.5 %.
+    Landmarks are rounded to 1 µm; positions and depths that belong to a drive are rounded to 8 µm.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class SessionWriter:
         self._lock = lock_folder(writable_folder(path.parent))
 
     def begin(self) -> None:
-        """Create the file or replace it; the loop calls this method once its boards are open."""
+        """Create or replace the file; the loop calls this method once the boards are connected."""
         self._begun = time.monotonic()
         self._process = start_python(
             "-m",
@@ -554,7 +554,7 @@ def _scene_of(raw: Mapping[str, Any]) -> LiveScene:
     offsets = raw.get("offsets", np.zeros(0))
     if len(offsets) != len(places):
         raise InvalidInput(
-            f"it has {len(places)} places but {len(offsets)} offsets; write one offset per place.",
+            f"there are {len(places)} places but {len(offsets)} offsets; write one per place.",
             code="sizes_differ",
         )
     for name in ("offsets", "hand/radii"):

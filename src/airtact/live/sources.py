@@ -87,7 +87,7 @@ class RecordedHands(HandSource):
     Parameters
     ----------
     recording : recording, as returned by ``load_recording``.
-    loop : whether the recording restarts at its end; the times of its frames then continue.
+    loop : whether the recording restarts at its end; the timestamps of its frames keep increasing.
     world : see ``HandSource``.
 
     Raises
@@ -219,8 +219,8 @@ def moved_to(recording: Recording, hand: Hand) -> Recording:
 def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
     """Return a motion in which a hand touches an object and moves away by 12 mm every 2 s.
 
-    The motion has 60 frames per second. Without a hand, the packaged recording of a small hand
-    around the ball of the scene ``touch_ball`` is returned.
+    The motion has 60 frames per second. If no hand is given, the packaged recording of a small
+    hand around the ball of the scene ``touch_ball`` is returned.
     """
     if not hands:
         return load_recording(example("grasping.jsonl"))

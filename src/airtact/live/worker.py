@@ -50,7 +50,7 @@ class Mailbox:
             return None if self.ended else message
 
     def look(self, max_age: float) -> Any:
-        """Wait for a message at most ``max_age`` [s] old, and read it without removing it.
+        """Wait for a message no older than ``max_age`` [s], and return it without removing it.
 
         Returns
         -------

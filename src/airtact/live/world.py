@@ -56,8 +56,8 @@ class WantedFocus:
     strength : strength of the touch, from 0 to 1.
     point : (3,) position in scene coordinates, or in those of the object named in
         ``on`` [m].
-    place : place on a hand, such as ``"right.index.pad"``; without a side, on the
-        scene's hand.
+    place : place on a hand, such as ``"right.index.pad"``; if no side is given, the
+        scene's hand is used.
     on : name of the object that the point moves with; None if the point is fixed in the scene.
     offset : distance from the skin [m]; only used with ``place``.
     modulation : frequency at which the strength varies between 0 and its full value [Hz], at most
@@ -141,7 +141,10 @@ class World:
         return self._objects
 
     def foci(self, now: float) -> tuple[WantedFocus, ...]:
-        """Return the foci requested at ``now`` (``time.monotonic``), with their strengths."""
+        """Return the currently requested foci with their current strengths.
+
+        ``now`` is the current time on the clock ``time.monotonic`` [s].
+        """
         with self._lock:
             self._forget(now)
             names = {thing.name for thing in self._objects}
@@ -192,7 +195,7 @@ class World:
         self.alive(source)
 
     def alive(self, source: str) -> None:
-        """Record that an application has sent a message, so that its foci do not end."""
+        """Record that an application has sent a message, so that its foci are kept."""
         with self._lock:
             if source in self._foci:
                 self._heard[source] = self._clock()

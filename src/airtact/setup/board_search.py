@@ -178,7 +178,7 @@ class Search:
         return any(self.clash(first, second) for first in poses for second in others)
 
     def clash(self, first: Pose, second: Pose) -> bool:
-        """Return whether boards are under 10 mm apart, or one is between the other and a focus."""
+        """Return whether a board is within 10 mm of another, or between another and a focus."""
         for pose, blocking in ((first, second), (second, first)):
             inverse = blocking.inverse()
             middle = middle_of(self.single)
@@ -196,7 +196,7 @@ class Search:
         return False
 
     def rows(self, pose: Pose) -> list[FociRows]:
-        """Return ``HandPose.rows`` of one board for each pose of the hand."""
+        """Return the matrix ``HandPose.rows`` of one board for each pose of the hand."""
         board = self.single.moved(pose)
         return [hand.rows(board) for hand in self.hands]
 
@@ -209,9 +209,10 @@ class Search:
         return float(np.quantile(weakest, self.share))
 
     def places(self, seed: int) -> Iterator[tuple[Place, list[Pose] | None]]:
-        """Yield positions of boards that face the foci, evenly over rotations and distances.
+        """Yield positions of boards that face the foci, with rotations and distances spread evenly.
 
-        With each position, the poses of its boards are yielded, or None if they do not fit.
+        Each item also contains the poses of the boards at this position, or None if they do not
+        fit.
         """
         sequence = qmc.Halton(4, rng=np.random.default_rng(seed))
         order = np.random.default_rng(seed)

@@ -72,7 +72,7 @@ class Contender:
 
     @property
     def suppression_level(self) -> float:
-        """Mean p² at the suppression points over that at the foci [dB]; NaN without points."""
+        """Mean p² at the suppression points relative to the foci [dB]; NaN without such points."""
         if not len(self.suppression_points):
             return float("nan")
         ratio = np.mean(self.suppression_points**2) / np.mean(self.pressures**2)
@@ -120,12 +120,15 @@ class MethodComparison:
 
     @property
     def tolerance(self) -> float:
-        """Relative difference below which methods are equal: the estimated error, at least 1 %."""
+        """Largest relative difference between methods that are considered equally good.
+
+        It is the estimated error, but at least 1 %.
+        """
         return max(self.report.estimated_error, 0.01)
 
     @property
     def equally_good(self) -> list[Contender]:
-        """Methods whose weakest focus, at full scale, is within ``tolerance`` of the best one."""
+        """Methods whose pressure at the weakest focus is within ``tolerance`` of the highest."""
         largest = max(map(self.of_the_bound, self.contenders))
         return [
             contender
@@ -228,16 +231,16 @@ def compare(
 ) -> MethodComparison | Comparison:
     """Compare all methods for a setup, or compare given drives.
 
-    With a setup only, every method computes a drive from the same transfer matrix, and a more
-    accurate solve verifies all drives. The method chosen in the setup is ignored.
+    If only a setup is passed, every method computes a drive from the same transfer matrix, and a
+    more accurate solve verifies all drives. The method chosen in the setup is ignored.
 
-    With a setup and drives, for example from another program, the drives are compared with that of
-    the method "best". Each drive is also compared with a corrected version (see ``nearest_drive``),
-    whose phases differ as little as possible but whose weakest focus reaches 95 % of the upper
-    bound. If the amplitudes of the drive do not allow this, for example because elements are
-    silent, all elements of the corrected version emit at full scale.
+    If drives are passed as well, for example from another program, they are compared with the drive
+    of the method "best". Each drive is also compared with a corrected version (see
+    ``nearest_drive``), whose phases differ as little as possible but whose weakest focus reaches
+    95 % of the upper bound. If the amplitudes of the drive do not allow this, for example because
+    elements are silent, all elements of the corrected version emit at full scale.
 
-    With a scene, an array, drives, a target and a solver, the function calls
+    If a scene, an array, drives, a target and a solver are passed, the function calls
     ``evaluation.compare``.
 
     Parameters

@@ -34,9 +34,9 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
     Raises
     ------
     InvalidInput
-        If the text is not TOML, too large or too deeply nested. Also if a key is unknown, missing
-        or in conflict with another key, or if a value has the wrong type, is not finite, is out of
-        range or is not a known name.
+        If the text is not TOML, too large or too deeply nested. The error is also raised if a key
+        is unknown, missing or in conflict with another key, or if a value has the wrong type, is
+        not finite, is out of range or is not a known name.
 
     Examples
     --------

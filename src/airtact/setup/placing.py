@@ -59,7 +59,7 @@ class Layout:
 
     Attributes
     ----------
-    poses : pose of each board, from the board's frame to that of the obstacles.
+    poses : pose of each board in the frame of the obstacles.
     weakest : peak pressure at the weakest focus with all elements at full scale [Pa]: the smallest
         over all poses of the hand, or the value exceeded for nine poses out of ten. If the foci
         have shares, it is the smallest ratio of pressure to share.

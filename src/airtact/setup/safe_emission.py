@@ -162,8 +162,8 @@ def plan(
     ------
     InvalidInput
         If the file contains no drive for such boards, a modulation is given for a sequence, or the
-        cap silences all elements or is not above 0 and at most 1. Also if the boards can only
-        switch elements on and off, and full scale exceeds the limit.
+        cap silences all elements or is not in the interval (0, 1]. The error is also raised
+        if the boards can only switch elements on and off, and full scale exceeds the limit.
     """
     kind = board_named(board)
     stored = read_drive_file(path)
@@ -194,8 +194,8 @@ def plan(
     chosen = head.safe_cap() if cap is None else cap
     if not np.isfinite(head.at(chosen)[0]):
         raise InvalidInput(
-            f"at a cap of {chosen:g}, all elements round to level 0, so nothing would be emitted: "
-            "use a larger cap.",
+            f"at a cap of {chosen:g}, the amplitudes of all elements are rounded to 0, so nothing "
+            "would be emitted: use a larger cap.",
             code="all_zero",
         )
     return replace(made, cap=chosen, limited=cap is None and chosen < 1.0)

@@ -291,7 +291,9 @@ def calibrate_array(
         If no positions of the boards explain the transmissions.
     """
     if (echoes_file is None) == (noise is None):
-        raise InvalidInput("use either a file of transmissions or --simulate.", code="data_missing")
+        raise InvalidInput(
+            "use exactly one of a file of transmissions and --simulate.", code="data_missing"
+        )
     clock = Clock(progress)
     array = setup.array
     medium = setup.medium
@@ -360,8 +362,8 @@ def calibrate_from_files(
     ------
     InvalidInput
         If both elements and drives are given, their number differs from the number of scans, or an
-        element does not exist. Also for the reasons listed in ``load_scan``, ``read_drive_file``
-        and ``calibrate_from_scans``.
+        element does not exist. The error is also raised for the reasons listed in ``load_scan``,
+        ``read_drive_file`` and ``calibrate_from_scans``.
     NotConverged
         For the reasons listed in ``calibrate_from_scans``.
     """

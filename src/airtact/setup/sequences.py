@@ -28,7 +28,7 @@ class MovingDrive:
     sequence : the sequence of drives.
     transfer, target : transfer matrix and target for all P positions of the foci, in the order of
         ``moving_target``.
-    pressures : (P,) peak pressure at each position while a focus is there, without steepening
+    pressures : (P,) peak pressure at each position while a focus is there, by linear acoustics
         [Pa].
     steepening : effect of nonlinear steepening on these pressures. The motion of the foci is
         ignored.
@@ -141,7 +141,7 @@ def drives_at_foci(
 def pressures_of(
     transfer: TransferMatrix, drives: list[Complex128[np.ndarray, "foci elements"]]
 ) -> dict[str, Float64[np.ndarray, "drives foci"]]:
-    """Return the pressure at each focus from its drive, for each key of ``HELD_EQUAL``.
+    """Return the pressure at each focus from its drive, for each normalisation in ``HELD_EQUAL``.
 
     Each item of ``drives`` is a result of ``drives_at_foci``. For equal peak or energy, all drives
     of an item are scaled by the same factor.

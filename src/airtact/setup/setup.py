@@ -54,8 +54,7 @@ class Setup:
     objects : virtual objects.
     contacts : contacts of the bodies with the objects if the contacts define the foci, else
         None.
-    tracker : pose of the tracker for a live hand, from the tracker's frame to that of the
-        obstacles.
+    tracker : pose of the tracker of a live hand, in the frame of the obstacles.
     left_out : planes behind the boards, omitted from the scene because no sound reaches them.
     path, text : path and content of the scene file, if the setup was read from one.
 
@@ -202,12 +201,12 @@ class Setup:
 
     @property
     def in_turn(self) -> bool:
-        """Whether one focus runs through the points of the target, instead of one focus at each."""
+        """Whether a single focus runs through all points of the target, one after another."""
         return self.motion is not None and self.motion.through_points(len(self.target.points))
 
     @cached_property
     def poses(self) -> tuple[Pose, ...]:
-        """Pose of each board, from its own frame to that of the obstacles; empty without boards."""
+        """Pose of each board in the frame of the obstacles; empty if the array has no boards."""
         if self.board is None:
             return ()
         return tuple(poses_of_boards(self.board, self.array.positions, self.array.normals))

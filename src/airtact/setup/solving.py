@@ -34,7 +34,7 @@ MOST_UNKNOWNS = 19_000
 
 
 def stored(solver: Solver, store: Path | None) -> Solver:
-    """Return a solver that stores its solutions in ``store``; without it, ``solver`` itself."""
+    """Return a solver that stores its solutions in ``store``, or ``solver`` if that is None."""
     return solver if store is None else at.Stored(solver, store)
 
 
@@ -68,7 +68,7 @@ def solve_beacons(
 def transfer_to_array(
     setup: Setup, beacons: RadiatedField, clock: Clock
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Compute the transfer matrix from the field of the beacons, or one matrix per sample.
+    """Compute the transfer matrix from ``beacons``, the field of a source at each focus.
 
     Returns
     -------

@@ -256,8 +256,8 @@ def _computed(
 def process_count(points: int, limit: int | None = None, memory: float = 0.0) -> int:
     """Return the number of processes to use if each requires ``memory`` [bytes].
 
-    By default, ``limit`` is the number of processors. The result exceeds neither ``limit`` nor the
-    number of points, nor the number of processes that fit into 80 % of the available memory. Raise
+    By default, ``limit`` is the number of processors. The result is the smallest of ``limit``, the
+    number of points and the number of processes that fit into 80 % of the available memory. Raise
     ``InvalidInput`` if a single process requires more than the available memory.
     """
     free = available_memory()

@@ -62,7 +62,7 @@ class Contacts:
 
     @property
     def areas(self) -> Float64[np.ndarray, "contacts"]:
-        """(C,) area [m²] of skin inside the object, accurate to one triangle at the border."""
+        """(C,) area [m²] that the skin points inside the object represent."""
         return self.found.areas
 
     @property

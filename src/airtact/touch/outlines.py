@@ -23,9 +23,9 @@ def outline_of(
 
     Returns
     -------
-    Curves (P, 3) [m] through the edges from inner to outer points, linearly
-    interpolated and then projected onto the exact surface of the skin. The last point
-    of a closed curve is its first.
+    Curves (P, 3) [m] through the points where the linearly interpolated depth is 0 on
+    edges of the triangles. The points are projected onto the exact surface of the skin.
+    The last point of a closed curve equals its first.
     """
     depths = thing.depth(skin.points)
     inner = np.zeros(len(skin.points), dtype=bool)
@@ -67,7 +67,7 @@ def _chains(pieces: Int64[np.ndarray, "pieces 2"]) -> list[list[int]]:
 
 
 def spaced_along(curve: Curve, spacing: float) -> Curve:
-    """Return points (P, 3) [m] on a curve at equal distances of at most ``spacing`` [m].
+    """Return evenly spaced points (P, 3) [m] on a curve, at most ``spacing`` [m] apart.
 
     The last point of a closed curve equals its first point, and is omitted.
     """

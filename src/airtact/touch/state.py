@@ -48,8 +48,8 @@ class TouchState:
 
     Attributes
     ----------
-    found : arrays with the properties of the contacts at the last update. Skin up to ``release``
-        outside an object is included if it already has a focus.
+    found : arrays with the properties of the contacts at the last update. Skin that already
+        has a focus is included up to the distance ``release`` from its object.
 
     Raises
     ------

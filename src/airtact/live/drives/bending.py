@@ -156,7 +156,7 @@ class SkinSources:
     def carried(
         self, scene: LiveScene, posed: PosedHand, time: float, subset: ElementSubset
     ) -> "CarriedFactors":
-        """Move the sources to another pose at a time [s], and return the resulting factors.
+        """Move the sources to another pose at a given time [s], and return the resulting factors.
 
         The sound scattered by each bone is evaluated only at a subset of the elements.
         """
@@ -300,7 +300,7 @@ class BendingPanels:
         self._heights = hand.shape.hulls.look(corners).distance
 
     def solved(self, posed: PosedHand, time: float) -> SkinSources:
-        """Solve the scattering by the hand in another pose, at a time [s].
+        """Solve the scattering by the hand in another pose, at a given time [s].
 
         Raises
         ------
@@ -367,7 +367,7 @@ class BendingHand:
         self._solutions: Sequence[SkinSources] = ()
 
     def solved(self, joints: Joints, time: float) -> SkinSources:
-        """Solve the scattering for joints (25, 3) at a time [s].
+        """Solve the scattering for joints (25, 3) at a given time [s].
 
         The method raises the same errors as ``factors.solved``.
         """
@@ -393,7 +393,7 @@ class BendingHand:
         self._solutions = [*self._solutions[-59:], solution]
 
     def carried(self, joints: Joints, time: float) -> CarriedFactors | None:
-        """Move the solution of the most similar pose to the pose of these joints at a time [s].
+        """Move the solution for the most similar pose to that of these joints at a given time [s].
 
         None is returned if no solution is stored.
         """

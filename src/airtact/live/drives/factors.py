@@ -68,12 +68,12 @@ class HandFactors:
     __repr__ = in_short
 
     def at(self, scene: LiveScene, posed: PosedHand) -> Factors:
-        """Return the factors at the foci for a nearby pose, which are those of the solved pose."""
+        """Return the factors at the foci, which are assumed to be the same in a nearby pose."""
         return self.factors[: len(posed.foci)]
 
 
 def beacon_points(scene: LiveScene, posed: PosedHand) -> Float64[np.ndarray, "points 3"]:
-    """Return the beacon positions (P, 3) [m]: first the foci, then the foci of each frame."""
+    """Return the beacon positions (P, 3) [m]: the foci, then the moving foci in each frame."""
     if scene.moving is None:
         return posed.foci
     return np.concatenate([posed.foci, moving_points(scene.moving, posed).reshape(-1, 3)])

@@ -47,7 +47,7 @@ def expected_kept(
     multiple reflections between the two fingers. Solutions for the whole hand lose their benefit as
     fast as those for the phalanges.
 
-    The effect of noise, as filtered by ``Predictor``, is fitted by hand to medians from
+    The effect of noise, after filtering by ``Predictor``, was fitted manually to medians from
     ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 148 drives for the same
     motion reached 0.78 of the attainable pressure. For an open hand with waving fingers, 17 drives
     computed from moved solutions for the whole hand reached 0.79 (0.89 without noise), more than
@@ -154,7 +154,7 @@ class Library:
         self._directions[index] = solution.directions
 
     def best(self, posed: PosedHand, noise: float = 0.0) -> tuple[float, HandFactors | None]:
-        """Return the expected pressure with the best solution for a pose, and this solution.
+        """Return the pressure expected with the best solution for a pose, and the solution itself.
 
         The pressure is a fraction of the attainable pressure. An empty library returns 0 and None.
 

@@ -27,7 +27,7 @@ def solved_for(scene: LiveScene) -> list[Rule]:
 
 
 def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints] | None:
-    """Return the predicted joints (25, 3) [m] and their velocities (25, 3) [m/s] at a time [s].
+    """Return the joints (25, 3) [m] and their velocities (25, 3) [m/s] predicted for ``time`` [s].
 
     None is returned if no hand is seen.
 
@@ -67,9 +67,9 @@ class HandAware(SolvingMaker):
     omitted. The solvers pause while noise makes all solutions useless. A Kalman filter smooths and
     predicts the frames.
 
-    In the live loop, the method ``"best"`` means ``weighted_gerchberg_saxton``,
-    which takes less than 1 ms and reaches a pressure within 1 % of that of
-    ``best``.
+    In the live loop, the method ``"best"`` stands for ``weighted_gerchberg_saxton``,
+    which takes less than 1 ms. The pressure that it reaches is within 1 % of that of
+    the slower function ``best``.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class HandAware(SolvingMaker):
         estimated from the frames.
     agility : standard deviation of the acceleration of the palm [m/s²]; see ``Predictor``.
     solvers : solvers for hands; by default, one process for each part that ``solved_for``
-        returns. If empty, phases are set from path lengths alone.
+        returns. If the sequence is empty, phases are set from path lengths alone.
 
     Attributes
     ----------
@@ -131,10 +131,10 @@ class HandAware(SolvingMaker):
         self._rejected = {focus.name: reason for focus in foci}
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive whose sound will be in the air at a time [s].
+        """Compute the drive whose sound will be in the air at ``time`` [s].
 
-        All amplitudes are 0 if no hand is seen. The loop applies the cap, the modulation and
-        ``playing``.
+        All amplitudes are 0 if no hand is seen. The loop then applies the cap and
+        the modulation, and silences the drive unless ``controls.playing`` is True.
         """
         self._collect()
         if self._newest is None:

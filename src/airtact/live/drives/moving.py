@@ -126,6 +126,6 @@ def aligned(frames: Frames, previous: Frames | None) -> Frames:
 def turned_towards(
     drives: Complex128[np.ndarray, "*shape"], reference: Complex128[np.ndarray, "*shape"]
 ) -> Complex128[np.ndarray, "*shape"]:
-    """Align the global phase of drives with a reference, which changes no pressure magnitude."""
+    """Align the global phase of drives with a reference; magnitudes of pressures stay the same."""
     product = complex(np.vdot(drives, reference))
     return drives * (product / abs(product)) if product else drives

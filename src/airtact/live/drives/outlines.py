@@ -84,7 +84,7 @@ def curves_at(
 
 
 def round_along(outlines: Sequence[Outline], frequency: float) -> Round:
-    """Return one round along outlines, with frames at equal distances.
+    """Return one round along outlines, with evenly spaced frames.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class SkinRequest:
     Attributes
     ----------
     time : time of the joints, on the tracker's clock [s].
-    sent : time when the request was sent, by ``time.monotonic`` [s].
+    sent : time when the request was sent, as returned by ``time.monotonic`` [s].
     joints : (25, 3) joints of each hand [m].
     velocities : (25, 3) velocities of the joints of each hand [m/s].
     points : (B, 3) positions of the beacons on hands with the joints ``joints`` [m].
@@ -55,7 +55,7 @@ class SkinRequest:
     __repr__ = in_short
 
     def after(self, ahead: float) -> tuple["SkinRequest", Mapping[Side, Joints]]:
-        """Return this request, and the joints that each hand will have after a time [s].
+        """Return this request, and the joints that each hand will have ``ahead`` [s] later.
 
         The joints are extrapolated with their velocities. They stay unchanged if the result would
         not form a hand.
@@ -140,7 +140,7 @@ class SkinSolver:
     def solved(
         self, asked: tuple[SkinRequest, Mapping[Side, Joints]], time: float
     ) -> SkinFactors | None:
-        """Solve the scattering for the beacons of a request in the pose at a time [s].
+        """Solve the scattering for the beacons of a request in the pose at a given time [s].
 
         Returns
         -------

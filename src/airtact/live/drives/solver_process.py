@@ -35,7 +35,7 @@ class Request:
     time : time of the joints, on the tracker's clock [s].
     joints : (25, 3) joints of the hand [m].
     velocities : (25, 3) velocities of the joints [m/s].
-    sent : time when the request was sent, by ``time.monotonic`` [s].
+    sent : time when the request was sent, as returned by ``time.monotonic`` [s].
     """
 
     time: float
@@ -46,7 +46,7 @@ class Request:
     __repr__ = in_short
 
     def after(self, ahead: float) -> Joints:
-        """Return the joints after a time [s], or the present ones if the result is not a hand."""
+        """Return the joints ``ahead`` [s] later, or the current ones if they would form no hand."""
         try:
             return joints_of(self.joints + ahead * self.velocities)
         except InvalidInput:

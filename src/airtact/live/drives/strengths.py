@@ -23,8 +23,8 @@ def balanced(
     Parameters
     ----------
     scene : scene of the live loop.
-    method : name of the method; "best" means weighted Gerchberg-Saxton, which takes less than 1 ms
-        and reaches a pressure within 1 % of that of ``best``.
+    method : name of the method; "best" stands for weighted Gerchberg-Saxton, which takes less than
+        1 ms and reaches a pressure within 1 % of that of the slower function ``best``.
     rows : (F, R) pressure at each focus per unit drive of each source [Pa].
     foci : (F, 3) positions of the foci [m].
     strengths : (F,) strengths of the foci, from 0 to 1.

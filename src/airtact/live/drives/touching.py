@@ -89,12 +89,13 @@ class TouchAware(SolvingMaker):
     """Computes drives for contacts of both hands with virtual objects and for requested foci.
 
     For each drive, contacts are found on the predicted hands. Their foci appear, move and fade as
-    described in ``TouchState``; requested foci rise and fall at the same rate. The transfer matrix
-    in open air is multiplied by the factors of the newest solution for the skin near contacts. A
-    separate process computes these solutions, starting before the skin touches an object. A single
-    focus runs along the outlines of all contacts with objects of the style "outline". The pressures
-    at the foci are proportional to their strengths, and the largest amplitude of the drive equals
-    the strength of the strongest focus.
+    described in ``TouchState``; requested foci rise and fall at the same rate. Each entry of the
+    transfer matrix in open air is multiplied by the ratio of the pressure with the skin to that in
+    open air, from the newest solution for the skin near contacts. A separate process computes these
+    solutions, starting before the skin touches an object. A single focus runs along the outlines of
+    all contacts with objects of the style "outline". The pressures at the foci are proportional to
+    their strengths, and the largest amplitude of the drive equals the strength of the strongest
+    focus.
 
     Parameters
     ----------
@@ -172,7 +173,7 @@ class TouchAware(SolvingMaker):
         self._asked = tuple(foci)
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive whose sound will be in the air at a time [s].
+        """Compute the drive whose sound will be in the air at ``time`` [s].
 
         All amplitudes are 0 if there is no hand or no focus.
         """

@@ -99,9 +99,9 @@ class PageProcess:
         request must include.
     hand : (25, 3) initial joints of a hand that can be dragged on the page [m]; none by
         default.
-    stream : receives the frames of the dragged hand while the page is open, with times of
-        ``time.monotonic``, and those of hands tracked by a headset. Closing the page counts as
-        losing these hands.
+    stream : stream to which the page adds frames while it is open: those of the dragged hand, with
+        times of the clock ``time.monotonic``, and those of hands tracked by a headset. Closing
+        the page counts as losing these hands.
     controls : initial settings.
     on_emergency : function called in a separate thread when the emergency stop is pressed.
     world : virtual objects, which the page can move; by default, the page shows those of each

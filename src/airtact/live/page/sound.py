@@ -80,7 +80,7 @@ def enlarged(field: Complex128[np.ndarray, "points"]) -> Float64[np.ndarray, "ro
 
 
 def element_sources(scene: LiveScene, amplitudes: Amplitudes, middle: Vector) -> Monopoles:
-    """Return one monopole per element or image, equivalent near the point ``middle`` (3,) [m].
+    """Return one monopole for each element or image, which replaces it near ``middle`` (3,) [m].
 
     Near ``middle``, the pressure of the monopoles equals that of the elements with their full
     faces.
@@ -106,7 +106,7 @@ class SoundRequest:
 
     Attributes
     ----------
-    time : time of the request by ``time.monotonic`` [s].
+    time : time of the request, as returned by ``time.monotonic`` [s].
     joints : (25, 3) joints of the hand [m].
     foci : (F, 3) positions of the foci [m].
     amplitudes : (E,) amplitudes of the drive, as fractions of full scale.
@@ -128,7 +128,7 @@ class Sound:
 
     Attributes
     ----------
-    time : time of the request by ``time.monotonic`` [s].
+    time : time of the request, as returned by ``time.monotonic`` [s].
     skin : (V,) peak pressure on the skin [Pa].
     section : slice in which the pressure was computed.
     field : (P,) pressure at the points of the slice [Pa]; 0 inside the hand.

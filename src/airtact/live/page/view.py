@@ -334,8 +334,8 @@ class MovingSkin:
 def expected_middle(array: PhasedArray) -> Float64[np.ndarray, "3"]:
     """Return the expected position of a hand (3,) [m].
 
-    The position is 0.2 m in front of a flat array, or the middle of an array that surrounds the
-    hand.
+    The position is 0.2 m in front of a flat array, or at the centre of an array that surrounds
+    the hand.
     """
     positions = array.positions
     front = array.normals.mean(axis=0)
