@@ -329,7 +329,7 @@ class BendingPanels:
         return self.panels.received(corners, inside, sources, residual)
 
     def bent(self, hand: Hand) -> tuple[Bones, QuadraticTriangles, Points]:
-        """Return the bones of a hand, its bent panels, and their second collocation points."""
+        """Return the bones of a hand, its bent panels, and the collocation points inside it."""
         bones = bones_of(hand)
         corners = moved_by_bones(
             self.panels.corners.reshape(-1, 3), self._corner_weights, self._bones, bones

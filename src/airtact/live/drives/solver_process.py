@@ -117,7 +117,7 @@ def solve_hands(
 
 
 def solved_ahead(seconds: float) -> float:
-    """Return the time [s] by which to extrapolate a hand, given the time taken to solve it [s]."""
+    """Return the time [s] by which to extrapolate a hand if each solution takes ``seconds``."""
     # A solution is ready after one solving time and used for another: aim at the middle of its use.
     return 1.5 * seconds
 
