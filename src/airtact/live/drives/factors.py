@@ -23,7 +23,6 @@ from airtact.geometry.surface import Surface
 from airtact.hands.body import FREE, OWNER, PARTS, Hulls
 from airtact.hands.hand import PLACES, Hand
 from airtact.hands.shape import HandShape
-from airtact.hands.skin_mesh import midpoints
 from airtact.live.moment import Rule
 from airtact.live.scene import (
     Foci,
@@ -95,30 +94,33 @@ def hulls_of(part: str, places: Sequence[str]) -> list[int]:
 
 def part_of(hand: Hand, part: str, places: Sequence[str], edge: float = 10e-3) -> Surface:
     """Return the surface of a part of a hand, meshed with edge length ``edge`` [m]."""
-    return _surface(_selected(hand.shape.hulls, hulls_of(part, places)), edge)
+    hulls = _selected(hand.shape.hulls, hulls_of(part, places))
+    return _surface(HandShape(hulls, Pose.identity()), edge)
 
 
 def rigid_part(hand: Hand, place: str) -> Surface:
     """Return the surface of the last phalanx, or of the palm, as a separate closed body."""
     hulls = _selected(hand.shape.hulls, hulls_of("phalanges", [place]))
-    # Keep only the balls that these hulls use. A hull of two balls has index -1 for the third.
-    balls, parts = np.unique(hulls.parts, return_inverse=True)
-    missing = int(balls[0] == -1)
-    parts = parts.reshape(-1, 3).astype(np.int64) - missing
-    renumbered = Hulls(hulls.balls[balls[missing:]], parts, hulls.blend, hulls.apart)
-    return _surface(renumbered, 3e-3)  # [m]; small enough to tell close bodies apart
+    # This edge length [m] is small enough to tell close bodies apart.
+    return _surface(HandShape(hulls, Pose.identity()), 3e-3)
 
 
 def _selected(hulls: Hulls, chosen: list[int]) -> Hulls:
     table = np.ix_(chosen, chosen)
-    blend = np.ascontiguousarray(hulls.blend[table])
-    return Hulls(hulls.balls, hulls.parts[chosen], blend, np.ascontiguousarray(hulls.apart[table]))
+    # Keep only the balls that these hulls use. A hull of two balls has index -1 for the third.
+    balls, parts = np.unique(hulls.parts[chosen], return_inverse=True)
+    missing = int(balls[0] == -1)
+    return Hulls(
+        hulls.balls[balls[missing:]],
+        parts.reshape(-1, 3).astype(np.int64) - missing,
+        np.ascontiguousarray(hulls.blend[table]),
+        np.ascontiguousarray(hulls.apart[table]),
+    )
 
 
-def _surface(hulls: Hulls, edge: float) -> Surface:
-    shape = HandShape(hulls, Pose.identity())
-    skin = shape.skin(edge)
-    return Surface(skin.vertices, skin.triangles, midpoints(hulls, skin), shape)
+def _surface(shape: HandShape, edge: float) -> Surface:
+    skin = shape.skin(edge)  # closed, and no triangle is degenerate
+    return Surface(skin.vertices, skin.triangles, primitive=shape, _known_shape=shape)
 
 
 def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFactors:
@@ -138,20 +140,7 @@ def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFac
     NotConverged
         If the iteration does not converge.
     """
-    posed = pose_hand(scene, joints)
-    solver = BoundaryElement(accuracy=ACCURACY, estimate=False)
-    # Use the solver's panel size as edge length, so that both share one mesh.
-    edge = solver.panel_edge(scene.medium.wavelength(scene.frequency))
-    surface = part_of(posed.hand, part, scene.places, edge)
-    # By reciprocity, beacons at the foci give the pressures from all elements at once.
-    air = Scene(scene.medium, [sound_hard(surface)], frequency=scene.frequency)
-    elements = scene.with_images.array.positions
-    # Within 12 mm of the skin, the pressure at an element requires both integral equations.
-    near = bool((surface.depth(elements) > -12e-3).any())
-    field = replace(solver, estimate=near).radiate(
-        air, Target(beacon_points(scene, posed)).beacons()
-    )
-    return factors_of(scene, posed, part, time, field.at(elements))
+    return PartSolver(scene).meshed(joints, part, time)
 
 
 def factors_of(
@@ -244,6 +233,7 @@ class PartSolver:
     def __init__(self, scene: LiveScene) -> None:
         self._scene = scene
         self._rigid: RigidParts | None = None
+        self._keyframe: HandShape | None = None
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
         """Solve the scattering by a part of the hand; see the function ``solved``."""
@@ -252,7 +242,29 @@ class PartSolver:
                 if self._rigid is None or self._rigid.outgrown:
                     self._rigid = RigidParts(self._scene, joints)
                 return self._rigid.solved(joints, time)
-        return solved(self._scene, joints, part, time)
+        return self.meshed(joints, part, time)
+
+    def meshed(self, joints: Joints, part: Rule, time: float) -> HandFactors:
+        """Solve the scattering by a part as one body, whose mesh follows that of a pose before."""
+        scene = self._scene
+        posed = pose_hand(scene, joints)
+        # Few panels cover the last phalanges, so smaller ones cost little time.
+        accuracy = 0.035 if part == "phalanges" else ACCURACY
+        solver = BoundaryElement(accuracy=accuracy, estimate=False)
+        hulls = _selected(posed.hand.shape.hulls, hulls_of(part, scene.places))
+        shape = HandShape.following(hulls, self._keyframe if part == "phalanges" else None)
+        self._keyframe = shape.keyframe
+        # Use the solver's panel size as edge length, so that both share one mesh.
+        surface = _surface(shape, solver.panel_edge(scene.medium.wavelength(scene.frequency)))
+        # By reciprocity, beacons at the foci give the pressures from all elements at once.
+        air = Scene(scene.medium, [sound_hard(surface)], frequency=scene.frequency)
+        elements = scene.with_images.array.positions
+        # Within 12 mm of the skin, the pressure at an element requires both integral equations.
+        near = bool((surface.depth(elements) > -12e-3).any())
+        field = replace(solver, estimate=near).radiate(
+            air, Target(beacon_points(scene, posed)).beacons()
+        )
+        return factors_of(scene, posed, part, time, field.at(elements))
 
 
 def _bone_lengths(scene: LiveScene, joints: Joints) -> Float64[np.ndarray, "foci"]:
