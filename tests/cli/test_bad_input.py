@@ -1,5 +1,6 @@
 """Bad input through the real command line: one sentence with its code, and exit code 2."""
 
+import json
 import re
 from pathlib import Path
 
@@ -195,6 +196,18 @@ def test_render_rejects_before_it_makes_a_folder(name, tmp_path, capsys):
 def test_names_are_words_whatever_they_hold(name, tmp_path, capsys):
     assert main(["check", str(write(tmp_path / "scene.toml", [("south pole", name)]))]) == 0
     assert name in capsys.readouterr().out
+
+
+def test_a_scene_for_live_that_touches_nothing_yet_is_checked_with_a_warning(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[medium]\ncelsius = 20\n[array]\nlayout = "flat_boards"\nrows = 1\ncolumns = 1\n'
+        f'[[obstacles]]\nhand = "{at.example("pinch.json")}"\npose = {{ translation = [0, 0, 0.2] }}\n'
+        "[[objects]]\nsphere = { centre = [0.3, 0.0, 0.3], radius = 0.02 }\n"
+    )
+    assert main(["check", str(scene), "--json"]) == 0
+    assert "no body touches" in json.loads(capsys.readouterr().out)["warnings"][0]
+    assert has(rejection(capsys, "render", scene), "empty")
 
 
 def test_a_solver_that_does_not_converge_is_reported(tmp_path, capsys, monkeypatch):

@@ -83,7 +83,7 @@ def _check_scene(path: Path, folder: Path | None, report_step: Progress) -> Show
     from airtact.setup.solving import unknowns_of
 
     report_step(f"reading {path.name}")
-    setup = at.read_scene(path)
+    setup = at.read_scene(path, moving=True)
     if folder is not None:
         _draw_bodies(folder, setup.scene, setup.bodies, setup.target.points, report_step)
     report_step("counting unknowns")
@@ -91,9 +91,15 @@ def _check_scene(path: Path, folder: Path | None, report_step: Progress) -> Show
     if isinstance(setup.solver, at.BoundaryElement):
         unknowns = unknowns_of(setup.solver, setup.scene, setup.target.points)
     report_step(f"checking which of {len(setup.target.points):,} foci the array reaches")
+    cautions = [*reach_cautions(setup), *facing_away(setup)]
+    if setup.contacts is not None and not len(setup.contacts):
+        cautions.append(
+            "no body touches an object in this pose. airtact live makes foci as soon as a hand "
+            "does; airtact render needs a contact."
+        )
     return (
         list(_scene_tables(setup, unknowns)),
-        (*reach_cautions(setup), *facing_away(setup)),
+        tuple(cautions),
         _scene_record(setup, unknowns),
     )
 
