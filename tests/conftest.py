@@ -2,7 +2,8 @@
 
 import shutil
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from copy import deepcopy
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,29 @@ def variant(request):
     _kernels.use_variant(request.param)
     yield request.param
     _kernels.use_variant(best)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _skins_are_meshed_once() -> Iterator[None]:
+    """Mesh each pose of a hand once in a process: most tests with a hand read one of the same few scenes.
+
+    Tests of the meshes call ``skin_mesh.even_skin`` itself.
+    """
+    from airtact.hands import hand, shape, skin_mesh
+
+    known: dict[bytes, Any] = {}
+
+    def even_skin(hulls, edge):
+        parts = (hulls.balls, hulls.parts, hulls.blend, hulls.apart, np.array(edge))
+        key = b"".join(part.tobytes() for part in parts)
+        if key not in known:
+            known[key] = skin_mesh.even_skin(hulls, edge)
+        return deepcopy(known[key])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hand, "even_skin", even_skin)
+        patch.setattr(shape, "even_skin", even_skin)
+        yield
 
 
 @pytest.fixture

@@ -57,8 +57,10 @@ def test_there_are_pages() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=[page.stem for page in PAGES])
 def test_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    # Each drive that `airtact live --verify` judges takes a solve of more than a second.
+    # Each drive that `airtact live --verify` judges takes a solve of more than a second, and so does each layout that
+    # `airtact place` refines.
     monkeypatch.setattr(at.live, "verify_session", partial(at.live.verify_session, drives=1))
+    monkeypatch.setattr(at, "place", partial(at.place, refine=1))
     names: dict = {"__name__": page.stem}
     for block, shown in expected_output(blocks(page)):
         capsys.readouterr()

@@ -80,7 +80,7 @@ class Running:
 
 
 def test_it_runs_at_once_with_what_comes_along(tmp_path, live, capsys):
-    code, found, said = live(*QUICK, *AUDIT, "--out", tmp_path, seconds=1.5)
+    code, found, said = live(*QUICK, *AUDIT, "--out", tmp_path, seconds=1.0)
     assert code == 0, said
     assert found["frames"] > 0
     session = at.live.read_session(tmp_path)
@@ -128,7 +128,7 @@ def test_trackers_by_websocket_are_followed_and_nonsense_is_counted(tmp_path):
 
 
 def test_the_frames_of_a_session_are_followed_again(tmp_path, live):
-    live(*QUICK, "--ignore-hand", "--out", tmp_path / "one")
+    live(*QUICK, "--ignore-hand", "--out", tmp_path / "one", seconds=0.5)
     one = at.live.read_session(tmp_path / "one")
     code, found, said = live(
         *QUICK, "--from", tmp_path / "one", "--out", tmp_path / "two", seconds=None

@@ -1,12 +1,14 @@
 """Places of boards: known optima, rules that every layout keeps, files that are read back."""
 
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pytest
 
 import airtact as at
 from airtact.acoustics.solvers.problem import FreeField
+from airtact.setup.board_search import Search
 from airtact.setup.placing import _hand_poses, hands_of
 from airtact.transducers.placement import check_apart, open_air_bound, overlapping_boards
 from faults import raises_code
@@ -37,7 +39,7 @@ def beside_ball() -> at.Setup:
 
 @pytest.fixture(scope="module")
 def two_boards(beside_ball):
-    return at.place(beside_ball, 2, distance=(0.12, 0.22), tries=40, refine=1)
+    return at.place(beside_ball, 2, "nano16", distance=(0.12, 0.22), tries=40, refine=1)
 
 
 def test_one_focus_in_open_air_is_best_on_the_axis_at_the_smallest_distance() -> None:
@@ -237,7 +239,13 @@ def test_hands_of_a_recording_replace_the_hand() -> None:
         assert np.array_equal(motion.rotation, np.eye(3))
 
 
-def test_impossible_requests_are_rejected(beside_ball, two_boards) -> None:
+def test_impossible_requests_are_rejected(beside_ball, two_boards, monkeypatch) -> None:
+    group, calls = Search.group, count()
+
+    def few(search, place):
+        """Look for room 100 times, and find none in the thousands of places that are left."""
+        return group(search, place) if next(calls) < 100 else None
+
     setup = in_open_air(FOCUS)
     for wrong, code in (
         ({"boards": 0}, "out_of_range"),
@@ -256,6 +264,7 @@ def test_impossible_requests_are_rejected(beside_ball, two_boards) -> None:
     ):
         with raises_code(code):
             at.place(setup, **wrong)
+    monkeypatch.setattr(Search, "group", few)
     with raises_code("out_of_range"):  # the ball is nearer than its focus is far
         at.place(beside_ball, distance=(0.15, 0.15))
     hand = at.load_hand(at.example("pinch.json"))

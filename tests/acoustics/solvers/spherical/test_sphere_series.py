@@ -103,7 +103,7 @@ def test_impedance_skin_obeys_its_law(ratio):
 )
 @pytest.mark.parametrize("off", [0.0, 0.05])
 def test_fluid_sphere_joins_pressure_and_velocity(inner, off):
-    normals = directions(5, seed=5)
+    normals = directions(3, seed=5)
     near = normals[0] + 0.3 * normals[1]
     source = CENTRE + (0.01 + off) * near / np.linalg.norm(near)
     field = radiate(at.filled(ball(centre=CENTRE), inner), source)
