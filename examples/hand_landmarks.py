@@ -26,7 +26,7 @@ target = at.Target(np.array([point + 0.5e-3 * normal for point, normal in pads])
 palm, towards_board = hand.place("palm")
 array = at.autd3_board().facing(palm, towards_board, distance=0.15)
 
-result = at.render(at.Setup(scene, array, target, accuracy=0.1))
+result = at.render(at.Setup(scene, array, target, accuracy=0.05))
 print(f"{hand.side} hand: {', '.join(f'{pressure:.0f}' for pressure in result.pressures)} Pa")
 
 axes = at.plot.scene(scene, array, result.drive, target)
