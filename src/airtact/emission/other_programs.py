@@ -130,7 +130,7 @@ def _table(path: Path) -> Drives:
     if not names:
         if numbers.shape[1] == 2:
             raise InvalidInput(
-                f"{path.name} has two columns; name them in its first line, such as "
+                f"{path.name} has two columns; name them in its first line, for example "
                 "amplitude,phase_degrees.",
                 code="data_missing",
             )

@@ -291,12 +291,15 @@ def fitted(
 
 @dataclass(frozen=True)
 class Microphone:
-    """A round microphone at the end of a straight housing; neither scatters sound.
+    """A round microphone at the end of a straight housing.
+
+    A value is the mean of the pressure over the face, and NaN where a body overlaps the face or
+    the housing. Scattering by the microphone is ignored.
 
     Attributes
     ----------
-    diameter : diameter of the face and the housing [m]; a quarter of an inch in Inoue, Makino and
-        Shinoda (2014), section 4.2.
+    diameter : diameter of the face and the housing [m]; by default a quarter of an inch, as in
+        Inoue, Makino and Shinoda (2014), section 4.2.
     axis : (3,) vector of any length that points outward from the face.
     housing : length of the housing behind the face [m].
 

@@ -78,7 +78,7 @@ class Steepening:
     def second_harmonic(self) -> Float64[np.ndarray, "points"]:
         """(F,) ratio of the second harmonic to the fundamental; NaN where ``kept`` is NaN.
 
-        The error is at most 15 % for ratios of up to 1.
+        The ratio is accurate to 15 % up to a ratio of 1.
         """
         # It feeds the third and higher harmonics. The factor 0.4 fits the computed foci.
         saturated = self.second / (1.0 + 0.4 * self.second**2)

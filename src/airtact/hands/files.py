@@ -42,7 +42,7 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
 
     Returns
     -------
-    The hand in the pose of the file.
+    The hand in the pose that the file contains.
 
     Raises
     ------

@@ -53,8 +53,8 @@ class Contender:
     pressures : (F,) peak pressure of ``emitted`` at each focus [Pa].
     suppression_points : (Q,) peak pressure of ``emitted`` at each suppression point [Pa].
     seconds : computing time of the method [s].
-    kept : pressure that the weakest focus exceeds in 9 out of 10 samples of the uncertainty
-        [Pa]; None without uncertainty.
+    kept : pressure that the weakest focus exceeds in 9 out of 10 samples of the setup's
+        ``uncertainty`` [Pa]; None if the setup has none.
     """
 
     name: str

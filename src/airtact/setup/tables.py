@@ -35,7 +35,7 @@ class Rule:
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A table of the file; an unknown key is an error.
+    """A table of a scene file; unknown keys raise an error.
 
     Attributes
     ----------

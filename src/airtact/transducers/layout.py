@@ -444,7 +444,7 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
 
 
 def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
-    """Join arrays with the same element into one array.
+    """Join arrays of identical elements into one array.
 
     Parameters
     ----------

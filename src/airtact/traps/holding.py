@@ -435,10 +435,14 @@ def path(
     scene, array, kind, axis, solver : as for ``hold``.
     corners : (C, 3) corners of the path [m]. The sequence repeats, so the bead returns the same way
         unless the last corner equals the first.
-    speed : largest mean speed of the bead [m/s].
+    speed : speed of the bead during the longest step [m/s].
     share : largest step between frames, as a fraction of the distance at which the restoring force
         peaks; at most 0.9.
     radius, density, sound_speed : properties of the bead, as for ``force``.
+
+    Returns
+    -------
+    The drives along the path, with the frame rate that results from ``speed``.
 
     Raises
     ------

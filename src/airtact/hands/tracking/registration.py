@@ -22,7 +22,7 @@ INDEX_TIP = 9
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Pose of a tracker and its uncertainty.
+    """Pose of a tracker, found by touching known points with a fingertip, and its uncertainty.
 
     Attributes
     ----------

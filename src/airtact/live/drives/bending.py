@@ -141,7 +141,7 @@ class SkinSources:
     posed, bones : the hand in the predicted pose, and its bones.
     points : (N, 3) positions of the sources [m].
     weights : (N, H) weight of each bone in the motion of each source.
-    strengths : (N, F) strength of each source for each beacon [Pa·m].
+    strengths : (N, F) strength of each source in the solution for each focus [Pa·m].
     straight : (F,) strengths of the beacons: 1, or 2 for a beacon on the skin.
     """
 

@@ -58,18 +58,20 @@ class SolvingMaker(DriveMaker):
 
 
 class HandAware(SolvingMaker):
-    """Computes drives that account for scattering by the hand.
+    """Computes drives for fixed places of a hand, including scattering by the hand.
 
-    Solver processes continuously solve the scattering in the newest poses and store factors: the
-    ratio of each entry of the transfer matrix with the hand to that in open air. The open-air
-    matrix of the current pose is multiplied by the stored factors with the largest expected
-    pressure. If the open-air matrix alone should produce a larger pressure, the factors are
-    omitted. The solvers pause while noise makes all solutions useless. A Kalman filter smooths and
-    predicts the frames.
+    The live loop passes each frame of the tracker to ``take`` and requests each drive from
+    ``make``. A Kalman filter predicts the hand for the time at which the sound arrives.
 
-    In the live loop, the method ``"best"`` stands for ``weighted_gerchberg_saxton``,
-    which takes less than 1 ms. The pressure that it reaches is within 1 % of that of
-    the slower function ``best``.
+    Solver processes continuously solve the scattering of the newest poses. Each solution is stored
+    as factors: the ratio of each entry of the transfer matrix with the hand to that in open air.
+    For a drive, the open-air matrix of the predicted pose is multiplied by the factors of the
+    stored pose that is most similar to it. If all stored poses are so different that the open-air
+    matrix alone should produce a larger pressure, the factors are omitted. The solvers pause while
+    this is so for every pose because of the tracker's noise.
+
+    If the scene's method is "best", ``weighted_gerchberg_saxton`` is used instead. It takes less
+    than 1 ms, and reaches a pressure within 1 % of that of the function ``best``.
 
     Parameters
     ----------
@@ -77,8 +79,9 @@ class HandAware(SolvingMaker):
     noise : standard deviation of each coordinate of the tracker's landmarks [m]; by default, it is
         estimated from the frames.
     agility : standard deviation of the acceleration of the palm [m/s²]; see ``Predictor``.
-    solvers : solvers for hands; by default, one process for each part that ``solved_for``
-        returns. If the sequence is empty, phases are set from path lengths alone.
+    solvers : solver processes; by default, one for the whole hand and, for one or two foci on
+        fingers, another for the last phalanges. If the sequence is empty, the open-air matrix is
+        used alone.
 
     Attributes
     ----------

@@ -78,7 +78,7 @@ class View:
         self.objects: dict[int, FlatMesh] = {}
 
     def picture(self, shown: Shown, across: Axis, offset: float, joints: Joints | None) -> Picture:
-        """Return the picture that shows data from the loop.
+        """Convert data from the loop to what the page draws.
 
         Parameters
         ----------

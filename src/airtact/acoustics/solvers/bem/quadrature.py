@@ -179,7 +179,7 @@ def thickness(
 ) -> Float64[np.ndarray, "nodes"]:
     """Return the diameter [m] of the largest inner ball that touches the surface at each node.
 
-    The diameter is limited to ``largest``. Nodes whose ``lower_bound`` reaches this limit are
+    Diameters are at most ``largest``. Nodes whose ``lower_bound`` reaches this limit are
     skipped.
 
     For each node, the ball shrinks until it contains no other node. It then shrinks until no panel
