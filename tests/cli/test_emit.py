@@ -170,6 +170,12 @@ def test_boards_that_cannot_be_turned_down_ask_for_full_scale(capsys, tmp_path) 
     )
     assert "140 dB" in errors
     assert errors.endswith("[out_of_range]")
+    # Any amplitude is full scale there, and this is what is stated.
+    change(path, amplitude=np.full(256, 0.1))
+    to_file = ("--link", "file", "--out", tmp_path / "frames.h5", "--modulate", "am:40")
+    printed, _ = done(capsys, "emit", path, "--board", "sonicsurface", *to_file)
+    assert "1 of full scale, cap 1 (256 of 256 transducers on)" in " ".join(printed.split())
+    assert "ignores nonlinear steepening" in printed
 
 
 def test_a_sequence_tells_its_rate_and_what_was_dropped(capsys, tmp_path) -> None:

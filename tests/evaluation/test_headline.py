@@ -101,14 +101,19 @@ def test_what_was_asked_and_not_reached_is_listed() -> None:
 def test_the_pressure_that_real_air_leaves_is_stated_if_it_differs() -> None:
     none = np.zeros(2)
     weak = Steepening(np.array([0.01, 0.05]), np.array([0.0, 5e-4]), none)
-    assert in_real_air(np.array([100.0, 500.0]), weak) == ()
+    target = at.Target(POINTS)
+    assert in_real_air(np.array([100.0, 500.0]), target, weak) == ()
     # a plane wave at σ = 1 keeps 2 J₁(1) = 0.880
     strong = Steepening(np.array([0.5, 0.1]), np.array([0.125, 0.005]), none)
-    (words,) = in_real_air(np.array([10e3, 2e3]), strong)
+    (words,) = in_real_air(np.array([10e3, 2e3]), target, strong)
     assert "10.0 kPa" in words
     assert "8.80 kPa" in words
-    (words,) = in_real_air(np.array([10e3, 2e3]), strong.scaled(3.0))
+    (words,) = in_real_air(np.array([10e3, 2e3]), target, strong.scaled(3.0))
     assert "shocks" in words
+    # A silent focus is not meant to be heard, whatever its steepening.
+    silent = at.Target(POINTS, shares=np.array([0.0, 1.0]))
+    (words,) = in_real_air(np.array([1e-12, 2e3]), silent, strong)
+    assert words.startswith("2.00 kPa computed")
 
 
 def test_pressures_have_three_digits() -> None:
@@ -120,3 +125,20 @@ def test_pressures_have_three_digits() -> None:
         "200 kPa",
         "9.4 Pa",
     ]
+    rounded = [pascals(one) for one in (999.4, 999.8, 1e3, 9999.0, 99_999.0)]
+    assert rounded == ["999 Pa", "1.00 kPa", "1.00 kPa", "10.0 kPa", "100 kPa"]
+
+
+def test_the_weakest_focus_is_stated_with_its_own_pressure() -> None:
+    target = at.Target(POINTS, shares=np.array([1.0, 0.25]))
+    result = compared(target, weaker=0.7)
+    weakest, _ = result.pressures["equal peak"][:, 1]
+    said = headline(result, AT_FULL_SCALE, foci=("a", "b"))
+    assert said.startswith(f"Hand-aware: {pascals(weakest)} at b,")
+    assert result.pressures["equal peak"][0, 0] > 3.9 * weakest
+    # The first focus misses its request by more than the second.
+    report = at.acoustics.SolveReport("series")
+    values = np.array([[900.0, 300.0], [900.0, 200.0]])
+    said = headline(replace_pressures(result, target, values, report), AT_FULL_SCALE)
+    assert said.startswith("Hand-aware: 900 Pa at focus 1,")
+    assert "Without the hand: 200 Pa at focus 2." in said

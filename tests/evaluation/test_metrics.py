@@ -46,6 +46,8 @@ def test_foci_that_get_what_their_shares_ask_are_uniform() -> None:
     assert (result.worst, result.mean, result.uniformity) == (300.0, 300.0, 1.0)
     uneven = at.evaluation.Evaluation(target, np.array([300.0, 300j, 20.0]), REPORT)
     assert (uneven.worst, uneven.uniformity) == (300.0, pytest.approx(1.0 - 300.0 / 900.0))
+    # What is printed is the pressure at a focus, not its ratio to a share.
+    assert "focus 1, the weakest relative to its share, 150.0 Pa, mean 225.0 Pa" in str(result)
 
 
 def test_an_evaluation_reads_as_a_table() -> None:

@@ -81,6 +81,23 @@ def test_each_setting_is_a_cause_of_its_own() -> None:
     np.testing.assert_allclose(found.causes[-1].pressures, 0.7 * np.sqrt(0.5) * last)
 
 
+@pytest.mark.parametrize("share", [0.25, 0.0])
+def test_a_requested_share_is_not_a_loss_by_sharing(share) -> None:
+    target = at.Target(POINTS, shares=np.array([1.0, share]))
+    result, found, by_name = explained(at.Setup(AIR, BOARD, target))
+    ratios = by_name["the requested ratios of the foci"]
+    np.testing.assert_allclose(ratios, by_name["distance and direction"][0] * target.weights)
+    assert by_name["sharing with 1 other focus"][0] > 0.9 * ratios[0]
+    assert "sharing" not in found.advice
+    # A silent focus is neither the weakest, nor in doubt, nor steepened.
+    assert result.setup.target.weakest(result.pressures) == int(share > 0.0)
+    assert share > 0.0 or found.weakest == 0
+    assert not result.warnings
+    assert not [words for words in result.remarks if "shocks" in words]
+    changes = [found.change_in_words(cause, 1) for cause in range(len(found.causes))]
+    assert max(map(len, changes)) <= len("-100 %")
+
+
 def test_the_advice_names_the_largest_removable_loss() -> None:
     setup = at.Setup(AIR, BOARD, at.Target(POINTS - [0.0, 0.0, 0.08]))
     assert "sharing" in explained(setup)[1].advice

@@ -304,6 +304,18 @@ def test_requests_too_weak_to_be_felt_or_played_say_so(tmp_path):
     assert "silent" in silent.remarks[-1]
 
 
+def test_boards_that_cannot_play_softly_warn_of_what_they_emit():
+    board = at.transducers.board_array("sonicsurface")
+    levels = at.transducers.Levels.even(amplitudes=2, phases=32)
+    target = at.Target((0.0, 0.0, 0.15), pressures=300.0)
+    result = at.render(at.Setup(at.Scene(at.air()), board, target, levels=levels))
+    emitted = float(np.abs(result.transfer.pressure(result.frame.drive()))[0])
+    assert emitted > 10.0 * result.pressures[0]
+    assert f"{emitted / 1e3:.2f} kPa" in result.headline
+    (warning,) = result.warnings
+    assert "--cap" in warning
+
+
 def test_one_focus_takes_three_lines():
     board = at.autd3_board()
     result = at.focus(board, (0.09, 0.07, 0.15), pressures=1000.0)

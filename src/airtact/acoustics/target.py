@@ -164,6 +164,26 @@ class Target:
         phases = 0.0 if self.phases is None else self.phases
         return self.weights * np.exp(1j * np.asarray(phases))
 
+    def weakest(self, pressures: Float64[np.ndarray, "foci"]) -> int:
+        """Return the index of the focus with the least pressure relative to its weight.
+
+        Foci of weight 0 are ignored. Of foci that are equal to within 1 %, as most methods make
+        them, the focus with the lowest pressure is returned.
+
+        Parameters
+        ----------
+        pressures : (F,) peak pressure at each focus [Pa].
+
+        Examples
+        --------
+        >>> target = Target(np.array([[0.0, 0, 0], [0, 0, 0.02]]), shares=np.array([1.0, 0.25]))
+        >>> target.weakest(np.array([900.0, 300.0]))
+        0
+        """
+        ratios = np.full(len(pressures), np.inf)
+        np.divide(pressures, self.weights, out=ratios, where=self.weights > 0.0)
+        return int(np.where(ratios <= 1.01 * ratios.min(), pressures, np.inf).argmin())
+
     def beacons(self, suppression: bool = False) -> Monopoles:
         """Return virtual sources of 1 Pa·m at the foci, with one excitation for each focus.
 

@@ -116,12 +116,13 @@ def _table(result: "MethodComparison") -> "Table":
             f"The first {equal} reach the same fraction of the bound, "
             f"to within {result.tolerance:.1%}."
         )
+    target = result.setup.target
     for contender in result.ranked:
         row = [
             result.label(contender),
-            f"{contender.pressures.min():,.0f} Pa",
+            f"{contender.pressures[target.weakest(contender.pressures)]:,.0f} Pa",
             f"{result.of_the_bound(contender):.0%}",
-            f"{contender.pressures.mean():,.0f} Pa",
+            f"{contender.pressures[target.weights > 0.0].mean():,.0f} Pa",
             duration(contender.seconds),
         ]
         if uncertain:

@@ -13,7 +13,14 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, check_drive
 from airtact.drives.transfer_ensemble import TransferEnsemble
 from airtact.errors import InvalidInput, as_sentence, counted, in_short, of_kind, one_line
-from airtact.evaluation.metrics import in_real_air, not_modelled, pascals, radiate_drives
+from airtact.evaluation.metrics import (
+    at_weakest,
+    in_real_air,
+    not_modelled,
+    pascals,
+    radiate_drives,
+    weakest_focus,
+)
 from airtact.evaluation.steepening import Steepening, steepening
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
@@ -203,7 +210,9 @@ class Comparison:
             f"peak pressures by {report.solver}, estimated error {report.estimated_error:.2g}. "
             f"{not_modelled(report)}",
             *in_real_air(
-                self.pressures["equal peak"][self.names.index(name)], self.steepening(name)
+                self.pressures["equal peak"][self.names.index(name)],
+                self.target,
+                self.steepening(name),
             ),
             *map(as_sentence, report.warnings),
         ]
@@ -368,20 +377,23 @@ def headline(
     drive : the emitted drive, which considers the bodies. If it is at full scale, the two drives
         are compared at equal peak, and otherwise at equal energy.
     word : the word for the bodies, such as "hand".
-    foci : a name for each focus; the sentence names the focus whose pressure decreases most.
+    foci : a name for each focus; the sentence names the focus whose pressure decreases most, and
+        the weakest focus if the requests differ.
     """
     # Below full scale the hardware does not limit the peak, so compare the drives by energy.
     held_equal = "equal peak" if drive.is_full_scale else "equal energy"
     values = _counted(comparison, held_equal)
     # The comparison holds every drive at full scale, but the drive is emitted at its own peak.
-    first = drive.peak * _counted(comparison, "equal peak")[0].min()
-    amount = _amount(first, comparison.target)
-    sentence = f"{_capital(comparison.names[0])}: {amount} at the weakest focus."
+    emitted = drive.peak * comparison.pressures["equal peak"][0]
+    words = at_weakest(emitted, comparison.target, foci)
+    sentence = f"{_capital(comparison.names[0])}: {words}."
     if len(values) == 1:
         return sentence
     gain = values[0].min() / values[1].min() - 1.0
-    amount = _amount(first / (1.0 + gain), comparison.target)
-    sentence += f" {_capital(comparison.names[1])}: {amount}."
+    reference, control = comparison.pressures[held_equal]
+    control = control * (emitted.max() / reference.max())
+    amount, name = weakest_focus(control, comparison.target, foci)
+    sentence += f" {_capital(comparison.names[1])}: {amount}{f' at {name}' if name else ''}."
     error = comparison.report.estimated_error
     # Never claim a difference below 1 %, even if the estimated error is smaller.
     if abs(gain) <= max(error, 0.01):
@@ -445,15 +457,6 @@ def _per_cent(share: float) -> str:
 
 def _signed(share: float) -> str:
     return f"{100 * share:+z.0f} %".replace("-", "\u2212")
-
-
-def _amount(weakest: float, target: Target) -> str:
-    # Write a pressure, or its fraction of the request if the foci request different
-    # pressures.
-    weights = target.weights[target.weights > 0.0]
-    if target.pressures is not None and not np.allclose(weights, weights[0]):
-        return f"{weakest:.0%} of the request".replace("%", " %")
-    return pascals(weakest * weights.max())
 
 
 def _capital(words: str) -> str:

@@ -172,24 +172,60 @@ def not_modelled(report: SolveReport) -> str:
 
 def pascals(pressure: float) -> str:
     """Write a pressure with three digits, in kPa from 1 kPa upwards."""
-    if pressure < 1e3:
-        return f"{pressure:.3g} Pa"
-    return f"{pressure / 1e3:.{max(0, 2 - int(np.log10(pressure / 1e3)))}f} kPa"
+    # Round first: 999.8 Pa becomes 1.00 kPa.
+    rounded = float(f"{pressure:.3g}")
+    if rounded < 1e3:
+        return f"{rounded:.3g} Pa"
+    return f"{rounded / 1e3:.{max(0, 2 - int(np.log10(rounded / 1e3)))}f} kPa"
+
+
+def weakest_focus(
+    pressures: Float64[np.ndarray, "foci"], target: Target, foci: Sequence[str] = ()
+) -> tuple[str, str]:
+    """Return the pressure at the focus that is weakest relative to its request, and its name.
+
+    Parameters
+    ----------
+    pressures : (F,) peak pressure at each focus [Pa].
+    target : the foci and their requests.
+    foci : a name for each focus, or for each focus of one frame if the foci move.
+
+    Returns
+    -------
+    The pressure in words, and the name; the name is empty if all foci request the same.
+    """
+    index = target.weakest(pressures)
+    requests = target.weights[target.weights > 0.0]
+    name = ""
+    if not np.allclose(requests, requests[0]):
+        name = foci[index % len(foci)] if foci else f"focus {index + 1}"
+    return pascals(float(pressures[index])), name
+
+
+def at_weakest(
+    pressures: Float64[np.ndarray, "foci"], target: Target, foci: Sequence[str] = ()
+) -> str:
+    """State the pressure at the weakest focus; for the arguments, see ``weakest_focus``."""
+    amount, name = weakest_focus(pressures, target, foci)
+    where = f"{name}, the weakest relative to its request" if name else "the weakest focus"
+    return f"{amount} at {where}"
 
 
 def in_real_air(
-    pressures: Num[np.ndarray, "foci"], steepening: Steepening | None
+    pressures: Num[np.ndarray, "foci"], target: Target, steepening: Steepening | None
 ) -> tuple[str, ...]:
     """Return a sentence on the focus with the strongest nonlinear steepening, if it is noticeable.
 
     Parameters
     ----------
     pressures : (F,) linear pressures [Pa].
-    steepening : nonlinear steepening at these F foci; None if it was not estimated.
+    target : the F foci; those without a request are ignored.
+    steepening : nonlinear steepening at these foci; None if it was not estimated.
     """
     if steepening is None:
         return ()
-    focus = int(np.nan_to_num(steepening.second).argmax())
+    second = np.nan_to_num(steepening.second)
+    focus = int(np.where(target.weights > 0.0, second, -1.0).argmax())
     # A second harmonic of 10 % is 20 dB lower and takes at most 0.5 % from the fundamental.
     if not steepening.second[focus] >= 0.1:
         return ()
@@ -232,7 +268,14 @@ class Evaluation:
 
     def _summary(self, form: str) -> tuple[str, str]:
         if self.target.pressures is None:
-            return f"weakest focus {self.worst:{form}} Pa", f"mean {self.mean:{form}} Pa"
+            weakest = self.target.weakest(self.magnitudes)
+            _, name = weakest_focus(self.magnitudes, self.target)
+            # The table numbers the foci from 0.
+            words = (
+                f"focus {weakest}, the weakest relative to its share," if name else "weakest focus"
+            )
+            mean = self.magnitudes[self.target.weights > 0.0].mean()
+            return f"{words} {self.magnitudes[weakest]:{form}} Pa", f"mean {mean:{form}} Pa"
         return f"weakest focus {self.worst:.1%} of the request", f"mean {self.mean:.1%}"
 
     @property
@@ -311,7 +354,7 @@ class Evaluation:
                 f"{', '.join(self._summary('.1f'))}, uniformity {self.uniformity:.3f}",
                 f"peak pressures by {report.solver}, estimated error {report.estimated_error:.2g}, "
                 f"residual {report.residual:.1e}. {not_modelled(report)}",
-                *in_real_air(self.pressures, self.steepening),
+                *in_real_air(self.pressures, self.target, self.steepening),
                 *map(as_sentence, report.warnings),
             ]
         )

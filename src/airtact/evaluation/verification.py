@@ -209,7 +209,8 @@ class Verification:
     head: Float64[np.ndarray, "head"]
 
     def __repr__(self) -> str:
-        weakest = f"weakest focus {self.evaluation.magnitudes.min():.0f} Pa"
+        magnitudes = self.evaluation.magnitudes
+        weakest = f"weakest focus {magnitudes[self.evaluation.target.weakest(magnitudes)]:.0f} Pa"
         return one_line(self, weakest, f"{self.contrast:+z.1f} dB above the side lobe")
 
     @property
@@ -263,10 +264,12 @@ class Verification:
             lines.append(f"force of the sound on the skin {newtons} at {len(forces)} of {foci}")
         # Where the estimate for real air is invalid, the pressure is far above the threshold.
         felt = np.fmin(self.evaluation.magnitudes, self.evaluation.expected)
-        lines.append(sensation(float(felt.min()), "amplitude"))
+        asked = self.evaluation.target.weights > 0.0
+        lines.append(sensation(float(felt[asked].min()), "amplitude"))
         if len(self.head):
             level = f"{self.head.max():.1f} dB SPL"
-            if in_real_air(self.evaluation.pressures, self.evaluation.steepening):
+            evaluation = self.evaluation
+            if in_real_air(evaluation.pressures, evaluation.target, evaluation.steepening):
                 level += " without nonlinear steepening, which changes it by up to 2 dB"
             lines.append(f"level at the head: at most {level}. {NO_SAFETY_ASSESSMENT}")
         return "\n".join(lines)

@@ -87,18 +87,20 @@ def _digits(pressure: float) -> str:
 
 def _tables(contest: MethodComparison, unit: str) -> dict[str, Any]:
     foci = contest.setup.foci
+    requested = contest.setup.target.weights > 0.0
     rows = []
     for contender in contest.ranked:
         exact = np.abs(contest.transfer.pressure(contender.drive))[: len(foci)]
         rounded = np.abs(contest.transfer.pressure(contender.emitted))[: len(foci)]
+        asked = contender.pressures[requested]
         row = [
             contest.label(contender),
             _digits(contest.worst(contender)),
             f"{contest.of_the_bound(contender):.0%}",
-            f"{contender.pressures.mean():,.0f}",
-            f"{contender.pressures.min() / contender.pressures.max():.2f}",
+            f"{asked.mean():,.0f}",
+            f"{asked.min() / asked.max():.2f}",
             f"{contender.energy:.2f}",
-            f"{np.abs(rounded / exact - 1).max():.2%}",
+            f"{np.abs(rounded / exact - 1)[requested].max():.2%}",
             f"{1e3 * contender.seconds:.1f}",
         ]
         if len(contender.suppression_points):

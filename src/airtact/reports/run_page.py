@@ -11,7 +11,7 @@ from markupsafe import Markup
 from airtact.drives.transfer import fraction
 from airtact.errors import counted, in_mm
 from airtact.evaluation.comparison import HELD_EQUAL
-from airtact.evaluation.metrics import not_modelled, pascals
+from airtact.evaluation.metrics import not_modelled, weakest_focus
 from airtact.evaluation.slices import box_pressure, window_pressure
 from airtact.evaluation.windows import box_around, plane_of_scene
 from airtact.reports.array_figures import draw_phases, draw_scene, is_uniform
@@ -106,7 +106,7 @@ def _summary(run: Rendering) -> dict[str, Any]:
         "foci": counted(len(run.setup.foci), "focus", "foci"),
         "bodies": " and ".join(run.setup.bodies),
         "facts": [
-            (pascals(run.pressures.min()), "at the weakest focus"),
+            (weakest_focus(run.pressures, run.setup.target)[0], "at the weakest focus"),
             (duration(solve), "to solve and compute the drive"),
             (_percent(run.estimated_error), "estimated error of these pressures"),
         ],
@@ -119,7 +119,8 @@ def _pictures(run: Rendering) -> dict[str, Any]:
     array = run.setup.array
     exact = np.abs(run.transfer.pressure(run.drive))[: len(run.setup.foci)]
     rounded = np.abs(run.transfer.pressure(run.frame.drive()))[: len(run.setup.foci)]
-    rounding = float(np.max(np.abs(rounded / exact - 1)))
+    asked = run.setup.target.weights > 0.0
+    rounding = float(np.max(np.abs(rounded[asked] / exact[asked] - 1)))
     levels = run.frame.levels
     uniform = is_uniform(run.drive.amplitudes)
     shown = "Phase" if uniform else "Phase and amplitude"

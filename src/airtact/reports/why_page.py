@@ -17,7 +17,7 @@ def write_why_page(path: Path, explained: Explanation, title: str, text: str) ->
     title, text : name and content of the scene file.
     """
     last = explained.causes[-1].pressures
-    weakest = int(last.argmin())
+    weakest = explained.weakest
     remedies = {cause.name: cause.remedy for cause in explained.causes if cause.remedy}
     write_page(
         path,

@@ -111,7 +111,8 @@ class MethodComparison:
 
     def __repr__(self) -> str:
         best = self.best
-        return one_line(self, *self.setup.bodies, f"best {best.name}, {self.worst(best):,.0f} Pa")
+        pressure = best.pressures[self.setup.target.weakest(best.pressures)]
+        return one_line(self, *self.setup.bodies, f"best {best.name}, {pressure:,.0f} Pa")
 
     @property
     def report(self) -> SolveReport:
@@ -375,7 +376,7 @@ def _compare_methods(
             *reach_cautions(setup),
             *all_at_once(setup),
             *warnings,
-            *in_real_air(at_foci[strongest], steepened),
+            *in_real_air(at_foci[strongest], setup.target, steepened),
             *named(field.report.warnings, setup.bodies),
         ],
         transfer=transfer,
@@ -398,10 +399,10 @@ def _conjugated(name: str, drive: Drive, transfer: TransferMatrix, target: Targe
     pressures = [
         _weakest(transfer, target, signed) for signed in (drive, Drive(np.conj(drive.amplitudes)))
     ]
-    if pressures[1] < 2.0 * pressures[0]:
+    if not pressures[1] >= 2.0 * pressures[0] > 0.0:
         return []
     return [
-        f"with the opposite sign of all phases, {name} would produce {pressures[1]:,.0f} Pa at "
-        f"its weakest focus instead of {pressures[0]:,.0f} Pa. The program that wrote it may use "
-        "e^(+jωt): conjugate the amplitudes."
+        f"with the opposite sign of all phases, {name} would produce "
+        f"{pressures[1] / pressures[0]:.2g} times the pressure at its weakest focus. The program "
+        "that wrote it may use e^(+jωt): conjugate the amplitudes."
     ]

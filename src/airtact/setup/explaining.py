@@ -58,11 +58,13 @@ class Explanation:
         can produce in open air.
     advice : sentence on the change that would increase the pressure at the weakest
         focus most.
+    weakest : index of the focus that is weakest relative to its request.
     """
 
     foci: tuple[str, ...]
     causes: tuple[Cause, ...]
     advice: str
+    weakest: int
 
     __repr__ = in_short
 
@@ -74,7 +76,8 @@ class Explanation:
     def change_in_words(self, cause: int, focus: int) -> str:
         """Return the relative change of the pressure by a cause as text, such as "−26 %"."""
         before = self.causes[cause - 1].pressures[focus] if cause else 0.0
-        if before == 0.0:
+        # A millionth of the reference is the rounding error of a silent focus.
+        if before <= 1e-6 * self.causes[0].pressures[focus]:
             return ""
         share = round(100.0 * (self.causes[cause].pressures[focus] / before - 1.0))
         return f"{share:+d} %".replace("-", "\u2212") if share else "0 %"
@@ -165,7 +168,14 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
         pairs = zip(parts, drives, strict=True)
         return np.concatenate([np.abs(transfer.pressure(drive))[part] for part, drive in pairs])
 
-    shares = Target(target.points, shares=target.weights / target.weights.max())
+    weights = target.weights
+    shares = Target(target.points, shares=weights / weights.max())
+    if not np.allclose(weights, weights[0]):
+        # The highest pressures with the requested ratios, as if every focus were alone.
+        asked = weights > 0.0
+        highest = (causes[-1].pressures[asked] / weights[asked]).min()
+        # What was requested is not a fault, so it has no remedy.
+        causes.append(Cause("the requested ratios of the foci", highest * weights))
     if count > 1 and not setup.in_turn:
         drive = best(transfer, shares).at_full_scale()
         others = "1 other focus" if count == 2 else f"{count - 1} other foci"
@@ -181,7 +191,9 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
         full = [drive.at_full_scale() if drive.peak else drive for drive in drives]
         causes.append(Cause(f"the method {name}", at_foci(full), 'use method = "best"'))
     if min(drive.peak for drive in drives) < 0.999 or target.phases is not None:
-        causes.append(Cause("the requested pressures", at_foci(drives), "request higher pressures"))
+        # Boards without amplitude levels emit at full scale, whatever is requested.
+        remedy = "" if setup.levels.phase_only else "request higher pressures"
+        causes.append(Cause("the requested pressures", at_foci(drives), remedy))
     rounded = [quantise(drive, setup.levels).drive() for drive in drives]
     causes.append(Cause("rounding to levels", at_foci(rounded), "use finer levels"))
     last = causes[-1].pressures
@@ -227,15 +239,15 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     if kept is not None:
         remedy = "improve the tracker, its registration or its rate"
         causes.append(Cause("error and age of the tracked pose", kept * last, remedy))
-    return Explanation(setup.foci, tuple(causes), _advice(causes))
+    weakest = target.weakest(causes[-1].pressures)
+    return Explanation(setup.foci, tuple(causes), _advice(causes, weakest), weakest)
 
 
-def _advice(causes: list[Cause]) -> str:
+def _advice(causes: list[Cause], weakest: int) -> str:
     """State which removable cause reduces the pressure at the weakest focus most.
 
     Causes without a remedy, such as the level limit at a head, are ignored.
     """
-    weakest = int(causes[-1].pressures.argmin())
     best_gain = 1.1
     words = "No single change would gain more than 10 %: use more boards, or move them closer."
     for before, cause in pairwise(causes):

@@ -22,16 +22,18 @@ from airtact.drives.transfer import TransferMatrix, fraction
 from airtact.errors import Vector, of_kind, one_line, point_of
 from airtact.evaluation.comparison import Comparison, body_word, headline, shortfalls
 from airtact.evaluation.comparison import compare as compare_drives
-from airtact.evaluation.metrics import Evaluation, in_real_air, pascals
+from airtact.evaluation.metrics import Evaluation, at_weakest, in_real_air
 from airtact.evaluation.steepening import Steepening
 from airtact.files.atomic import writable_folder
 from airtact.setup.sentences import (
     disagreement,
     facing_away,
     reach_cautions,
+    rounding,
     sensations,
     shadows,
     share_of_bound,
+    too_strong,
     touches,
     trap_sentences,
 )
@@ -108,7 +110,7 @@ class Rendering:
     def __repr__(self) -> str:
         return one_line(
             self,
-            f"weakest focus {self.pressures.min():,.0f} Pa",
+            f"weakest focus {self.pressures[self.setup.target.weakest(self.pressures)]:,.0f} Pa",
             f"estimated error {self.estimated_error:.2g}",
         )
 
@@ -368,15 +370,25 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     felt = comparison
     # The drive with the largest amplitude, which shows whether the sequence is at full scale.
     loudest = drive
+    frames = drive.amplitudes[None]
     standing = share_of_bound(setup, transfer, drive)
     if setup.in_turn:
         assert computed.sequence is not None
-        at_once = pascals(pressures.min())
-        standing = f"All foci at once (drive.h5): {at_once} at the weakest focus."
+        at_once = at_weakest(pressures, setup.target, setup.foci)
+        standing = f"All foci at once (drive.h5): {at_once}."
         pressures = computed.sequence.pressures
         steepening = computed.sequence.steepening
-        felt = _felt_in_turn(setup, transfer, computed.sequence.drives, comparison)
-        loudest = Drive(max(computed.sequence.drives, key=lambda frame: np.abs(frame).max()))
+        frames = computed.sequence.drives
+        felt = _felt_in_turn(setup, transfer, frames, comparison)
+        loudest = Drive(max(frames, key=lambda frame: np.abs(frame).max()))
+
+    changes = rounding(setup, transfer, frames)
+    first = headline(felt, loudest, body_word(setup.bodies), setup.foci)
+    if abs(changes[setup.target.weakest(pressures)] - 1.0) > 0.1:
+        words = at_weakest(changes * pressures, setup.target, setup.foci)
+        first += f" As emitted, rounded to the boards' levels: {words}."
+        # Methods other than ``best`` may exceed a request even without rounding.
+        warnings += too_strong(setup, changes * pressures)
 
     robustness = None
     remarks = shortfalls(setup.target, setup.foci, pressures, loudest)
@@ -397,7 +409,8 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     if not np.isfinite(beacons.estimated_error):
         verified = comparison.at_foci[:, 0]
         difference = transfer.pressure(computed.drive.at_full_scale())[: len(verified)] - verified
-        apart = float(np.max(np.abs(difference / verified)))
+        asked = setup.target.weights > 0.0
+        apart = float(np.max(np.abs(difference[asked] / verified[asked])))
         beacons = replace(beacons, estimated_error=apart)
     return Rendering(
         setup=setup,
@@ -412,19 +425,19 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
         sequence=computed.sequence,
         robustness=robustness,
         traps=traps,
-        headline=headline(felt, loudest, body_word(setup.bodies), setup.foci),
+        headline=first,
         remarks=(
             *touches(setup),
             *trap_sentences(setup, traps),
             *remarks,
             standing,
             # The sentences of a sequence state the effect of real air on it.
-            *(() if setup.in_turn else in_real_air(pressures, steepening)),
+            *(() if setup.in_turn else in_real_air(pressures, setup.target, steepening)),
         ),
         # The steepening estimate is only invalid far above the threshold, where it is not needed.
         sensation=sensations(
             setup,
-            np.fmin(pressures, pressures * steepening.kept),
+            changes * np.fmin(pressures, pressures * steepening.kept),
             computed.sequence,
         ),
         warnings=warnings,

@@ -5,8 +5,10 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Complex128
 
 from airtact.acoustics.medium import air
+from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.drive_file import DriveFile, read_drive_file
 from airtact.drives.frame import frame_at, share_under_cap
@@ -85,19 +87,29 @@ class Plan:
         )
 
     @cached_property
+    def emitted(self) -> Complex128[np.ndarray, "frames elements"]:
+        """(N, E) amplitudes of the elements as emitted: under the cap, and rounded to levels."""
+        levels = codec_of(self.board).levels
+        drives = self.stored.drives
+        share = share_under_cap(drives, levels, self.cap)
+        return np.stack([frame_at(row, levels, share).drive().amplitudes for row in drives])
+
+    @cached_property
     def weakest(self) -> float | None:
         """Peak pressure at the weakest focus [Pa]; None if the file has no transfer matrix."""
         stored = self.stored
         matrix = stored.transfer_matrix
         if matrix is None or matrix.shape[1] != stored.drives.shape[1]:
             return None
-        levels = codec_of(self.board).levels
-        share = share_under_cap(stored.drives, levels, self.cap)
-        frames = [frame_at(row, levels, share).drive().amplitudes for row in stored.drives]
         foci = len(matrix) if stored.foci is None else len(stored.foci)
         # In a sequence, each focus only counts in the frame that was computed for it.
-        pressures = np.abs(matrix[:foci] @ np.stack(frames, axis=1))
-        return float(pressures.max(axis=1).min())
+        pressures = np.abs(matrix[:foci] @ self.emitted.T).max(axis=1)
+        if stored.foci is not None and stored.wanted_pressures is not None:
+            target = Target(stored.foci, stored.wanted_pressures)
+            return float(pressures[target.weakest(pressures)])
+        # The file contains no shares, but foci with a share of 0 are silent before rounding.
+        exact = np.abs(matrix[:foci] @ stored.drives.T).max(axis=1)
+        return float(pressures[exact >= 1e-3 * exact.max()].min())
 
     def facts(self, link: str) -> list[tuple[str, str]]:
         """Describe the emission through a link, as pairs of name and text."""
@@ -112,8 +124,12 @@ class Plan:
         if self.modulation is not None:
             depth = f", {self.modulation.depth:g} deep" if self.modulation.depth < 1.0 else ""
             facts.append(("modulation", f"amplitude, {self.modulation.frequency:g} Hz{depth}"))
-        largest = float(np.abs(drives).max())
-        facts.append(("largest amplitude", f"{largest:.3g} of full scale, cap {self.cap:g}"))
+        largest = float(np.abs(self.emitted).max())
+        words = f"{largest:.3g} of full scale, cap {self.cap:g}"
+        if board.amplitudes == 2:
+            # Their cap is a fraction of the elements.
+            words += f" ({np.count_nonzero(self.emitted[0])} of {drives.shape[1]} transducers on)"
+        facts.append(("largest amplitude", words))
         if self.weakest is not None:
             # The file does not contain the bodies, which the estimate for real air needs. One
             # board loses 1 % at 1 kPa.
@@ -137,6 +153,8 @@ class Plan:
             notes.append(constant_force_note(fastest))
         if self.weakest is not None and self.modulation is not None:
             notes.append(sensation(self.weakest, "amplitude", self.modulation.depth))
+            if self.weakest > 1e3:
+                notes.append("This level ignores nonlinear steepening, which lowers it.")
         return notes
 
 

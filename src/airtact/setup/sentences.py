@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Complex128, Float64
 from scipy.spatial import KDTree
 
 import airtact as at
@@ -11,7 +11,7 @@ from airtact.acoustics.target_points import outward
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import upper_bound
 from airtact.drives.methods import METHODS
-from airtact.drives.transfer import MIN_FOCUS_DISTANCE, TransferMatrix
+from airtact.drives.transfer import MIN_FOCUS_DISTANCE, TransferMatrix, fraction
 from airtact.emission.codecs import codec_of
 from airtact.errors import counted, in_mm, millimetres
 from airtact.evaluation.metrics import pascals, sensation
@@ -204,14 +204,15 @@ def sensations(
     if setup.traps:
         foci = len(setup.target.points) > setup.lobes
         return ("Skin hardly feels the foci: with traps, their force is constant.",) * foci
-    skin = with_skin(setup)
+    # A silent focus, with a request of 0, is not meant to be felt.
+    skin = with_skin(setup) & (setup.target.weights > 0.0)
     if not skin.any():
         return (
             f"No focus is within {1e3 * MAX_SKIN_DISTANCE:g} mm of a body, so there is no skin "
             "that could feel it.",
         )
     if moving is not None:
-        return moving.sentences()
+        return moving.sentences(setup.foci)
     weakest = float(pressures[skin].min())
     if isinstance(setup.modulation, AmplitudeModulation):
         return (sensation(weakest, "amplitude", setup.modulation.depth),)
@@ -237,14 +238,56 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
     if not drive.is_full_scale:
         words = (
             f"No drive exceeds {1.0 / exact:.1f} times this pressure at full scale. Rounding to "
-            f"{levels} keeps {rounded / exact:.1%} of the pressure."
+            f"{levels} "
         )
+        if rounded < 1.1 * exact:
+            words += f"keeps {rounded / exact:.1%} of the pressure."
+        else:
+            words += f"multiplies the pressure by {rounded / exact:.2g}."
     else:
         words = (
             f"The drive reaches {exact:.0%} of the upper bound at the weakest focus, and "
             f"{rounded:.0%} when rounded to {levels}."
         )
     return words.replace("%", " %")
+
+
+def rounding(
+    setup: Setup, transfer: TransferMatrix, frames: Complex128[np.ndarray, "frames elements"]
+) -> Float64[np.ndarray, "foci"]:
+    """Return the factor (F,) by which rounding to levels changes the pressure at each focus.
+
+    The frames are one drive, or one drive per focus. The factors are 1 at foci without a request,
+    and everywhere if the rounded drive is silent.
+    """
+    foci = len(setup.target.points)
+    rows = transfer.matrix[:foci]
+    rounded = np.stack(
+        [quantise(Drive(frame), setup.levels).drive().amplitudes for frame in frames]
+    )
+    exact = np.abs(np.einsum("fe,fe->f", rows, np.broadcast_to(frames, rows.shape)))
+    emitted = np.abs(np.einsum("fe,fe->f", rows, np.broadcast_to(rounded, rows.shape)))
+    asked = (setup.target.weights > 0.0) & (exact > 0.0) & rounded.any()
+    return np.divide(emitted, exact, out=np.ones(foci), where=asked)
+
+
+def too_strong(setup: Setup, emitted: Float64[np.ndarray, "foci"]) -> tuple[str, ...]:
+    """Warn if the drive rounded to levels makes a focus over a tenth stronger than requested."""
+    excess = np.nan_to_num(fraction(emitted, setup.target))
+    strongest = int(excess.argmax())
+    times = float(excess[strongest])
+    if times <= 1.1:
+        return ()
+    remedy = "request a pressure that these levels produce, or use boards with finer levels"
+    if setup.levels.phase_only:
+        remedy = (
+            f"emit it with --cap {1.0 / times:.2g}, which switches on fewer elements, or use "
+            "boards with amplitude levels"
+        )
+    return (
+        f"the boards emit {times:.2g} times the requested pressure at {setup.foci[strongest]}, "
+        f"because they round amplitudes to {len(setup.levels.amplitudes)} levels: {remedy}.",
+    )
 
 
 def shadows(setup: Setup, transfer: TransferMatrix) -> Iterator[str]:
@@ -270,7 +313,10 @@ def disagreement(
     # The drive comes from the transposed solution. A forward solution with finer panels verifies
     # it. If both agree within the accuracy, panels and solver are not at fault.
     predicted = np.abs(transfer.pressure(drive))[: len(pressures)]
-    apart = np.abs(predicted / pressures - 1.0)
+    # Relative differences mean nothing at foci of request 0.
+    apart = np.zeros(len(pressures))
+    asked = setup.target.weights > 0.0
+    apart[asked] = np.abs(predicted[asked] / pressures[asked] - 1.0)
     worst = int(np.argmax(apart))
     if apart[worst] > 1.5 * setup.accuracy:
         yield (

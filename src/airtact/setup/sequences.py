@@ -12,7 +12,7 @@ from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.motion import Motion, moving_foci, moving_target
 from airtact.drives.sequence import Sequence
 from airtact.drives.transfer import TransferMatrix
-from airtact.evaluation.metrics import drive_sources, in_real_air, sensation
+from airtact.evaluation.metrics import at_weakest, drive_sources, in_real_air, sensation
 from airtact.evaluation.steepening import Steepening, steepening
 from airtact.setup.setup import Setup
 from airtact.setup.solving import solve_foci, synthesise
@@ -53,15 +53,18 @@ class MovingDrive:
         # Short paths repeat every position.
         return self.sequence.drives[:: len(self.sequence) // len(self.target.points)]
 
-    def sentences(self) -> tuple[str, ...]:
+    def sentences(self, foci: tuple[str, ...] = ()) -> tuple[str, ...]:
         """State the pressure at the weakest position, and nonlinear steepening if noticeable."""
         # Where the estimate is invalid, the linear pressure is far above the threshold.
         felt = np.fmin(self.pressures, self.expected)
         return (
-            f"The foci move in {len(self.sequence)} frames. The pressure at the weakest focus is "
-            f"{self.pressures.min():,.0f} Pa.",
-            *(f"While moving: {words}" for words in in_real_air(self.pressures, self.steepening)),
-            sensation(float(felt.min()), "spatiotemporal"),
+            f"The foci move in {len(self.sequence)} frames, with "
+            f"{at_weakest(self.pressures, self.target, foci)}.",
+            *(
+                f"While moving: {words}"
+                for words in in_real_air(self.pressures, self.target, self.steepening)
+            ),
+            sensation(float(felt[self.target.weights > 0.0].min()), "spatiotemporal"),
         )
 
     def save(self, path: Path, setup: Setup) -> None:
