@@ -224,8 +224,8 @@ def in_real_air(
     """
     if steepening is None:
         return ()
-    second = np.nan_to_num(steepening.second)
-    focus = int(np.where(target.weights > 0.0, second, -1.0).argmax())
+    known = np.nan_to_num(steepening.second)
+    focus = int(np.where(target.weights > 0.0, known, -1.0).argmax())
     # A second harmonic of 10 % is 20 dB lower and takes at most 0.5 % from the fundamental.
     if not steepening.second[focus] >= 0.1:
         return ()
