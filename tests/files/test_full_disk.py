@@ -12,6 +12,7 @@ from airtact.files.atomic import whole_file, whole_hdf5
 from airtact.reports.page import write_picture
 from airtact.transducers.levels import EIGHT_BITS
 from faults import full_disk, raises_code
+from paths import SCENES
 
 
 def _drive(path):
@@ -48,7 +49,8 @@ def test_render_on_a_full_disk_ends_with_a_sentence(size, tmp_path):
     try:
         (folder / "report.html").write_text("before")
         (folder / "probe").write_text("of the user")
-        command = [sys.executable, "-m", "airtact", "render", "touch_ball", "--out", str(folder)]
+        command = [sys.executable, "-m", "airtact", "render", str(SCENES / "ball.toml")]
+        command += ["--out", str(folder)]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
         assert done.returncode == 2, done.stderr
         assert "No space left on device" in done.stderr

@@ -51,7 +51,7 @@ class FiniteElement(Solver):
     Examples
     --------
     >>> import airtact as at
-    >>> ball = at.sphere(radius=2e-3, edge=1e-3)
+    >>> ball = at.sphere(radius=4e-3, edge=2e-3)
     >>> scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(ball)], frequency=40e3)
     >>> solver = at.FiniteElement(order=3)
     >>> field = solver.radiate(scene, at.Monopoles(np.array([[0, 0, 0.01]]), np.ones(1)))
