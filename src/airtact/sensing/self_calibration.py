@@ -244,7 +244,7 @@ class ArrayFit:
         squares, slope = self.equations(here, units)
         damping = 1e-3
         for count in range(1, 61):
-            step = -np.linalg.solve(squares + damping * np.diag(np.diag(squares)), slope)
+            step = _damped_step(squares, slope, damping)
             motions = (step * units)[:-1].reshape(-1, 6)
             moving = [moved(*board) for board in zip(here.boards[1:], motions, strict=True)]
             faster = here.wavenumber + step[-1] * units[-1]
@@ -575,6 +575,10 @@ def moved(board: PhasedArray, motion: Float64[np.ndarray, "6"]) -> PhasedArray:
     middle = board.positions.mean(axis=0)
     turn = Rotation.from_rotvec(motion[3:]).as_matrix()
     return board.moved(Pose(turn, middle - turn @ middle + motion[:3]))
+
+
+def _damped_step(squares: Squares, slope: Step, damping: float) -> Step:
+    return -np.linalg.solve(squares + damping * np.diag(np.diag(squares)), slope)
 
 
 def _units(boards: tuple[PhasedArray, ...], wavenumber: complex) -> Step:
