@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Complex128, Float64, Real
 
+import airtact as at
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, check_drive
-from airtact.drives.transfer_ensemble import TransferEnsemble
 from airtact.errors import InvalidInput, as_sentence, counted, in_short, of_kind, one_line
 from airtact.evaluation.metrics import (
     at_weakest,
@@ -331,7 +331,9 @@ class HeldOut:
         )
 
 
-def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Drive]) -> HeldOut:
+def held_out(
+    samples: "at.drives.TransferEnsemble", target: Target, drives: Mapping[str, Drive]
+) -> HeldOut:
     """Evaluate drives on samples, with every drive scaled to the energy of the first.
 
     Parameters
