@@ -141,4 +141,4 @@ def test_the_weakest_focus_is_stated_with_its_own_pressure() -> None:
     values = np.array([[900.0, 300.0], [900.0, 200.0]])
     said = headline(replace_pressures(result, target, values, report), AT_FULL_SCALE)
     assert said.startswith("Hand-aware: 900 Pa at focus 1,")
-    assert "Without the hand: 200 Pa at focus 2." in said
+    assert "Without the hand: 200 Pa at focus 2," in said

@@ -395,7 +395,8 @@ def headline(
     reference, control = comparison.pressures[held_equal]
     control = control * (emitted.max() / reference.max())
     amount, name = weakest_focus(control, comparison.target, foci)
-    sentence += f" {_capital(comparison.names[1])}: {amount}{f' at {name}' if name else ''}."
+    where = f" at {name}, then the weakest" if name else ""
+    sentence += f" {_capital(comparison.names[1])}: {amount}{where}."
     error = comparison.report.estimated_error
     # Never claim a difference below 1 %, even if the estimated error is smaller.
     if abs(gain) <= max(error, 0.01):
@@ -411,7 +412,9 @@ def headline(
     if values.shape[1] == 1:
         return f"{sentence}."
     mean = values[0].mean() / values[1].mean() - 1.0
-    sentence += f" at the weakest focus, {_signed(mean)} on average"
+    # Pressures at two different foci are only comparable relative to their requests.
+    relative = " relative to its request" if name else ""
+    sentence += f" at the weakest focus{relative}, {_signed(mean)} on average"
     losses = 1.0 - values[0] / values[1]
     worst = int(losses.argmax())
     if foci and losses[worst] > max(error, 0.02):

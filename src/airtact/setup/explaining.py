@@ -171,9 +171,13 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     weights = target.weights
     shares = Target(target.points, shares=weights / weights.max())
     if not np.allclose(weights, weights[0]):
-        # The highest pressures with the requested ratios, as if every focus were alone.
+        # The highest pressures with the requested ratios, as if every focus were alone. In turn,
+        # each focus has its share of its own highest pressure.
         asked = weights > 0.0
-        highest = (causes[-1].pressures[asked] / weights[asked]).min()
+        pressures = causes[-1].pressures
+        highest = pressures / weights.max()
+        if not setup.in_turn:
+            highest = (pressures[asked] / weights[asked]).min()
         # What was requested is not a fault, so it has no remedy.
         causes.append(Cause("the requested ratios of the foci", highest * weights))
     if count > 1 and not setup.in_turn:
