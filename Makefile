@@ -48,7 +48,7 @@ check: $(VENV)/installed-for-tests
 
 # Workers with a thread each: threads of several on two cores would wait for each other in every loop. More workers than
 # cores, as some tests wait for processes, boards and browsers; but not many more, as each imports all of airtact, with
-# checks of shapes, in 10 s. The bytecode of that is kept: without it each would take 20 s, and every process that a test
+# checks of shapes, in 7 s. The bytecode of that is kept: without it each would take 20 s, and every process that a test
 # starts a second. A file's tests share what was solved for them, so they stay together, but where one takes minutes.
 PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q
 

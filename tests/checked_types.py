@@ -19,7 +19,7 @@ CHECKED_CALLS = 200
 check = beartype(conf=BeartypeConf(is_pep484_tower=True))
 
 _wrapped_at_once = jaxtyping.jaxtyped
-_one_scope = jaxtyping.jaxtyped("context")
+_one_scope = cache(partial(jaxtyping.jaxtyped, "context"))
 
 
 def _known(hint: Any, names: dict) -> Any:
@@ -53,7 +53,7 @@ def _checked(function: Callable, typechecker: Callable) -> Callable:
     def checking(*arguments, **named):
         if next(calls) >= CHECKED_CALLS or jaxtyping.config.jaxtyping_disable:
             return function(*arguments, **named)
-        with _one_scope:  # in which the name of an axis means one length
+        with _one_scope():  # in which the name of an axis means one length
             return wrapped()(*arguments, **named)
 
     checking.is_checked = True
