@@ -314,6 +314,13 @@ def test_boards_that_cannot_play_softly_warn_of_what_they_emit():
     assert f"{emitted / 1e3:.2f} kPa" in result.headline
     (warning,) = result.warnings
     assert "--cap" in warning
+    # The focus is as strong while it moves, and is judged by that.
+    motion = at.drives.Motion("stm", "circle", size=2e-3, frequency=50.0)
+    setup = at.Setup(at.Scene(at.air()), board, target, levels=levels, modulation=motion)
+    moved = at.render(setup)
+    assert (moved.sequence.rounding > 10.0).all()
+    assert any("kPa" in words and "above" not in words for words in moved.sensation)
+    assert any("above the threshold" in words for words in moved.sensation)
 
 
 def test_one_focus_takes_three_lines():

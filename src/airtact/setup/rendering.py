@@ -29,7 +29,6 @@ from airtact.setup.sentences import (
     disagreement,
     facing_away,
     reach_cautions,
-    rounding,
     sensations,
     shadows,
     share_of_bound,
@@ -44,6 +43,7 @@ from airtact.setup.solving import (
     method_words,
     named,
     other_samples,
+    rounding,
     solve_beacons,
     stored,
     synthesise,
@@ -370,7 +370,9 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     felt = comparison
     # The drive with the largest amplitude, which shows whether the sequence is at full scale.
     loudest = drive
-    frames = drive.amplitudes[None]
+    changes = rounding(
+        transfer.matrix[: len(pressures)], drive.amplitudes, setup.levels, setup.target.weights
+    )
     standing = share_of_bound(setup, transfer, drive)
     if setup.in_turn:
         assert computed.sequence is not None
@@ -378,11 +380,11 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
         standing = f"All foci at once (drive.h5): {at_once}."
         pressures = computed.sequence.pressures
         steepening = computed.sequence.steepening
+        changes = computed.sequence.rounding
         frames = computed.sequence.drives
         felt = _felt_in_turn(setup, transfer, frames, comparison)
         loudest = Drive(max(frames, key=lambda frame: np.abs(frame).max()))
 
-    changes = rounding(setup, transfer, frames)
     first = headline(felt, loudest, body_word(setup.bodies), setup.foci)
     if abs(changes[setup.target.weakest(pressures)] - 1.0) > 0.1:
         words = at_weakest(changes * pressures, setup.target, setup.foci)

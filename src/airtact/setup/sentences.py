@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64
+from jaxtyping import Bool, Float64
 from scipy.spatial import KDTree
 
 import airtact as at
@@ -250,25 +250,6 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
             f"{rounded:.0%} when rounded to {levels}."
         )
     return words.replace("%", " %")
-
-
-def rounding(
-    setup: Setup, transfer: TransferMatrix, frames: Complex128[np.ndarray, "frames elements"]
-) -> Float64[np.ndarray, "foci"]:
-    """Return the factor (F,) by which rounding to levels changes the pressure at each focus.
-
-    The frames are one drive, or one drive per focus. The factors are 1 at foci without a request,
-    and everywhere if the rounded drive is silent.
-    """
-    foci = len(setup.target.points)
-    rows = transfer.matrix[:foci]
-    rounded = np.stack(
-        [quantise(Drive(frame), setup.levels).drive().amplitudes for frame in frames]
-    )
-    exact = np.abs(np.einsum("fe,fe->f", rows, np.broadcast_to(frames, rows.shape)))
-    emitted = np.abs(np.einsum("fe,fe->f", rows, np.broadcast_to(rounded, rows.shape)))
-    asked = (setup.target.weights > 0.0) & (exact > 0.0) & rounded.any()
-    return np.divide(emitted, exact, out=np.ones(foci), where=asked)
 
 
 def too_strong(setup: Setup, emitted: Float64[np.ndarray, "foci"]) -> tuple[str, ...]:

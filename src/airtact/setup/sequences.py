@@ -15,7 +15,7 @@ from airtact.drives.transfer import TransferMatrix
 from airtact.evaluation.metrics import at_weakest, drive_sources, in_real_air, sensation
 from airtact.evaluation.steepening import Steepening, steepening
 from airtact.setup.setup import Setup
-from airtact.setup.solving import solve_foci, synthesise
+from airtact.setup.solving import rounding, solve_foci, synthesise
 from airtact.timing import Clock
 
 
@@ -32,6 +32,7 @@ class MovingDrive:
         [Pa].
     steepening : effect of nonlinear steepening on these pressures. The motion of the foci is
         ignored.
+    rounding : (P,) factors by which rounding to levels changes these pressures.
     warnings : warnings of methods that stopped early.
     """
 
@@ -40,6 +41,7 @@ class MovingDrive:
     target: Target
     pressures: Float64[np.ndarray, "positions"]
     steepening: Steepening
+    rounding: Float64[np.ndarray, "positions"]
     warnings: tuple[str, ...]
 
     @property
@@ -56,10 +58,13 @@ class MovingDrive:
     def sentences(self, foci: tuple[str, ...] = ()) -> tuple[str, ...]:
         """State the pressure at the weakest position, and nonlinear steepening if noticeable."""
         # Where the estimate is invalid, the linear pressure is far above the threshold.
-        felt = np.fmin(self.pressures, self.expected)
+        felt = self.rounding * np.fmin(self.pressures, self.expected)
+        words = at_weakest(self.pressures, self.target, foci)
+        if abs(self.rounding[self.target.weakest(self.pressures)] - 1.0) > 0.1:
+            emitted = at_weakest(self.rounding * self.pressures, self.target, foci)
+            words += f"; as emitted, rounded to the boards' levels: {emitted}"
         return (
-            f"The foci move in {len(self.sequence)} frames, with "
-            f"{at_weakest(self.pressures, self.target, foci)}.",
+            f"The foci move in {len(self.sequence)} frames, with {words}.",
             *(
                 f"While moving: {words}"
                 for words in in_real_air(self.pressures, self.target, self.steepening)
@@ -113,11 +118,14 @@ def moving_drive(
     with clock.step("air", "estimating nonlinear steepening at the moving foci"):
         pressures = []
         effects = []
+        factors = []
         # Short paths repeat every position, and the foci of a frame are adjacent points.
         drives = sequence.drives[:: len(sequence) * together // points]
         for drive, focus in zip(drives, range(0, points, together), strict=True):
             here = slice(focus, focus + together)
-            pressures.append(np.abs(transfer.matrix[here] @ drive))
+            rows = transfer.matrix[here]
+            pressures.append(np.abs(rows @ drive))
+            factors.append(rounding(rows, drive, setup.levels, target.weights[here]))
             effects.append(_steepening(setup, drive, target.points[here], pressures[-1]))
     return MovingDrive(
         sequence,
@@ -125,6 +133,7 @@ def moving_drive(
         target,
         np.concatenate(pressures),
         Steepening(*np.concatenate(effects, axis=1)),
+        np.concatenate(factors),
         tuple(dict.fromkeys(stalled)),
     )
 

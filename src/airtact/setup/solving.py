@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Complex128, Float64
 
 import airtact as at
 from airtact.acoustics.scene import Scene
@@ -25,6 +25,7 @@ from airtact.errors import counted
 from airtact.evaluation.comparison import body_word
 from airtact.setup.setup import Setup
 from airtact.timing import Clock
+from airtact.transducers.levels import Levels
 
 # A drive, or the drives of a focus that runs through several points
 Made = TypeVar("Made")
@@ -153,6 +154,22 @@ def emitted_drive(setup: Setup, clock: Clock) -> tuple[Drive, tuple[str, ...]]:
     transfer, _ = solve_foci(setup, clock)
     drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
     return quantise(drive, setup.levels).drive(), stalled
+
+
+def rounding(
+    rows: Complex128[np.ndarray, "foci elements"],
+    amplitudes: Complex128[np.ndarray, "elements"],
+    levels: Levels,
+    weights: Float64[np.ndarray, "foci"],
+) -> Float64[np.ndarray, "foci"]:
+    """Return the factor (F,) by which rounding to levels changes the pressure at each focus.
+
+    The factors are 1 at foci of weight 0, and everywhere if the rounded drive is silent.
+    """
+    rounded = quantise(Drive(amplitudes), levels).drive().amplitudes
+    exact = np.abs(rows @ amplitudes)
+    changed = (weights > 0.0) & (exact > 0.0) & rounded.any()
+    return np.divide(np.abs(rows @ rounded), exact, out=np.ones(len(rows)), where=changed)
 
 
 def method_words(setup: Setup) -> str:
