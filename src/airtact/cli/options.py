@@ -26,7 +26,7 @@ class InputFile(click.ParamType):
     name = "file"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return a file that exists; otherwise print a note and return the example of that name."""
+        """Return an existing file; otherwise print a note and return the example of that name."""
         from airtact.setup.examples import file_or_example
 
         file = file_or_example(value)

@@ -21,7 +21,8 @@ def weighted_gerchberg_saxton(
 ) -> Drive:
     """Compute a phase-only drive by alternating projections that give weaker foci more weight.
 
-    Each iteration is d = phase(Hᴴ s), s_f = v_f · phase((H d)_f). The weights v_f start at the
+    With the transfer matrix H, each iteration computes the drive d = phase(Hᴴ s) from sources s at
+    the foci, and then new sources s_f = v_f · phase((H d)_f). The weights v_f start at the
     requested pressures or shares and grow for weak foci; the best iteration is returned (Di
     Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound, Marzo and Drinkwater, PNAS
     116 (2019) 84). The method runs twice, once starting with all foci in phase and once with all
@@ -53,9 +54,10 @@ def weighted_gerchberg_saxton(
 def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) -> Drive:
     """Compute a phase-only drive by iterations on the foci alone, which is fast for many elements.
 
-    Each iteration is s -> w · phase(H Hᴴ s) with the (F, F) matrix H Hᴴ. At the end the sources are
-    weighted by w²/|p|, and every element is set to full scale (Plasencia, Hirayama, Montano-Murillo
-    and Subramanian, ACM Trans. Graph. 39 (2020) 138). This last step lowers the pressure at the
+    Each iteration replaces the sources s at the foci by w · phase(p), with the requested pressures
+    w and p = H Hᴴ s, where H Hᴴ is an (F, F) matrix. At the end the sources are weighted by w²/|p|,
+    and every element is set to full scale (Plasencia, Hirayama, Montano-Murillo and Subramanian,
+    ACM Trans. Graph. 39 (2020) 138). This last step lowers the pressure at the
     weakest focus. A few iterations of ``weighted_gerchberg_saxton``, which are our addition to the
     published method, restore the pressure and never lower it. The function takes the same
     parameters, scales the drive in the same way and raises the same errors as
@@ -137,7 +139,7 @@ def best_sources(
 def starting_sources(
     matrix: FociRows, requests: Float64[np.ndarray, "foci"]
 ) -> Complex128[np.ndarray, "2 foci"]:
-    """Return initial sources for two starts: all foci in phase, or all elements in phase."""
+    """Return two sets of initial sources: for all foci in phase and for all elements in phase."""
     in_phase = requests.astype(np.complex128)
     # The pressure when all elements emit in phase.
     pressure = matrix.sum(axis=1)

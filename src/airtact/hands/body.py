@@ -38,8 +38,8 @@ class Look(NamedTuple):
     distance : (P,) distance from the skin [m], negative inside.
     gradient : (P, 3) gradient of the distance at constant blend radius.
     bend : (P,) radius of curvature of the skin [m].
-    facing : (P,) distance from the closest of the hulls that stay separate from the nearest hull
-        [m].
+    facing : (P,) distance from a second hull [m], the closest one that must stay separate from the
+        nearest hull.
     nearest : (P,) index of the nearest hull.
     """
 

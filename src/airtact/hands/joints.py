@@ -265,10 +265,10 @@ def side_evidence(joints: Joints) -> float:
     """Return how far the fingers and the thumb bend in a way that only a right hand can.
 
     The result is the sum of the sines of all bends and of the angle of the thumb from the palm.
-    Small bends do not count, because the fingers of the other hand can also bend backwards: by up
-    to 30 degrees at a knuckle, and by 9 and 17 degrees at the next joints. From the sine of a
-    larger bend, the sine of the limit is subtracted. The result is negative for a left hand, and
-    about 0 for straight fingers.
+    Small bends do not count, because they can also be backward bends of the other hand: fingers
+    bend backwards by up to 30 degrees at a knuckle, and by 9 and 17 degrees at the next joints.
+    From the sine of a larger bend, the sine of this limit is subtracted. The result is negative
+    for a left hand, and about 0 for straight fingers.
     """
     # Fingers bend toward the palm. Viewed across the palm from the little finger, all bends of a
     # right hand turn one way, and those of a left hand the other way.

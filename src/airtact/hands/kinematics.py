@@ -17,7 +17,7 @@ LAST_BEND_SHARE = 2.0 / 3.0
 
 
 def bending_axis(joints: Joints, side: str, finger: int) -> Point:
-    """Return the axis (3,) about which a finger (0 is the thumb) bends for positive angles."""
+    """Return the axis (3,) about which a positive rotation bends a finger (0 is the thumb)."""
     sign = 1.0 if side == "right" else -1.0
     across = unit(joints[6] - joints[21])
     bones = np.diff(joints[list(CHAINS[finger][-4:])], axis=0)

@@ -165,7 +165,7 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
     """Deform a mesh of edge length ``edge`` [m] to another pose in which the same parts touch.
 
     Only the vertices move; the triangles keep the indices of their corners. The function returns
-    None if a triangle becomes too thin or long.
+    None if a triangle becomes too thin or too long.
     """
     weights = hull_weights(before, mesh.vertices)
     vertices = moved_with_hulls(before, now, mesh.vertices, weights)
@@ -186,7 +186,7 @@ def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "verti
 def moved_with_hulls(
     before: Hulls, now: Hulls, vertices: Vertices, weight: Float64[np.ndarray, "vertices hulls"]
 ) -> Vertices:
-    """Move vertices (V, 3) with the hulls to another pose, weighted as by ``hull_weights``."""
+    """Move vertices (V, 3) with the hulls to another pose, using the weights of the hulls."""
     turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     old = before.balls[:, :3] @ turn.T + shift
     new = now.balls[:, :3]

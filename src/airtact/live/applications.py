@@ -34,7 +34,7 @@ class ApplicationServer(WebSocketReceiver):
     Messages whose type is defined in ``messages`` come from applications and change ``world``.
     After an application's first message, its connection receives the newest state, at most 60 times
     per second. States are skipped while the application has not read the earlier ones. All other
-    messages are frames of a tracker.
+    messages are treated as frames from a tracker.
 
     Parameters
     ----------

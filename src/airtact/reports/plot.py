@@ -313,7 +313,7 @@ def _foci(result: FieldResult, target: Target | None) -> np.ndarray:
         return result.sources.refined_positions
     count = counted(len(result.sources.positions), "source", "sources")
     raise InvalidInput(
-        f"the foci of this field of {count} are unknown: pass the target.", code="empty"
+        f"the field has {count}, but its foci are unknown: pass the target.", code="empty"
     )
 
 

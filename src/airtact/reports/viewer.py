@@ -83,7 +83,7 @@ class SceneView:
 
 
 def off_one_plane(setup: Setup) -> bool:
-    """Return whether the foci are probably not in one plane: more than two foci near bodies."""
+    """Return True for more than two foci near bodies, which are probably not in one plane."""
     return len(setup.foci) > 2 and bool(setup.scene.obstacles)
 
 
@@ -142,7 +142,7 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
 
 
 def embedded(facts: dict[str, Any], numbers: bytes) -> dict[str, Any]:
-    """Return the values with which a template embeds the facts, the numbers and three.js."""
+    """Return the template's values that embed facts (as JSON), binary numbers and three.js."""
     three = three_js()
     return {
         # A "<" could end the script that contains the facts.

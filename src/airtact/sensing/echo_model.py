@@ -41,9 +41,10 @@ class EchoModel:
     ----------
     scattering : scattering matrix of the bodies.
     emitted : (W, M) coefficients of the regular waves of each transmission about the initial
-        centre, including the additional orders. They are multiplied by sensitivity/(4πik), so that
-        the echoes are in pascals.
-    receiving : (W, R) coefficients of the regular waves of each receiver about the initial centre.
+        centre, also for orders above that of ``scattering``, which translations require. The
+        coefficients are multiplied by sensitivity/(4πik), so that the echoes are in pascals.
+    receiving : (W, R) coefficients of the regular waves of each receiver about the initial centre,
+        for the same orders.
     valid : (R, M) whether each pressure was received; None if all were received. The echoes and
         derivatives of other pressures are 0.
     """
@@ -65,7 +66,7 @@ class EchoModel:
     ) -> "EchoModel":
         """Expand the waves of an array in the bodies' frame, with ``spare`` additional orders.
 
-        For each 1/k of translation, about one additional order is needed.
+        A translation by a distance d requires about k d additional orders.
 
         Raises
         ------

@@ -472,7 +472,7 @@ def disagreement(
     inverse: Squares,
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
-    """Compare the pose's variance estimated from groups of receivers and from single receivers.
+    """Compare two estimates of the pose's variance: from groups of receivers and from single ones.
 
     The function returns the ratio of the two variances, which is 1 if the residual is noise. The
     residual of a wrong shape is correlated between neighbouring receivers, so more receivers do not

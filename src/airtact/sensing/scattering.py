@@ -112,7 +112,8 @@ def scattering_matrix(
     ------
     InvalidInput
         If there are no bodies, if ``accuracy`` is out of range, if the bodies need orders above 80,
-        or if the solver has no field around them. Also under the conditions listed for the solver.
+        or if the solver cannot compute the field around them. Also under the conditions listed for
+        the solver.
 
     Examples
     --------
@@ -217,9 +218,9 @@ def reaching_patterns(
 
     Bodies fill only a part of the ball of the waves, so most patterns hardly reach the bodies. The
     patterns are eigenvectors of the mean square pressure of the waves on and below the surfaces.
-    The points below the surfaces ensure that waves that vanish on the surfaces are kept, as at an
-    interior resonance. Patterns with an rms pressure below ``smallest`` times the largest are
-    omitted.
+    Because of the points below the surfaces, waves that vanish on the surfaces are not lost, as
+    happens at an interior resonance. Patterns with an rms pressure below ``smallest`` times the
+    largest are omitted.
     """
     points = _points_of(scene) - centre
     squares = np.zeros((wave_count(order), wave_count(order)), dtype=np.float32)
@@ -290,7 +291,7 @@ class ScatteringFamily:
         return replace(self.matrices[0], matrix=self._polynomial(value))
 
     def derivative(self, value: float) -> ScatteringMatrix:
-        """Return the derivative of the matrix with respect to the parameter, at a value of it."""
+        """Return the derivative of the matrix with respect to the parameter, at a given value."""
         return replace(self.matrices[0], matrix=self._polynomial.derivative(value))
 
     @cached_property

@@ -62,8 +62,8 @@ class Calibrated:
     covariance : (6 B − 5, 6 B − 5) covariance for boards 1 to B − 1 and for the sound speed [m/s],
         which comes last. The six entries of a board are the translation of its centre [m] and a
         small rotation about the centre [rad], along the array's axes.
-    gain_deviation : rms of the gains' relative standard deviations, which equals the rms of their
-        phases' standard deviations [rad].
+    gain_deviation : rms of the relative standard deviations of the gains, which equals the rms of
+        the standard deviations of their phases [rad].
     residual : rms of the residual, including noise, divided by the rms of the direct sound.
     misfit : like ``residual``, but without the contribution of noise.
     converged : whether the iteration converged with a misfit of at most 0.1. If False, do not
@@ -153,7 +153,7 @@ class Calibrated:
 
 @dataclass(frozen=True, eq=False)
 class ArrayState:
-    """Boards, wavenumber and gains, with the remaining residual.
+    """State of the fit of an array: boards, wavenumber, gains and the remaining residual.
 
     Attributes
     ----------
@@ -384,7 +384,7 @@ def calibrate(
     InvalidInput
         If the array does not match the echoes, if the codes do not separate the elements, if
         elements or boards do not face any others, if the signal is unusable, or if the
-        transmissions do not determine a combination of unknowns.
+        transmissions do not determine all poses and the sound speed.
 
     Examples
     --------

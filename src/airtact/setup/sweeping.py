@@ -73,13 +73,13 @@ def sweep(
 
     Parameters
     ----------
-    function : a scene file, or a setup read from one; for each point, the drive
-        is then computed with changed values of the file's keys (see
-        ``read_scene``). Otherwise a function that takes a point and returns a
-        mapping from names to numbers, text, True, False or None. Processes
-        import this function, so define it in a module, or use a
-        ``functools.partial`` of such a function. In a script, call ``sweep``
-        under ``if __name__ == "__main__":``.
+    function : function that takes a point and returns a mapping from names to
+        numbers, text, True, False or None. Processes import this function, so
+        define it in a module, or use a ``functools.partial`` of such a function.
+        In a script, call ``sweep`` under ``if __name__ == "__main__":``.
+        Instead of a function, you can pass a scene file, or a setup read from
+        one: ``sweep`` then computes the drive for each point, with the values
+        that the point sets for keys of the file (see ``read_scene``).
     points : mappings from names to values. For a scene, the names are paths of keys, such as
         ``"foci[0].offset"``.
     executor : executor that computes the points, such as ``ThreadPoolExecutor()`` or
@@ -90,7 +90,8 @@ def sweep(
         its arguments and module, and the version of airtact. Stored points are not computed again,
         so an interrupted sweep can be resumed. Use another folder after changing other modules
         that the function uses.
-    progress : function called with three numbers: completed points, all points and failed points.
+    progress : function called with the numbers of completed points, of all points and of failed
+        points.
 
     Returns
     -------
@@ -310,7 +311,7 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
 
     A function is identified by its name and the content of its module. A
     ``functools.partial`` is also identified by its arguments, and a dataclass object by
-    its compared fields.
+    its fields, except those with ``compare=False``.
     """
     parts: list[Any] = []
     core: Any = function
@@ -392,8 +393,8 @@ class ScenePoints:
     def memory(self, points: Sequence[Mapping[str, Value]]) -> float:
         """Estimate the memory [bytes] of a solve from the first, middle and last point.
 
-        An invalid path of a key raises an error. If no point can be built, the method raises the
-        first error.
+        An invalid path of a key raises an error. If every point is invalid, the method raises the
+        error of the first one.
         """
         needed = 1.2e8  # of a process that has imported airtact
         faults = []

@@ -290,8 +290,8 @@ def board_array(
     Parameters
     ----------
     board : name of the kind, such as "autd3".
-    poses : pose of each board, from the board's frame, in which it radiates toward +z, to the
-        array's frame. By default, a single board at the origin.
+    poses : pose of each board, which maps the board's frame to the array's frame; in its own frame,
+        a board radiates toward +z. By default, a single board at the origin.
     element : kind of transducer; by default, the piston of the board (see
         ``Board.radius``).
 

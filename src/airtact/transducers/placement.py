@@ -366,10 +366,9 @@ def flush(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
 def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elements"]:
     """Return the factor by which the strength of each element is multiplied in a scene.
 
-    The factor is 1 in open air, and 1/2 in reflecting boards and for directional
-    elements flush with a plane. A rigid face doubles a source, but the sensitivity
-    already includes this doubling, because it is stated for a transducer in a
-    board.
+    The factor is 1 in open air, and 1/2 for elements in reflecting boards and for directional
+    elements flush with a plane. A rigid face doubles the pressure of a source in it, but the
+    sensitivity already includes this doubling, because it is stated for a transducer in a board.
 
     Raises
     ------

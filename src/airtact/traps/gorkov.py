@@ -455,7 +455,7 @@ def judge(
 
 
 def settled(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: Bead) -> Verdict:
-    """Return the verdict on the equilibrium nearest to a point, or on the point if it has none."""
+    """Return the verdict on the equilibrium near a point, or on the point itself without one."""
     place = descend(field, point, bead)
     return judge(field, (point if np.isnan(place).any() else place)[None], bead)[0]
 

@@ -375,7 +375,11 @@ def stiffest(
     shifts = np.einsum("tik,tk,tjk->tij", ways, 30.0 / (scene.wavelength * sizes), ways)
 
     def loss(phases: Float64[np.ndarray, "elements"]) -> tuple[float, np.ndarray]:
-        """Return a smooth maximum of the negative stiffnesses, and its gradient by the phases."""
+        """Return the function to minimise, and its gradient with respect to the phases.
+
+        The function is a smooth maximum of the negative stiffnesses, plus a penalty for forces at
+        the points.
+        """
         amplitudes = np.exp(1j * phases)
         sound = sound_of(amplitudes)
         values, ways = np.linalg.eigh(stiffness_of(sound, bead, scene))
@@ -468,7 +472,7 @@ def path(
         corners = np.concatenate([corners, corners[-2::-1]])
 
     def field_of(points: Float64[np.ndarray, "points 3"]) -> tuple[list[Drive], RadiatedField]:
-        """Solve for a trap at each point; each trap is a separate excitation."""
+        """Return the drive of a trap at each point, and a field with one excitation per drive."""
         traps = [Trap(tuple(point), kind, axis) for point in points]
         lobes = np.array([trap.lobes(scene.wavelength) for trap in traps])
         target = Target(lobes.reshape(-1, 3))

@@ -152,7 +152,7 @@ class NormalEquations:
     each: int
 
     def cost(self, scale: Float64[np.ndarray, "2"], rules_weight: float = 1.0) -> float:
-        """Return half the weighted squares of the priors plus Tukey's cost of the points."""
+        """Return half the weighted sum of squares of the priors plus Tukey's cost of the points."""
         kind = KIND[self.residuals.hull]
         share = np.minimum((self.residuals.distance / (TUKEY * scale[kind])) ** 2, 1.0)
         points = float(((1.0 - (1.0 - share) ** 3) / POINTS_AS_ONE[kind]).sum())

@@ -104,7 +104,7 @@ class FrameClock:
         return 0.0 if self._offset is None else now - self._offset[0] + self.latency
 
     def restart(self, now: float) -> float:
-        """Return the time [s] for the first frame of a restarted tracker.
+        """Return the estimated time [s] of the first frame of a restarted tracker.
 
         The clock of the restarted tracker is unknown, so the delay between image and arrival is
         assumed to be the shortest one so far.

@@ -30,7 +30,7 @@ STREAMER_LINE = re.compile(r"\s*(left|right) (wrist|landmarks):,?(.*)", re.IGNOR
 
 
 def foreign_format(values: Any) -> str:
-    """Return advice if parsed JSON has the format of another program, or else an empty text."""
+    """Return advice if parsed JSON has the format of another program; otherwise return ""."""
     keys = set(values) if isinstance(values, dict) else set()
     if {"schema", "frames"} <= keys:
         return "an action recording from IWER: load it as a file"
@@ -97,9 +97,9 @@ def frames_of_matrices(messages: Iterable[dict[str, Any]]) -> Iterator[Item]:
 def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
     """Read an action recording written by IWER, with times in milliseconds.
 
-    A frame is [time, 7 numbers of the head, inputs ...]. An input is [index, 7 numbers of its
-    pointing ray, lists ...]. The list of a hand contains 8 numbers per joint, relative to the ray:
-    position, quaternion and radius.
+    A frame is a list of its time, 7 numbers for the pose of the head, and the inputs. An input is a
+    list of its index, 7 numbers for the pose of its pointing ray, and further lists. The list for a
+    hand contains 8 numbers per joint, relative to the ray: position, quaternion and radius.
     """
     schemas = dict(recording["schema"])
     for number, frame in enumerate(recording["frames"]):
@@ -122,8 +122,8 @@ def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
 def frames_of_streamer(lines: Iterable[str]) -> Iterator[Item]:
     """Read lines from hand-tracking-streamer, which lack times, at an assumed 70 frames/s.
 
-    A wrist line contains its position and quaternion. A landmark line contains 21 positions
-    relative to the wrist, in the left-handed axes of Unity.
+    The line of a wrist contains the position and the quaternion of the wrist. The line of the
+    landmarks contains 21 positions relative to the wrist, in the left-handed axes of Unity.
     """
     wrists: dict[str, list[float]] = {}
     counts = {"left": 0, "right": 0}

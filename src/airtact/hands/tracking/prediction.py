@@ -206,9 +206,9 @@ class Predictor:
     def uncertainty(self, time: float) -> Uncertainty:
         """Return the uncertainty of the hand that ``at(time)`` predicts.
 
-        The covariance of the joints is divided into errors of the position of the whole hand, of
-        its rotation and, as ``own_position``, of the bones relative to the hand. The standard
-        deviations of positions are limited to 0.1 m.
+        The covariance of the joints is divided into three parts: the position of the whole hand,
+        the rotation of the whole hand, and the positions of the bones relative to the hand
+        (``own_position``). The standard deviations of positions are limited to 0.1 m.
         """
         hand = self._advanced(time + self.latency)
         covariance = hand.joint_covariance()

@@ -37,7 +37,7 @@ class Registration:
     repeat : index of the touch that contradicts all others and is excluded from the fit; None if
         all touches agree.
     likely_scale : scale at which the residuals would be less than 0.4 times as large; None if the
-        scale was fitted, or no scale helps that much.
+        scale was fitted, or no scale reduces the residuals that much.
     """
 
     tracker: Pose
@@ -75,8 +75,9 @@ def register(
 ) -> Registration:
     """Find the pose of a tracker in a scene from touches of known points.
 
-    The pose is fitted by least squares. A touch is excluded if it is 5 times as far from its point
-    as the others are without it; ``Registration.repeat`` is its index.
+    The pose is fitted by least squares. One touch is excluded if its distance from its point is
+    more than 5 times the rms distance of the other touches in a fit without it;
+    ``Registration.repeat`` is the index of this touch.
 
     Parameters
     ----------

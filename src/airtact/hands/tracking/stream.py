@@ -268,7 +268,7 @@ class HandStream:
             return self._hands[side].newest
 
     def wait(self, timeout: float) -> HandFrame | None:
-        """Wait for a new frame; if a hand has sent several, only the latest is returned.
+        """Wait for a new frame; of several new frames of a hand, only the latest is returned.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Drives for foci that move along paths on a moving hand: one round of frames per pose."""
+"""Drives for foci that move along paths on a moving hand: one cycle of frames per pose."""
 
 from collections.abc import Callable
 
@@ -54,7 +54,7 @@ class Rounds:
         Returns
         -------
         (N, E) drives. The global phase of each drive is chosen so that the drive differs least from
-        the previous frame and from the same frame of the previous round. Amplitudes and phases then
+        the previous frame and from the same frame of the previous cycle. Amplitudes and phases then
         change little over time.
         """
         points = moving_points(self._moving, posed)
@@ -87,7 +87,7 @@ class Rounds:
 
     def _projected(self, matrices: Complex128[np.ndarray, "frames together elements"]) -> Frames:
         """Maximise the weakest focus of each frame with all elements at full scale."""
-        # Start from the phases of the last round at the foci, averaged with neighbouring frames.
+        # Start from the phases of the last cycle at the foci, averaged with neighbouring frames.
         relative = phase(self._phases * phase(self._phases[:, :1]).conj())
         neighbours = np.roll(relative, 1, axis=0) + np.roll(relative, -1, axis=0)
         start = phase(relative + 0.5 * neighbours)
@@ -111,8 +111,11 @@ def phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
 
 
 def aligned(frames: Frames, previous: Frames | None) -> Frames:
-    """Align the global phase of each frame, in place, with the previous frame and round."""
-    # Without the previous round, a frame unlike its neighbour could flip all later phases.
+    """Align the global phase of each frame of a cycle, in place.
+
+    The reference is the sum of the preceding frame and the same frame of the previous cycle.
+    """
+    # Without the previous cycle, a frame unlike its neighbour could flip all later phases.
     for index in range(len(frames)):
         towards = np.zeros_like(frames[index])
         if index:
