@@ -23,7 +23,7 @@ point = [0.0, 0.0, {height}]
 @pytest.mark.parametrize(
     ("layout", "height", "pressure", "words"),
     [
-        ("surrounding_box", 0.5, "", ("focus 1 is out of the array's reach", "7.5%")),
+        ("surrounding_box", 0.5, "", ("focus 1 is out of the array's reach", "7.1%")),
         (
             "flat_boards",
             0.1,

@@ -28,7 +28,7 @@ def test_sphere_in_a_plane_standing_wave(size, filling) -> None:
     assert np.abs(torque).max() < 1e-6 * scale * radius
     if filling is None:
         other, _ = at.traps.body_force(OPEN_AIR, PAIR, BOTH, body)
-        np.testing.assert_allclose(other, force, rtol=0, atol=3e-3 * scale)
+        np.testing.assert_allclose(other, force, rtol=0, atol=5e-3 * scale)
 
 
 def test_gorkov_is_the_limit_of_small_beads() -> None:
