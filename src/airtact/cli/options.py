@@ -30,8 +30,9 @@ class InputFile(click.ParamType):
         from airtact.setup.examples import file_or_example
 
         file = file_or_example(value)
-        named = ctx is None or param is None or param.name is None
-        named = named or ctx.get_parameter_source(param.name) != ParameterSource.DEFAULT
+        named = True
+        if ctx is not None and param is not None and param.name is not None:
+            named = ctx.get_parameter_source(param.name) != ParameterSource.DEFAULT
         if file != Path(value) and named and not wanted(QUIET):
             say(f"There is no file {value} here: using the example {file}")
         return file

@@ -33,9 +33,9 @@ def nearest_drive(
 
     Returns
     -------
-    The changed drive, or the same drive if it is already strong enough. If these
-    amplitudes cannot reach the fraction, the weakest focus gets as much pressure as from
-    ``weighted_gerchberg_saxton``.
+    The changed drive, or the same drive if it is already strong enough. If the
+    fraction cannot be reached with the amplitudes of ``drive``, the weakest focus receives the
+    pressure that it would from ``weighted_gerchberg_saxton`` with these amplitudes.
 
     Raises
     ------

@@ -63,7 +63,7 @@ class TransferEnsemble(TransferMatrix):
 
     Attributes
     ----------
-    geometry : (S, F, E) matrix of each sample, with the nominal gains of the elements [Pa].
+    geometry : (S, F, E) transfer matrices of the samples, with nominal gains of the elements [Pa].
     gains : (S, E) factor on each element's gain in each sample, or None if all are 1.
     uncertainty : the distributions from which the samples were drawn.
     seed : seed of the samples.

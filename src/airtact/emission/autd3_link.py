@@ -199,7 +199,7 @@ class AUTD3Link(AUTD3Boards):
             if text.count(latest) < 2:
                 self._controller.close()
                 raise InvalidInput(
-                    f"board {index} has the firmware {text}, but pyautd3 "
+                    f"board {index} runs firmware {text}, but pyautd3 "
                     f"{self._library.__version__} needs {latest}: update the board's firmware.",
                     code="unsupported_version",
                 )

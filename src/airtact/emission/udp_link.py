@@ -120,7 +120,7 @@ class UDPLink(AUTD3Boards):
                 series = ".".join(map(str, self._sdk.FirmwareVersion.SUPPORTED_SERIES))
                 self._done(self._client.close)
                 raise InvalidInput(
-                    f"board {index} has the firmware {cpu.major}.{cpu.minor}.{cpu.patch}, but "
+                    f"board {index} runs firmware {cpu.major}.{cpu.minor}.{cpu.patch}, but "
                     f"autd3 {importlib.metadata.version('autd3')} needs {series}: update the "
                     "board's firmware.",
                     code="unsupported_version",

@@ -274,15 +274,15 @@ class FocusState(msgspec.Struct, frozen=True):
 
 
 class StateMessage(msgspec.Struct, frozen=True, tag="state"):
-    """State of the loop.
+    """Message from the live loop to an application: what sounds now.
 
     Attributes
     ----------
     version : version of the message format, 1.
     state : "playing", "fading" or "silent".
-    reason : reason for silence, or null.
-    contacts : contacts of the hand with objects.
-    foci : all foci.
+    reason : sentence with the reason for silence, or null.
+    contacts : list of the places where hands touch objects.
+    foci : list of all foci, those of contacts and those requested by applications.
     """
 
     version: int

@@ -44,7 +44,7 @@ class TouchStep:
     share : fraction of the required 1 s for which the fingertip has rested on the transducer; 1
         once the touch is recorded.
     trouble : reason why no fingertip is seen; "" if one is seen.
-    residuals : (count,) residual of each touch [m]; empty before all have been recorded.
+    residuals : (count,) residual of each touch [m]; empty until all have been recorded.
     """
 
     number: int

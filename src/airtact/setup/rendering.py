@@ -63,23 +63,24 @@ class Rendering:
     ----------
     setup : scene, array, target and settings.
     transfer : transfer matrix from which the drive was computed.
-    beacons : report of the solve for the transfer matrix. If the solver did not estimate the error,
-        its ``estimated_error`` is the largest relative difference from the verification at a focus.
+    beacons : report of the solve with a source (beacon) at each focus, which gave ``transfer``. If
+        the solver did not estimate the error, its ``estimated_error`` is the largest relative
+        difference at a focus between this solve and the verification.
     drive : amplitude and phase of each transducer.
     pressures : (F,) verified peak pressure at each focus [Pa]. If one focus runs through the points
-        in turn, each value applies while the focus is at that point, and is computed from the
-        transfer matrix.
-    steepening : effect of nonlinear steepening on these pressures.
-    verification : comparison of the drive with its control, a drive that the same method
-        computes without the bodies. In open air there is no control.
-    felt : comparison of ``pressures`` with those of the control. It differs from ``verification``
-        if the focus runs through the points in turn.
-    drives : the drives that were verified, each with its strongest element at full
-        scale.
+        in turn, each value applies while the focus is at that point; such values come from the
+        transfer matrix and are not verified.
+    steepening : effect of nonlinear steepening on ``pressures``.
+    verification : the pressures of ``drive`` and of the control, by the verifying solve. The
+        control is the drive that the same method computes without the bodies; in open air there
+        is none.
+    felt : like ``verification``; but if the focus runs through the points in turn, with the
+        pressures while it is at each point.
+    drives : ``drive`` and the control by name, each with its strongest element at full scale.
     sequence : drives for moving foci; None if the foci do not move.
-    robustness : pressures of the drive for samples of the uncertainty that were not used to
-        compute the drive; None without uncertainty.
-    traps : verdict on the equilibrium nearest to each trap.
+    robustness : pressures of the drive for samples of the setup's ``uncertainty`` that were not
+        used to compute the drive; None if the setup has no uncertainty.
+    traps : ``Verdict`` on the equilibrium nearest to each trap.
     headline : sentence with the pressure at the weakest focus, with and without the
         hand.
     remarks : sentences on requests that were not met, and on the fraction of the upper bound

@@ -96,9 +96,9 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     bodies : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to
         them.
     longest_edge : longest distance between neighbouring points [m]. By default, a hand has about
-        6,000 points, so that a fingertip 2 mm deep in a ball has several points inside it. With 10
-        mm, which suits a live loop, a hand has 1,600 points; the finger pads keep their density of
-        points.
+        6,000 points, so that a fingertip pressed 2 mm into a ball has several points in the ball.
+        With 10 mm, which suits a live loop, a hand has 1,600 points; the finger pads keep their
+        density of points.
 
     Returns
     -------

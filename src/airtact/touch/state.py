@@ -29,27 +29,29 @@ class _Focus:
 
 
 class TouchState:
-    """Foci where moving skin touches virtual objects.
+    """Computes foci where moving skin touches virtual objects.
+
+    For each frame, call ``update`` with the skin and the time [s]. It returns ``TouchFoci``:
+    the positions, strengths and names of the foci.
 
     A contact begins when skin enters an object, and ends when the skin is farther from the object
     than ``release``, so that noise does not make it flicker. Strengths rise and fall gradually.
-    Call ``update`` with the skin in each frame.
 
     Parameters
     ----------
-    objects : the virtual objects; to move, add or remove objects, assign a new list to this
-        attribute.
-    offset : distance of the foci from the skin, outward [m]; 0.5 mm by default.
+    objects : a virtual object or a list of them; to move, add or remove objects, assign a new list
+        to this attribute.
+    offset : distance of the foci from the skin, on its outer side [m]; 0.5 mm by default.
     most : largest number of foci, including those that are fading; 8 by default. If there are more
         contacts, the weakest are merged with stronger neighbours or get no focus.
-    wavelength : wavelength of the sound [m]; by default, that of 40 kHz in air at 20 °C.
+    wavelength : wavelength of the sound [m]; weak contacts are only merged with contacts closer
+        than this. By default, that of 40 kHz in air at 20 °C.
     release : distance of the skin from an object at which a contact ends [m]; 1 mm by default.
     ramp : shortest time in which a strength changes between 0 and 1 [s]; 20 ms by default.
 
     Attributes
     ----------
-    found : arrays with the properties of the contacts at the last update. Skin that already
-        has a focus is included up to the distance ``release`` from its object.
+    found : contacts at the last update: points, depths, areas and objects.
 
     Raises
     ------

@@ -349,7 +349,19 @@ class OpenAirField(RadiatedField):
 
 @dataclass(frozen=True)
 class FreeField(Solver):
-    """Solver for scenes without obstacles, in closed form: open air, or air in front of a plane."""
+    """Solver for scenes without bodies: spherical waves, and their images in a rigid plane.
+
+    The plane is ``Scene.planes``. Scenes with bodies raise ``InvalidInput``; use
+    ``BoundaryElement`` for them.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> source = Monopoles(np.zeros((1, 3)), np.ones(1))
+    >>> field = FreeField().radiate(Scene(at.air(celsius=20.0)), source)
+    >>> abs(field.at(np.array([[0.0, 0.0, 0.1]]))[0, 0]).round(1)  # Pa
+    np.float64(9.9)
+    """
 
     def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:
         """Return the field of the monopoles in a scene without obstacles.

@@ -117,7 +117,7 @@ class HandAnatomy:
 
     @property
     def settled(self) -> bool:
-        """Whether the sizes were learned from 8 frames and now stay fixed."""
+        """Whether the sizes were learned from at least 8 frames and now stay fixed."""
         return self.frames >= 8
 
     def learned(self, sizes: Sizes, covariance: SizesMatrix) -> "HandAnatomy":

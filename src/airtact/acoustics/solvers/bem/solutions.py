@@ -123,10 +123,10 @@ def assemble(
     store : number format of the matrix.
     error : allowed Frobenius norm of the errors of all low-rank blocks together, relative to that
         of the matrix's identity term I/2; if None, every block is stored in full.
-    image : plane of the bodies' mirror image; if given, the matrix contains only the contribution
-        of the image. The image has the same pressure, and its double layer at x equals the double
-        layer of the bodies at the image of x. Only the collocation points change, and the term 1/2
-        is omitted.
+    image : plane in which the bodies are mirrored; if given, the matrix contains only the
+        contribution of the image. The image has the same pressure, and its double layer at x equals
+        the double layer of the bodies at the image of x. Only the collocation points change, and
+        the term 1/2 is omitted.
 
     Raises
     ------

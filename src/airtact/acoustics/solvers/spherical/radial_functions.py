@@ -108,7 +108,7 @@ def outgoing_derivatives(argument: complex) -> Iterator[complex]:
 
 
 def regular_derivatives(argument: complex) -> Iterator[complex]:
-    """Yield the logarithmic derivatives j_n'(z)/j_n(z) (DLMF 10.51.2), about 1e30 at zeros."""
+    """Yield the logarithmic derivatives j_n'(z)/j_n(z) (DLMF 10.51.2); about 1e30 where j_n = 0."""
     first = 1
     while True:
         quotients = regular_quotients(
