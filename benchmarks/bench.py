@@ -28,6 +28,7 @@ from airtact.drives.linear_methods import time_reversal
 from airtact.drives.transfer import transfer_matrix
 from airtact.errors import InvalidInput
 from airtact.files.atomic import whole_file, writable_folder
+from airtact.geometry.panels import panels_of
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.hands.body import Hulls
@@ -316,7 +317,7 @@ def kernels_against_product(runs: int = 7) -> list[Row]:
     """Evaluate the far field of a matrix by every compiled variant, a single-precision matrix product beside each."""
     bodies = two_fingers()
     scene = bodies.scene
-    panels = BoundaryElement(accuracy=0.02)._panels(scene, bodies.foci)
+    panels = panels_of(**BoundaryElement(accuracy=0.02)._covering(scene, bodies.foci))
     nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
     surface = dual_surface(nodes, scene.wavenumber, NearRule(1.6, (4, 4)), "float32")
     before, rows = _kernels.active_variant(), []
