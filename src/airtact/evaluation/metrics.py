@@ -227,7 +227,7 @@ def in_real_air(
     known = np.nan_to_num(steepening.second)
     focus = int(np.where(target.weights > 0.0, known, -1.0).argmax())
     # A second harmonic of 10 % is 20 dB lower and takes at most 0.5 % from the fundamental.
-    if not steepening.second[focus] >= 0.1:
+    if known[focus] < 0.1:
         return ()
     computed = pascals(float(np.abs(pressures[focus])))
     kept = float(steepening.kept[focus])
