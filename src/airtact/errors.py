@@ -47,7 +47,7 @@ LARGEST_DATA = 2**28
 
 
 def one_sentence(text: str) -> str:
-    r"""Write a message on one line with at most ``LONGEST_SENTENCE`` printable characters.
+    r"""Format a message as one line of at most ``LONGEST_SENTENCE`` printable characters.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def _shortened(text: str) -> str:
 
 
 class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
-    """Invalid input; the message states the error, where it is, and what to do.
+    """Error raised for invalid input. The message states what is wrong, where, and what to do.
 
     Attributes
     ----------
@@ -93,7 +93,9 @@ class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
 
 
 class NotConverged(RuntimeError):  # noqa: N818
-    """Error raised by a solver that stopped above its tolerance; it states residual and cause.
+    """Error raised when a solver stops before it reaches its tolerance.
+
+    The message states the residual and the cause.
 
     Attributes
     ----------
@@ -125,7 +127,7 @@ def about(name: str) -> Iterator[None]:
 
 @contextmanager
 def extra(name: str, need: str) -> Iterator[None]:
-    """Raise an error with the command to install an extra if an import inside the block fails.
+    """Raise an error with the command to install an extra if an import in the ``with`` block fails.
 
     Parameters
     ----------
@@ -143,7 +145,7 @@ def extra(name: str, need: str) -> Iterator[None]:
 
 
 def counted(number: int, singular: str, plural: str) -> str:
-    """Write a number with its noun.
+    """Format a number followed by its noun, in the singular or plural.
 
     Examples
     --------
@@ -154,7 +156,7 @@ def counted(number: int, singular: str, plural: str) -> str:
 
 
 def in_mm(point: Real[np.ndarray, "3"]) -> str:
-    """Write a point [m] in millimetres.
+    """Format the coordinates of a point [m] in millimetres.
 
     Examples
     --------
@@ -167,7 +169,7 @@ def in_mm(point: Real[np.ndarray, "3"]) -> str:
 
 
 def millimetres(length: float, digits: int = 2) -> str:
-    """Write a length [m] in millimetres, without an exponent.
+    """Format a length [m] in millimetres, without an exponent.
 
     Examples
     --------
@@ -178,7 +180,10 @@ def millimetres(length: float, digits: int = 2) -> str:
 
 
 def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Value:
-    """Check that an object has the right type, and return it; ``instead`` states what to pass."""
+    """Check that an object has the right type, and return the object.
+
+    ``instead`` describes a valid argument; it ends the error message.
+    """
     if not isinstance(value, kind):
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         raise InvalidInput(
@@ -341,7 +346,10 @@ def points_of(
 
 
 def point_of(vector: Vector, what: str) -> Float64[np.ndarray, "3"]:
-    """Convert a single point to read-only float64 (3,); raise the same errors as ``points_of``."""
+    """Convert a point to read-only float64 (3,).
+
+    Raise an error if the shape is wrong or a coordinate is not finite.
+    """
     point = real_numbers(np.asarray(vector), what)
     if point.shape != (3,):
         raise InvalidInput(
@@ -382,7 +390,7 @@ def file_fault(path: Path, error: OSError) -> InvalidInput:
 
 
 def in_short(self: Any) -> str:
-    """Write a dataclass on one line; large fields are replaced by their type and shape.
+    """Format a dataclass on one line, with large fields replaced by their type and shape.
 
     Classes use it as ``__repr__ = in_short``.
 
@@ -415,7 +423,7 @@ def _short(value: object) -> str:
 
 
 def one_line(self: object, *facts: str) -> str:
-    """Write an object as its type, followed in brackets by those facts that are not empty.
+    """Format an object as its type name, followed by the non-empty facts in brackets.
 
     Examples
     --------
@@ -426,7 +434,7 @@ def one_line(self: object, *facts: str) -> str:
 
 
 def sides_in_mm(points: Real[np.ndarray, "points 3"]) -> str:
-    """Write the side lengths of the axis-aligned box around points (P, 3) [m].
+    """Format the side lengths of the axis-aligned box around points (P, 3) [m] in millimetres.
 
     Examples
     --------
@@ -448,7 +456,7 @@ def as_sentence(words: str) -> str:
 
 
 def span(values: Iterable[float], unit: str, form: str = ".4g") -> str:
-    """Write the range of some values with its unit, or a single value if all are equal.
+    """Format the range of some values with its unit, or a single value if all are equal.
 
     Examples
     --------

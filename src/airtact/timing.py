@@ -20,7 +20,7 @@ def no_progress(step: str) -> None:
 
 
 def duration(seconds: float) -> str:
-    """Write a duration [s] in the unit that suits it.
+    """Format a duration [s] in milliseconds or seconds.
 
     Examples
     --------
@@ -56,7 +56,7 @@ class Clock:
 
     @contextmanager
     def step(self, name: str, words: str | None = None) -> Iterator[None]:
-        """Report a step by ``words`` or its name, and add its time to ``seconds[name]``."""
+        """Report a step as ``words`` or its name, and add its duration to ``seconds[name]``."""
         if self._progress is not None:
             self._progress(words or name)
         begun = time.perf_counter()
@@ -68,7 +68,7 @@ class Clock:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit linear algebra to one thread inside the block."""
+    """Limit linear algebra to one thread inside a ``with`` block."""
     with _threads().limit(limits=1, user_api="blas"):
         yield
 
@@ -96,7 +96,8 @@ def give_way(nice: int) -> None:
 def start_python(*arguments: str, **options: Any) -> "subprocess.Popen[bytes]":
     """Start Python in its own session, with a single thread for linear algebra.
 
-    The child has the same import path. ``options`` are passed to ``subprocess.Popen``.
+    The new process has the same import path as this one. ``options`` are passed to
+    ``subprocess.Popen``.
     """
     paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
     one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}

@@ -41,8 +41,9 @@ class EchoModel:
     ----------
     scattering : scattering matrix of the bodies.
     emitted : (W, M) coefficients of the regular waves of each transmission about the initial
-        centre, also for orders above that of ``scattering``, which translations require. The
-        coefficients are multiplied by sensitivity/(4πik), so that the echoes are in pascals.
+        centre. They include orders above that of ``scattering``, which are required for
+        translations. The coefficients are multiplied by sensitivity/(4πik), so that the echoes are
+        in pascals.
     receiving : (W, R) coefficients of the regular waves of each receiver about the initial centre,
         for the same orders.
     valid : (R, M) whether each pressure was received; None if all were received. The echoes and
@@ -79,7 +80,7 @@ class EchoModel:
         return cls(scattering, emitted, waves[:, receivers], valid)
 
     def part(self, receivers: Int64[np.ndarray, "chosen"], transmissions: int) -> "EchoModel":
-        """Return the same model for only some receivers and the first transmissions."""
+        """Return the model for selected receivers and the given number of first transmissions."""
         return replace(
             self,
             emitted=np.ascontiguousarray(self.emitted[:, :transmissions]),
@@ -160,7 +161,7 @@ def _cross(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
 
 
 def motion_of(twist: Twist) -> Pose:
-    """Return the exponential of a twist, which is a motion about the centre of the waves."""
+    """Return the rigid motion about the centre of the waves that is the exponential of a twist."""
     generator = np.zeros((4, 4))
     generator[:3, :3] = _cross(twist[3:])
     generator[:3, 3] = twist[:3]

@@ -57,15 +57,15 @@ class Echoes:
     frequency : frequency of the sound [Hz].
     noise : rms magnitude of the complex noise of one pressure [Pa], measured without a
         transmission; None if unknown.
-    valid : (R, M) whether each pressure was received; None if all were received. Elements cannot
-        receive while they ring. Invalid pressures are stored as 0.
+    valid : (R, M) whether each pressure was received; None if all were received. An element cannot
+        receive while it still rings after its own emission. Invalid pressures are stored as 0.
 
     Raises
     ------
     InvalidInput
-        If shapes do not match or are empty, if a value is NaN or infinite (omit dead receivers from
-        ``receivers``), if a code exceeds full scale, if a receiver does not exist or is listed
-        twice, if a transmission is silent, or if no pressure is valid.
+        If the shapes do not match, an array is empty, or a value is NaN or infinite (omit dead
+        receivers from ``receivers``). If a code exceeds full scale, or a transmission is silent. If
+        a receiver does not exist or is listed twice, or no pressure is valid.
 
     Examples
     --------
@@ -186,7 +186,9 @@ LAYOUT = {
 
 
 def load_echoes(path: str | Path) -> Echoes:
-    """Read echoes from an HDF5 file with the datasets listed in ``airtact.sensing.echoes``.
+    """Read echoes from an HDF5 file written by ``Echoes.save`` or by another program.
+
+    The documentation of the module ``airtact.sensing.echoes`` lists the datasets of the file.
 
     Returns
     -------
@@ -195,8 +197,8 @@ def load_echoes(path: str | Path) -> Echoes:
     Raises
     ------
     InvalidInput
-        If the file is missing or unreadable, has another format or version, or lacks a dataset.
-        Also under the conditions listed in ``Echoes``.
+        If the file is missing or unreadable, has another format or version, lacks a dataset, or
+        contains values that ``Echoes`` rejects, such as NaN or codes above full scale.
     """
     path = _checked_path(path)
     raw = datasets_of(path, LAYOUT, newest=2)
@@ -213,7 +215,7 @@ def load_echoes(path: str | Path) -> Echoes:
 
 
 def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
-    """Raise an error if the echoes belong to another array.
+    """Raise an error if the array has another number of elements than the echoes.
 
     ``name`` describes the echoes in the message.
     """
@@ -226,7 +228,7 @@ def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
 
 
 def check_not_clipped(values: Num[np.ndarray, "pressures"]) -> None:
-    """Raise an error if more than 5 % of the values equal the largest."""
+    """Raise an error if more than 5 % of the values equal the largest, which indicates clipping."""
     # With noise, no two values are equal unless an amplifier or converter saturates.
     equal = int(np.sum(values > (1.0 - 1e-6) * values.max())) if len(values) else 0
     if equal > max(0.05 * len(values), 8):

@@ -50,22 +50,23 @@ class Located:
 
     Attributes
     ----------
-    pose : pose of the obstacles in the array's frame, as in ``PhasedArray.seen_from``.
+    pose : pose of the bodies in the array's frame; ``PhasedArray.seen_from`` takes this pose.
     covariance : (6, 6) covariance of the translation of ``centre`` [m] and of a small rotation
         about it [rad], along the array's axes. For a ``ScatteringFamily``, the seventh row and
         column belong to ``opening``. The covariance follows from the residual. It is increased if
         receivers in different places disagree by more than the noise, or if the residual indicates
         a wrong shape.
-    bound : Cramér-Rao bound, the smallest covariance that the noise allows, in the same shape and
-        units as ``covariance``; NaN if the noise is unknown.
+    bound : Cramér-Rao lower bound of the covariance, with the same shape and units as
+        ``covariance``; NaN if the noise is unknown.
     residual : rms of the residual, including noise, divided by the rms of the echoes.
-    misfit : like ``residual``, but without the contribution of noise; 0.2 or more for a wrong
-        model, such as another hand.
+    misfit : like ``residual``, but without the contribution of noise. A value of 0.2 or more
+        indicates a wrong model, such as another hand.
     converged : whether the iteration converged with a misfit of at most 0.1. If False, do not
         use the pose.
     steps : number of steps from the initial pose.
     centre : (3,) centre of the bodies in the array's frame [m].
-    left_out : indices of the receivers that disagree with every pose, such as dead receivers.
+    left_out : element indices of the receivers that were excluded because their signals do not
+        match any pose, such as dead receivers.
     opening : best value of the parameter of a ``ScatteringFamily``, such as the gap of two fingers
         [m]; None for a scene.
     """
@@ -93,7 +94,10 @@ class Located:
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """Standard deviations of the translation [m] and rotation [rad], combined over all axes."""
+        """Standard deviations of the translation [m] and of the rotation [rad].
+
+        Each is the square root of the sum of the variances along the three axes.
+        """
         variances = np.diag(self.covariance)
         return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:6].sum()))
 
@@ -133,7 +137,7 @@ def locate(
     scene : the bodies in their own frame; or a ``ScatteringFamily`` of bodies with one unknown
         parameter, such as the gap of two fingers.
     array : the transducers in their own frame, in the order of the codes.
-    start : initial pose of the obstacles in the array's frame, correct to about 5 mm and 8 degrees.
+    start : initial pose of the bodies in the array's frame, correct to about 5 mm and 8 degrees.
     scattering : scattering matrix of the scene. By default the solver computes it in the first call
         with the scene, and later calls reuse it. Omit it for a ``ScatteringFamily``, which contains
         its own matrices.
@@ -147,11 +151,12 @@ def locate(
     Raises
     ------
     InvalidInput
-        If the echoes or the scattering matrix do not match the scene and the array, if the signal
-        is too weak or clipped, or if the initial pose is impossible. Also if both a family and a
-        scattering matrix are given, or if the echoes do not determine the opening or one of the
-        motions, such as the rotation of a ball. Also under the conditions listed in
-        ``scattering_matrix``.
+        If the echoes have another frequency than the scene or another number of elements than the
+        array. If the echoes are too weak or clipped. If transducers overlap bodies in the initial
+        pose. If the scattering matrix belongs to another scene, or is given in addition to a
+        family. If the scene has no bodies, or the solver does not support them. If the echoes do
+        not determine the pose or the opening; for example, they do not determine the rotation of a
+        ball.
 
     Examples
     --------
@@ -417,9 +422,9 @@ def _check_determined(
     raise InvalidInput(
         f"{counted(receivers, 'receiver', 'receivers')} and "
         f"{counted(transmissions, 'transmission', 'transmissions')} do not determine the pose: "
-        f"{kind} ({x:z.2f}, {y:z.2f}, {z:z.2f}){opening} changes the echoes only "
-        f"{effect:.1g} times as much as other motions. Use more receivers or transmissions, or "
-        "bodies without that symmetry.",
+        f"{kind} ({x:z.2f}, {y:z.2f}, {z:z.2f}){opening} has only {effect:.1g} times the effect of "
+        "other motions on the echoes. Use more receivers or transmissions, or bodies without that "
+        "symmetry.",
         code="pose_not_found",
     )
 
@@ -472,12 +477,12 @@ def disagreement(
     inverse: Squares,
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
-    """Compare two estimates of the pose's variance: from groups of receivers and from single ones.
+    """Compare the variance estimated from groups of receivers with that from single receivers.
 
-    The function returns the ratio of the two variances, which is 1 if the residual is noise. The
-    residual of a wrong shape is correlated between neighbouring receivers, so more receivers do not
-    improve the pose. Therefore only groups of neighbours are treated as independent (K.-Y. Liang,
-    S. L. Zeger, Biometrika 73, 13 (1986)). The ratio is averaged over all unknowns.
+    The function returns the ratio of the two variances of the pose, averaged over all unknowns. The
+    ratio is 1 if the residual is noise. If the shape is wrong, the residuals of neighbouring
+    receivers are correlated, so more receivers do not improve the pose. Therefore only groups of
+    neighbours are treated as independent (K.-Y. Liang, S. L. Zeger, Biometrika 73, 13 (1986)).
     """
     count = min(16, len(places) // 4)
     if count < 2:
@@ -494,9 +499,9 @@ def disagreement(
 def unexplained(
     echoes: Echoes, scattering: ScatteringMatrix, array: PhasedArray, pose: Pose
 ) -> Float64[np.ndarray, "receivers"]:
-    """Return the residual of the model at each receiver, relative to the rms of all echoes.
+    """Compare measured echoes with those modelled for a pose, separately for each receiver.
 
-    The residual includes the noise.
+    The difference includes the noise.
 
     Parameters
     ----------
@@ -507,8 +512,8 @@ def unexplained(
 
     Returns
     -------
-    (R,) rms of the residual over the transmissions, divided by the rms of all echoes; NaN for
-    receivers without valid pressures. It is about 1.4 for an unrelated pose, and equals the
+    (R,) rms of the difference over the transmissions, divided by the rms of all echoes; NaN for
+    receivers without valid pressures. The result is about 1.4 for an unrelated pose, and equals the
     relative noise for the correct pose.
 
     Raises

@@ -90,10 +90,9 @@ def scattering_matrix(
 ) -> ScatteringMatrix:
     """Solve for the response of the bodies of a scene to all regular spherical waves.
 
-    One solve covers all waves, which are several hundred excitations; with
-    ``Stored(solver, folder)`` as the solver, the result is stored. Afterwards
-    ``simulate_echoes`` and ``locate`` compute the echoes of any rigid pose in
-    milliseconds.
+    One solve covers all waves, which are several hundred excitations. If the solver is
+    ``Stored(solver, folder)``, the result is stored in the folder. With the matrix,
+    ``simulate_echoes`` and ``locate`` compute the echoes of any rigid pose in milliseconds.
 
     Parameters
     ----------
@@ -111,9 +110,9 @@ def scattering_matrix(
     Raises
     ------
     InvalidInput
-        If there are no bodies, if ``accuracy`` is out of range, if the bodies need orders above 80,
-        or if the solver cannot compute the field around them. Also under the conditions listed for
-        the solver.
+        If the scene has no bodies, or has planes or reflecting boards. If ``accuracy`` is out of
+        range, or the bodies require waves above order 80. If the solver does not support the bodies
+        or cannot compute the field around them.
 
     Examples
     --------
@@ -214,13 +213,15 @@ def _order(reach: float, accuracy: float) -> int:
 def reaching_patterns(
     scene: Scene, centre: Float64[np.ndarray, "3"], order: int, smallest: float
 ) -> Float64[np.ndarray, "waves patterns"] | None:
-    """Return orthonormal patterns of regular waves that reach the bodies, or None if most waves do.
+    """Return orthonormal patterns (waves, N) of the regular waves that reach the bodies.
+
+    Each column contains the weights of the waves in one pattern. None is returned if most patterns
+    reach the bodies.
 
     Bodies fill only a part of the ball of the waves, so most patterns hardly reach the bodies. The
     patterns are eigenvectors of the mean square pressure of the waves on and below the surfaces.
-    Because of the points below the surfaces, waves that vanish on the surfaces are not lost, as
-    happens at an interior resonance. Patterns with an rms pressure below ``smallest`` times the
-    largest are omitted.
+    Points below the surfaces are included because, at an interior resonance, a wave vanishes on the
+    surfaces. Patterns with an rms pressure below ``smallest`` times the largest are omitted.
     """
     points = _points_of(scene) - centre
     squares = np.zeros((wave_count(order), wave_count(order)), dtype=np.float32)
@@ -287,7 +288,10 @@ class ScatteringFamily:
         return self.matrices[0].scene
 
     def at(self, value: float) -> ScatteringMatrix:
-        """Return the interpolated matrix at a value, with the first value's scene and report."""
+        """Return the matrix interpolated at a value of the parameter.
+
+        Its scene and report are those of the first solved value.
+        """
         return replace(self.matrices[0], matrix=self._polynomial(value))
 
     def derivative(self, value: float) -> ScatteringMatrix:
@@ -346,10 +350,10 @@ def scattering_family(
 ) -> ScatteringFamily:
     """Solve for the scattering matrices at a few values of one shape parameter, such as a gap.
 
-    ``locate`` finds the parameter together with the pose. Each value needs its
-    own scattering matrix; with ``Stored(solver, folder)`` as the solver, the
-    matrices are stored. Between the values the matrix is interpolated; five
-    values cover ±2 mm at 40 kHz.
+    ``locate`` finds the parameter together with the pose. A scattering matrix is computed for each
+    value. If the solver is ``Stored(solver, folder)``, the matrices are stored in the folder.
+    Between the values, the matrix is interpolated. At 40 kHz, five values suffice for a gap that
+    varies by ±2 mm.
 
     Parameters
     ----------
@@ -359,7 +363,7 @@ def scattering_family(
     low, high : smallest and largest value of the parameter.
     start : initial value of the parameter for ``locate``; by default the middle of the range.
     values : number of solved values, 3 to 12.
-    accuracy : truncation error of the waves, as in ``scattering_matrix``.
+    accuracy : relative error due to the truncation of the waves, 0.0001 to 0.1.
 
     Returns
     -------
@@ -368,9 +372,10 @@ def scattering_family(
     Raises
     ------
     InvalidInput
-        If the values are invalid, if the scenes have different media, frequencies or numbers of
-        bodies, if the bodies do not depend on the parameter, or if the interpolation error exceeds
-        2 %. Also under the conditions listed in ``scattering_matrix``.
+        If ``low``, ``high``, ``start``, ``values`` or ``accuracy`` is out of range. If the scenes
+        have different media, frequencies or numbers of bodies, or do not depend on the parameter.
+        If the interpolation error exceeds 2 %. If a scene has no bodies, or the solver does not
+        support the scene.
 
     Examples
     --------
@@ -414,8 +419,9 @@ def scattering_family(
     shift = 0.5 * (high - low) * family.effect
     if shift < 1e-7:
         raise InvalidInput(
-            f"from {low:g} to {high:g}, the scattering matrix changes no more than for a "
-            f"translation by {1e3 * shift:.1g} mm; scene_of must use its argument.",
+            f"from {low:g} to {high:g}, the scattering matrix hardly changes (as if the bodies "
+            f"moved by {1e3 * shift:.1g} mm). The bodies that scene_of returns must depend on its "
+            "argument.",
             code="all_zero",
         )
     if family.error > 0.02:  # above this the interpolation limits the fit, not the solver

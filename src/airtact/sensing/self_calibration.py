@@ -70,7 +70,7 @@ class Calibrated:
         use the result.
     steps : number of iteration steps.
     believed : the array that was passed to ``calibrate``.
-    dead : indices of the elements without a received signal.
+    dead : indices of the elements that emit or receive less than a tenth of the median signal.
     """
 
     array: PhasedArray
@@ -130,14 +130,14 @@ class Calibrated:
         if dead := echoes.receiving[received == 0.0].tolist():
             raise InvalidInput(
                 f"{counted(len(dead), 'receiver is', 'receivers are')} dead; the first is element "
-                f"{dead[0]}. Omit them from receivers.",
+                f"{dead[0]}. Omit them from the receivers of the echoes.",
                 code="data_missing",
             )
         factor = self.emission[echoes.receiving] / received
         return replace(echoes, pressures=np.asarray(echoes.pressures) * factor[:, None])
 
     def save(self, path: str | Path) -> None:
-        """Write a table of the elements (.csv) for ``calibration`` in a scene file.
+        """Write a calibration table of the elements (.csv), which scene files can refer to.
 
         An existing file is replaced.
 
@@ -192,7 +192,7 @@ class ArrayFit:
 
     @cached_property
     def groups(self) -> Int32[np.ndarray, "2 elements"]:
-        """Group of each receiver and each emitter; gains of different groups are independent.
+        """(2, E) group of each receiver and emitter; gains of different groups are independent.
 
         Two boards form two groups: emission of the first with reception of the second, and the
         reverse.
@@ -371,8 +371,9 @@ def calibrate(
     echoes : transmissions of the empty array, with codes that separate all elements.
     array : array with the assumed poses of its boards; its gains are ignored.
     medium : the assumed air; its absorption is not corrected.
-    boards : number of boards. All boards have the same number of elements, and the array lists them
-        one after another. By default the number is inferred from the known kinds of boards.
+    boards : number of boards, all with the same number of elements. The array must contain the
+        elements board by board. By default, the number is inferred, which requires boards of a
+        known kind.
 
     Returns
     -------
@@ -382,9 +383,10 @@ def calibrate(
     Raises
     ------
     InvalidInput
-        If the array does not match the echoes, if the codes do not separate the elements, if
-        elements or boards do not face any others, if the signal is unusable, or if the
-        transmissions do not determine all poses and the sound speed.
+        If the echoes and the array have different numbers of elements, or the number of boards is
+        unknown. If the codes do not separate the elements. If an element or board does not face any
+        on another board. If the signal is too weak or clipped. If the transmissions do not
+        determine all poses and the sound speed.
 
     Examples
     --------

@@ -31,12 +31,12 @@ Pairs = Complex128[np.ndarray, "receivers emitters"]
 def transmission(
     receiving: PhasedArray, emitting: PhasedArray, wavenumber: complex
 ) -> tuple[Pairs, Complex128[np.ndarray, "13 receivers emitters"]]:
-    """Sum the direct sound between the faces of all elements of two boards, and its derivatives.
+    """Compute the direct sound between all elements of two boards, and its derivatives.
 
     Returns
     -------
-    (R, E) pressures at each receiver from each emitter for unit gains [Pa], and their (13, R, E)
-    derivatives. By reciprocity, the pressures also apply in the opposite direction. The derivatives
+    (R, E) pressure at each receiver due to each emitter for unit gains [Pa], and its derivatives
+    (13, R, E). By reciprocity, the pressures also apply in the opposite direction. The derivatives
     are with respect to a translation of the receiving board [Pa/m], a rotation about its centre
     [Pa/rad], the same motions of the emitting board, and the wavenumber [Pa·m].
     """
@@ -87,11 +87,11 @@ def facing(
     cosine: float = 0.5,
     nearest: float = 0.02,
 ) -> Bool[np.ndarray, "receivers emitters"]:
-    """Return which pairs of elements of two boards face each other and are not too close together.
+    """Return a mask (R, E) of the pairs of elements on two boards that face each other.
 
-    The default limits are 60 degrees from the axis and a distance of 20 mm, which excludes
-    neighbours where the boards meet at an edge. At larger angles, real transducers deviate from
-    pistons.
+    By default, the connecting line is at most 60 degrees from the axis of each element, because
+    real transducers deviate from pistons at larger angles. The distance is more than ``nearest``
+    [m], which excludes neighbours where the boards meet at an edge.
     """
     away = receiving.positions[:, None, :] - emitting.positions
     distance = np.linalg.norm(away, axis=2)
@@ -101,12 +101,13 @@ def facing(
 
 
 def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]:
-    """Split an array into ``count`` equal boards, by default into boards of a known kind.
+    """Split an array into ``count`` equal boards; the default follows from the kind of the boards.
 
     Raises
     ------
     InvalidInput
-        If the number of boards is unknown or does not divide the number of elements.
+        If no count is given and the kind of the boards is unknown, or if the number of elements is
+        not a multiple of the number of boards.
     """
     if count is None:
         count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
@@ -153,8 +154,9 @@ def simulate_transmissions(
     array : the array of boards; its gains apply to emission.
     medium : the air.
     codes : (E, M) codes, as in ``Echoes``.
-    boards : number of boards. All boards have the same number of elements, and the array lists them
-        one after another. By default the number is inferred from the known kinds of boards.
+    boards : number of boards, all with the same number of elements. The array must contain the
+        elements board by board. By default, the number is inferred, which requires boards of a
+        known kind.
     frequency : frequency of the sound [Hz].
     reception : (E,) reception gains; by default those of the array.
     noise : signal-to-noise ratio, the rms of the pressures relative to the rms of the added complex
@@ -168,8 +170,9 @@ def simulate_transmissions(
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``Echoes``, or if the number of gains, the number of boards
-        or the noise is invalid.
+        If there is not one row of codes and one gain per element, if a code exceeds full scale, if
+        a transmission is silent, or if the number of boards, the frequency, the noise or the seed
+        is invalid.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     parts = boards_of(array, boards)
@@ -209,8 +212,8 @@ def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
     ----------
     elements : number of elements E.
     transmissions : number of transmissions M. The default and maximum is the smallest power of 2
-        that is at least E. With this number the elements can be separated, and the noise is as low
-        as if each element emitted alone E times.
+        that is at least E. With this number, the signals of the elements can be separated, and
+        their noise is as low as if each element emitted alone E times.
 
     Returns
     -------
@@ -284,10 +287,10 @@ def simulate_echoes(
 
     Parameters
     ----------
-    made_by : a solver, which solves for each code; or the scattering matrix of the scene, which
-        reduces the computation to milliseconds.
+    made_by : a solver, which computes the field for each code; or the scattering matrix of the
+        scene, with which the computation only takes milliseconds.
     scene : the bodies.
-    array : the E transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
+    array : the E transducers in the frame of the bodies; see ``PhasedArray.seen_from``.
     codes : (E, M) codes, as in ``Echoes``.
     receivers : indices of the receiving elements; by default all elements.
     noise : signal-to-noise ratio, the rms of the echoes relative to the rms of the added complex
@@ -301,9 +304,11 @@ def simulate_echoes(
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``Echoes`` and ``transfer_matrix``, if an element is inside
-        the ball around the bodies, if the codes belong to another array, if the scattering matrix
-        belongs to another scene, or if ``noise`` or ``seed`` is out of range.
+        If there is not one row of codes per element, if a code exceeds full scale, or if a
+        transmission is silent. If a receiver does not exist or is listed twice. If elements overlap
+        each other or a body, or, with a scattering matrix, are inside the ball around the bodies.
+        If the scattering matrix belongs to another scene, or the solver does not support the scene.
+        If ``noise`` or ``seed`` is out of range.
 
     Examples
     --------
@@ -352,7 +357,8 @@ def noisy(
 ) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float | None]:
     """Add Gaussian noise to pressures; return the noisy pressures and the rms noise [Pa].
 
-    The noise is ``decibels`` below the rms pressure. If ``decibels`` is None, none is added.
+    The noise is ``decibels`` below the rms pressure. If ``decibels`` is None, no noise is added and
+    the rms noise is None.
     """
     pressures = pressures.astype(np.complex128)
     if decibels is None:

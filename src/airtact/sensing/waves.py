@@ -28,7 +28,7 @@ Waves = Complex[np.ndarray, "waves columns"]
 
 
 def wave_count(order: int) -> int:
-    """Return the number of waves up to an order."""
+    """Return the number of spherical waves up to an order, (order + 1)²."""
     return (order + 1) ** 2
 
 
@@ -88,7 +88,7 @@ def outgoing_radial(
 def of_waves(
     order: int, radial: Shaped[np.ndarray, "orders *points"]
 ) -> Shaped[np.ndarray, "waves *points"]:
-    """Repeat the row of each order for all waves of that order."""
+    """Repeat row n of an array 2n + 1 times, once for each wave of order n."""
     return np.repeat(radial, 2 * np.arange(order + 1) + 1, axis=0)
 
 
@@ -100,8 +100,8 @@ def projected(
 ) -> Waves:
     """Expand monopoles of strengths (P, S) at offsets (P, 3) in outgoing waves.
 
-    The result contains the coefficients (waves, S). The sums are in single precision, which is more
-    accurate than the solvers.
+    The result contains the coefficients (waves, S). The sums are computed in single precision,
+    because its error is smaller than that of the solvers.
     """
     waves = regular_waves(order, offsets, wavenumber)
     strengths = np.ascontiguousarray(strengths, dtype=np.complex64)
@@ -182,8 +182,8 @@ def along_motions(waves: Waves, wavenumber: float) -> Complex[np.ndarray, "6 wav
 def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Waves:
     """Return regular waves moved by a twist (6,): translation [m] and rotation [rad].
 
-    The exponential of an antisymmetric matrix V of norm at most s is summed by the Chebyshev
-    expansion Σ (2 − δ_j0) J_j(s) φ_j(V/s), with φ_0 = 1, φ_1 = x, φ_(j+1) = 2x φ_j + φ_(j−1) (DLMF
+    The exponential of an antisymmetric matrix V of norm at most s is computed as the Chebyshev
+    series Σ (2 − δ_j0) J_j(s) φ_j(V/s), with φ_0 = 1, φ_1 = x, φ_(j+1) = 2x φ_j + φ_(j−1) (DLMF
     10.12.3).
     """
     order = order_of(waves)
