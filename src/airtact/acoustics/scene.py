@@ -61,7 +61,7 @@ class Plane:
         )
 
     def height(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Return the distance [m] of points (P, 3) from the plane; negative behind the plane."""
+        """Return the distance [m] of points (P, 3) from the plane, which is negative behind it."""
         return (points - self.point) @ self.normal
 
     def image(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
@@ -73,9 +73,10 @@ class Plane:
         return Plane(fixed(motion.apply(self.point)), fixed(motion.rotate(self.normal)))
 
     def kept_by(self, motion: Pose) -> bool:
-        """Return whether a rigid motion, such as a shift along the plane, keeps the plane in place.
+        """Return whether a rigid motion maps the plane onto itself.
 
-        A field solved in front of the plane remains valid if the bodies move in this way.
+        Shifts along the plane are such motions. A field solved in front of the plane remains valid
+        if all bodies move in this way.
         """
         turned = motion.rotate(self.normal[None])[0]
         height = self.height(motion.apply(self.point[None]))[0]
@@ -166,7 +167,7 @@ def with_images(planes: Sequence[Plane], sources: Monopoles) -> Monopoles:
 def before_planes(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"]
 ) -> Bool[np.ndarray, "points"]:
-    """Return whether each of the points (P, 3) is on or in front of all planes."""
+    """Return a mask of the points (P, 3) that are on or in front of all planes."""
     before = np.ones(len(points), dtype=np.bool_)
     for plane in planes:
         before &= plane.height(points) >= -ON_PLANE
@@ -335,9 +336,9 @@ class Scene:
     ------
     InvalidInput
         If the frequency is outside its range, or so low that every body is smaller than 1/50 of a
-        wavelength. If a body is more than 10 m from the origin, overlaps another body, intersects
-        itself, or touches or crosses a plane. If the absorption exceeds 1 Np per wavelength, if
-        there are several planes, or if an argument has the wrong type.
+        wavelength; if a body is more than 10 m from the origin, overlaps another body, intersects
+        itself, or touches or crosses a plane; if the absorption exceeds 1 Np per wavelength; if
+        there are several planes; or if an argument has the wrong type.
 
     Examples
     --------
@@ -480,7 +481,7 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
 
 
 def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
-    """Return ρc/Z for the surface of each body; 0 for boundaries other than "impedance"."""
+    """Return ρc/Z of each body's surface, which is 0 unless its boundary is "impedance"."""
     ratios = [obstacle.ratio for obstacle in scene.obstacles]
     return np.array([0.0 if ratio is None else 1.0 / ratio for ratio in ratios], np.complex128)
 
@@ -488,7 +489,7 @@ def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
 def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], name: str) -> None:
     """Raise an error if points lie in a body or behind a plane.
 
-    ``name`` is the word for a point in the message, such as "focus" or "transducer".
+    The message calls each point ``name``, such as "focus" or "transducer".
     """
     points = points_of(points, f"{name} points")
     check_not_inside(scene.depth(points, within=scene.wavelength), points, name)

@@ -45,7 +45,7 @@ class Monopoles:
 
     @property
     def refined_positions(self) -> Real[np.ndarray, "fine 3"]:
-        """(R, 3) positions near which a solver refines its panels [m]; here all positions."""
+        """(R, 3) positions [m] near which a solver refines its panels, by default all."""
         return self.positions
 
     def __post_init__(self) -> None:

@@ -61,7 +61,7 @@ def program(package: Path = Path(errors.__file__).parent) -> str:
 
 
 def packed(field: RadiatedField, key: str) -> bytes:
-    """Pack a field into the bytes of its entry.
+    """Return the content of the file in which a field is stored.
 
     The function raises an error if the field contains objects of other libraries.
     """
@@ -74,7 +74,7 @@ def packed(field: RadiatedField, key: str) -> bytes:
 
 
 def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField | None:
-    """Restore a field from its bytes, or return None if they are damaged or the key differs."""
+    """Restore a field from such content, or return None if it is damaged or the key differs."""
     archive = content[64:]
     if content[:64] != _checksum(key, archive):
         return None
@@ -159,11 +159,11 @@ class Stored(Solver):
     Each field is stored under a key. The key includes everything that affects the field, to the
     last bit: vertices and mid-edge points, boundary conditions, medium, frequency, sources,
     settings of the solver, and airtact's code. Code outside airtact is not part of the key, so use
-    another folder after changing your own solver. An entry is written completely or not at all,
-    even if several processes write at the same time or a process is killed. A damaged entry is
-    detected by its checksum, and its field is solved again. If the folder exceeds ``most_bytes``,
-    the least recently used entries are deleted. A field that cannot be stored, such as a field of
-    finite elements, is still solved, and a warning in its report states the reason.
+    another folder after changing your own solver. A file is written completely or not at all, even
+    if several processes write at the same time or a process is killed. A damaged file is detected
+    by its checksum, and its field is solved again. If the folder exceeds ``most_bytes``, the least
+    recently used files are deleted. A field that cannot be stored, such as a field of finite
+    elements, is still solved, and a warning in its report states the reason.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ class Stored(Solver):
         self.most_bytes = int(most_bytes)
 
     def reporting(self, progress: Progress | None) -> "Stored":
-        """Return the store with a callback that receives the name of each step of the solver."""
+        """Return a copy with a callback that receives the name of each step of the solver."""
         return Stored(self.solver.reporting(progress), self.folder, self.most_bytes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:

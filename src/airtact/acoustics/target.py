@@ -29,7 +29,7 @@ PerFocus = Num[np.ndarray, "foci"] | complex | float | int
 
 @dataclass(frozen=True, eq=False)
 class Beacons(Monopoles):
-    """The virtual sources of a target.
+    """Virtual sources at the points of a target.
 
     The first ``foci`` sources are at the foci, the others at the suppression points. The boundary
     element method uses smaller panels only near the foci.
@@ -160,15 +160,15 @@ class Target:
 
     @property
     def wanted(self) -> Complex128[np.ndarray, "foci"]:
-        """(F,) weights with the requested phases; the phase is 0 where none is requested."""
+        """(F,) complex weights with the requested phases, or with phase 0 if none is requested."""
         phases = 0.0 if self.phases is None else self.phases
         return self.weights * np.exp(1j * np.asarray(phases))
 
     def weakest(self, pressures: Float64[np.ndarray, "foci"]) -> int:
         """Return the index of the focus with the least pressure relative to its weight.
 
-        Foci of weight 0 are ignored. Of foci that are equal to within 1 %, as most methods make
-        them, the focus with the lowest pressure is returned.
+        Foci of weight 0 are ignored. Most drive methods make these ratios nearly equal. If several
+        foci are weakest to within 1 %, the one with the lowest pressure is returned.
 
         Parameters
         ----------

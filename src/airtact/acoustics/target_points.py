@@ -78,8 +78,8 @@ def polyline(
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``segment``, or if there are fewer than two corners (three if
-        closed).
+        If there are fewer than two corners (three if closed), if successive corners coincide, if a
+        number is not finite, or if there are more than 4096 points.
     """
     corners = points_of(corners, "corners of a polyline")
     minimum = 3 if closed else 2
@@ -159,7 +159,8 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``circle``.
+        If a number is not finite, if a length is not above zero, or if there are more than 4096
+        points.
 
     Examples
     --------
@@ -285,7 +286,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
 
 
 def spaced_apart(points: Points, spacing: float) -> Float64[np.ndarray, "kept 3"]:
-    """Drop points within ``spacing`` [m] of an earlier point that is kept."""
+    """Return the points in order, omitting each that is within ``spacing`` [m] of a kept point."""
     remaining = []
     dropped = np.zeros(len(points), dtype=bool)
     tree = KDTree(points)
@@ -379,8 +380,8 @@ def text(
     Raises
     ------
     InvalidInput
-        If the text is empty or a letter is not in the font. Also under the conditions listed in
-        ``polyline``.
+        If the text has no visible letters, if a letter is not in the font, if a length is not above
+        zero, if ``normal`` is zero or parallel to ``up``, or if there are more than 4096 points.
 
     Examples
     --------
@@ -435,7 +436,8 @@ def svg_path(
     ------
     InvalidInput
         If the file cannot be read, is not an SVG file, contains no lines or contains too many
-        curves. Also under the conditions listed in ``polyline``.
+        curves. Also if a length is not above zero, if ``normal`` is zero or parallel to ``up``, or
+        if there are more than 4096 points.
     """
     width = positive(width, "the width of the drawing", "m")
     spacing = positive(spacing, "the spacing", "m")

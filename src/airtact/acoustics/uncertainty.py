@@ -185,7 +185,7 @@ def draws(
 def gains(
     uncertainty: Uncertainty, samples: int, seed: int, elements: int
 ) -> Complex128[np.ndarray, "samples elements"] | None:
-    """Draw a random gain factor for every element of every sample; return None if all are 1."""
+    """Draw a random gain for every element of every sample, or return None if all are 1."""
     if not (uncertainty.gain or uncertainty.phase or uncertainty.dead):
         return None
     # Quasi-random points lose their advantage in hundreds of dimensions.

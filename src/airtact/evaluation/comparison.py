@@ -41,8 +41,8 @@ class Comparison:
     ----------
     names : names of the D drives; the first is the reference.
     target : the foci.
-    pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each
-        focus [Pa].
+    pressures : dict from each normalisation in ``HELD_EQUAL`` to the peak pressure (D, F) of each
+        drive at each focus [Pa].
     field : field with one excitation per drive; each drive is scaled so that its strongest element
         is at full scale. For each drive with unequal amplitudes, a further excitation has the same
         phases and every element at full scale.
@@ -112,7 +112,9 @@ class Comparison:
         return {name: pressures[:, self.column(name)] for name in self.names}
 
     def under(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
-        """Return the pressure (D, F) of each drive at each focus for one normalisation [Pa].
+        """Return the pressure (D, F) [Pa] of each drive at each focus for one normalisation.
+
+        ``held_equal`` is the normalisation: "equal peak", "equal energy" or "phase only".
 
         Raises
         ------
@@ -148,9 +150,10 @@ class Comparison:
         return pressures / pressures[0]
 
     def weakest(self, held_equal: str) -> Float64[np.ndarray, "drives"]:
-        """Return the pressure (D,) of each drive at its weakest focus for one normalisation [Pa].
+        """Return the pressure (D,) [Pa] of each drive at its weakest focus for one normalisation.
 
-        Foci without a request are ignored.
+        Foci whose requested pressure or share is 0 are ignored. ``held_equal`` is the
+        normalisation: "equal peak", "equal energy" or "phase only".
 
         Raises
         ------
@@ -228,10 +231,11 @@ def compare(
     solver: Solver,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Compare the pressures of several drives at the foci by one solve.
+    """Compare the pressures that several drives produce at the foci, with a single solve.
 
-    The pressures are stated at equal peak, at equal energy, and for the phase-only version of each
-    drive.
+    The drives are compared with three normalisations: with the strongest element of each drive at
+    full scale ("equal peak"), with the same sum of squared amplitudes ("equal energy"), and with
+    the phases of each drive and every active element at full scale ("phase only").
 
     Parameters
     ----------
@@ -247,15 +251,16 @@ def compare(
 
     Returns
     -------
-    The pressure of each drive at each focus for each normalisation of ``HELD_EQUAL``. The
-    choice of normalisation can reverse a conclusion: a drive that leaves most elements nearly
-    silent is strong at equal energy but weak at equal peak.
+    The pressure of each drive at each focus for each normalisation. The choice of normalisation can
+    reverse a conclusion: a drive that leaves most elements nearly silent is strong at equal energy
+    but weak at equal peak.
 
     Raises
     ------
     InvalidInput
         If there is no drive, if a drive is silent or does not have as many elements as the array,
-        or if the array, the scene and the foci do not fit together (see ``evaluate``).
+        if an element or a focus is inside a body, if a focus or a body is behind the face of a
+        directional element, if a focus is on an element, or if an argument has the wrong type.
     """
     of_kind(drives, Mapping, "the drives", 'a dict of drives by name, {"hand considered": drive}')
     of_kind(target, Target, "the target", "Target(points, pressures)")
@@ -295,7 +300,9 @@ def compare(
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """The pressure at the weakest focus for several drives, on samples not used to compute them.
+    """The pressure at the weakest focus for several drives, under random deviations.
+
+    The deviations are samples of an ``Uncertainty`` that were not used to compute the drives.
 
     Attributes
     ----------
@@ -303,7 +310,8 @@ class HeldOut:
     pressures : (D, S) peak pressure at the weakest focus in each sample, with every drive scaled to
         the energy of the first [Pa].
     expected : (D,) pressure at the weakest focus without any deviation [Pa].
-    left_out : number of samples skipped because they are impossible.
+    left_out : number of samples skipped because they are impossible, such as a hand that overlaps a
+        transducer.
     """
 
     names: tuple[str, ...]
@@ -315,11 +323,11 @@ class HeldOut:
 
     @property
     def lowest_tenth(self) -> Float64[np.ndarray, "drives"]:
-        """(D,) pressure [Pa] that the weakest focus exceeds in 9 out of 10 samples."""
+        """(D,) pressure [Pa] that the weakest focus exceeds in 9 of 10 samples."""
         return np.quantile(self.pressures, 0.1, axis=1)
 
     def sentence(self) -> str:
-        """Sentence stating the pressure that the weakest focus exceeds in 9 out of 10 samples."""
+        """Return a sentence with the pressure that the weakest focus exceeds in 9 of 10 samples."""
         first, *rest = self.lowest_tenth
         words = [f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], rest, strict=True)]
         compared = f" ({', '.join(words)} at equal energy)" if words else ""
@@ -339,7 +347,7 @@ def held_out(
     Parameters
     ----------
     samples : samples drawn with a different seed from those used to compute the drives.
-    target : the foci; those without a request are ignored.
+    target : the foci; those whose requested pressure or share is 0 are ignored.
     drives : drives to compare, by name.
 
     Raises
@@ -374,13 +382,13 @@ def headline(
 
     Parameters
     ----------
-    comparison : results of the drive that considers the bodies, optionally followed by those of a
-        drive that ignores them (by the same method).
+    comparison : comparison whose first drive considers the bodies. A second drive, if there is one,
+        uses the same method but ignores them.
     drive : the emitted drive, which considers the bodies. If it is at full scale, the two drives
         are compared at equal peak, and otherwise at equal energy.
-    word : the word for the bodies, such as "hand".
-    foci : a name for each focus; the sentence names the focus whose pressure decreases most, and
-        the weakest focus if the requests differ.
+    word : word that the sentence uses for the bodies, such as "hand".
+    foci : a name for each focus. The sentence names the focus whose pressure decreases most and, if
+        the requests differ, the weakest focus.
     """
     # Below full scale the hardware does not limit the peak, so compare the drives by energy.
     held_equal = "equal peak" if drive.is_full_scale else "equal energy"

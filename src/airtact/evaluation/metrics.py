@@ -81,7 +81,9 @@ def radiate_drives(
 
     The function also checks the placement: the foci and other ``points`` must lie outside the
     bodies and away from the elements. In messages, a misplaced point is named by its key in
-    ``points``. The function raises the same errors as ``evaluate``.
+    ``points``. The function raises ``InvalidInput`` if a point is misplaced, if the array is too
+    close to a body or faces away from it, or if a drive is silent or does not have as many elements
+    as the array.
     """
     # Users often pass the class instead of an instance; the message then names that class.
     kind = solver.__name__ if isinstance(solver, type) else "BoundaryElement"
@@ -171,7 +173,7 @@ def not_modelled(report: SolveReport) -> str:
 
 
 def pascals(pressure: float) -> str:
-    """Write a pressure with three digits, in kPa from 1 kPa upwards."""
+    """Format a pressure [Pa] with three digits, in kPa from 1 kPa upwards."""
     # Round first: 999.8 Pa becomes 1.00 kPa.
     rounded = float(f"{pressure:.3g}")
     if rounded < 1e3:
@@ -192,7 +194,7 @@ def weakest_focus(
 
     Returns
     -------
-    The pressure in words, and the name; the name is empty if all foci request the same.
+    The pressure as text, and the name. The name is empty if all foci have the same request.
     """
     index = target.weakest(pressures)
     requests = target.weights[target.weights > 0.0]
@@ -205,7 +207,7 @@ def weakest_focus(
 def at_weakest(
     pressures: Float64[np.ndarray, "foci"], target: Target, foci: Sequence[str] = ()
 ) -> str:
-    """State the pressure at the weakest focus; for the arguments, see ``weakest_focus``."""
+    """Return a phrase with the pressure at the weakest focus (see ``weakest_focus``)."""
     amount, name = weakest_focus(pressures, target, foci)
     where = f"{name}, the weakest relative to its request" if name else "the weakest focus"
     return f"{amount} at {where}"
@@ -219,7 +221,7 @@ def in_real_air(
     Parameters
     ----------
     pressures : (F,) linear pressures [Pa].
-    target : the F foci; those without a request are ignored.
+    target : the F foci; those whose requested pressure or share is 0 are ignored.
     steepening : nonlinear steepening at these foci; None if it was not estimated.
     """
     if steepening is None:
@@ -285,19 +287,19 @@ class Evaluation:
 
     @property
     def expected(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) peak pressure [Pa], reduced by nonlinear steepening in air; NaN if unknown."""
+        """(F,) peak pressure [Pa], reduced by nonlinear steepening in air, or NaN if unknown."""
         return self.magnitudes * (self.steepening.kept if self.steepening else np.nan)
 
     @property
     def second_harmonic(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) ratio of the second harmonic to ``expected``; NaN if unknown."""
+        """(F,) ratio of the second harmonic to ``expected``, or NaN if unknown."""
         if self.steepening is None:
             return np.full(len(self.pressures), np.nan)
         return self.steepening.second_harmonic
 
     @property
     def shares(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) ratio of pressure to requested pressure; NaN if the request is missing or 0 Pa."""
+        """(F,) ratio of pressure to requested pressure, or NaN without a request above 0 Pa."""
         return fraction(self.magnitudes, self.target)
 
     @property
@@ -326,7 +328,7 @@ class Evaluation:
 
     @property
     def uniformity(self) -> float:
-        """Uniformity of the foci, 1 − (max − min)/(max + min) of ``counted``; 1 if all are equal.
+        """Uniformity 1 − (max − min)/(max + min) of ``counted``, which is 1 if all foci are equal.
 
         Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define this measure for
         intensities.
@@ -369,7 +371,7 @@ def evaluate(
     solver: Solver,
     progress: Progress | None = None,
 ) -> Evaluation:
-    """Evaluate the pressure at the foci by one forward solve of the whole array.
+    """Compute the pressure of a drive at the foci, with a single solve for the whole array.
 
     Parameters
     ----------
@@ -411,7 +413,7 @@ THRESHOLDS: dict[str, float] = {"amplitude": 557.0, "spatiotemporal": 334.0}
 
 
 def constant_force_note(fastest: float = np.inf) -> str:
-    """Return a note that recommends amplitude modulation at 200 Hz, or at ``fastest`` if lower.
+    """Return a note that recommends modulation at 200 Hz, or at ``fastest`` [Hz] if lower.
 
     Examples
     --------
@@ -432,7 +434,7 @@ def sensation(
     depth: float = 1.0,
     fastest: float = np.inf,
 ) -> str:
-    """Describe the level of a focus relative to the detection threshold, and cite the threshold.
+    """Return a sentence that compares a focus with the threshold of perception, with its source.
 
     Parameters
     ----------

@@ -93,7 +93,10 @@ class Scan:
     def comparable(
         self, predicted: Complex128[np.ndarray, "points"], used: Bool[np.ndarray, "points"]
     ) -> tuple[Complex128[np.ndarray, "used"], Complex128[np.ndarray, "used"]]:
-        """Return the measured and predicted pressures at some positions; magnitudes if unphased."""
+        """Return the measured and the predicted pressures where the mask ``used`` is True.
+
+        If no phase was measured, the magnitudes are returned.
+        """
         pressures = self.pressures[used], predicted[used]
         if self.phased:
             return pressures
@@ -116,8 +119,9 @@ def load_scan(path: str | Path) -> Scan:
     Raises
     ------
     InvalidInput
-        If the file cannot be read, if a column is missing, if a value is not a number, or if the
-        scan is not valid.
+        If the file cannot be read, if a column is missing, if a value is not a number, if there are
+        too few positions, if a position is more than 2 m from the origin, if a phase seems to be in
+        degrees, or if all pressures are 0.
     """
     table = read_text_table(Path(path))
     table.require("x", "y", "z", "pressure")
@@ -163,7 +167,7 @@ class Overlay:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the overlay."""
+        """Sentences about positions that were measured twice or could not be predicted."""
         sentences = []
         if self.scan.repeated:
             many = counted(self.scan.repeated, "position was", "positions were")
@@ -242,7 +246,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
 def best_shift(
     scan: Scan, read: Callable[[Float64[np.ndarray, "points 3"]], Complex128[np.ndarray, "points"]]
 ) -> tuple[Float64[np.ndarray, "3"], float]:
-    """Find the shift with which a scan fits the prediction best.
+    """Find the shift of the positions that makes a scan agree best with the prediction.
 
     The search covers ±9 mm along each axis.
 
@@ -283,7 +287,7 @@ def best_shift(
 def fitted(
     measured: Complex128[np.ndarray, "points"], model: Complex128[np.ndarray, "points"]
 ) -> tuple[complex, float]:
-    """Return the scale with which a model fits a measurement best, and the remaining error."""
+    """Return the least-squares scale of a model for a measurement, and the relative error."""
     # Least squares: s = ⟨model, measured⟩ / ‖model‖²; ``vdot`` conjugates its first argument
     scale = complex(np.vdot(model, measured) / np.vdot(model, model).real)
     return scale, float(np.linalg.norm(measured - scale * model) / np.linalg.norm(measured))
@@ -293,8 +297,8 @@ def fitted(
 class Microphone:
     """A round microphone at the end of a straight housing.
 
-    A value is the mean of the pressure over the face, and NaN where a body overlaps the face or
-    the housing. Scattering by the microphone is ignored.
+    A reading is the mean pressure over the face, or NaN if a body overlaps the face or the housing.
+    Scattering by the microphone is ignored.
 
     Attributes
     ----------
@@ -348,7 +352,7 @@ class Microphone:
     def blocked(
         self, scene: Scene, centres: Real[np.ndarray, "centres 3"]
     ) -> Bool[np.ndarray, "centres"]:
-        """Return whether a body overlaps the face or the housing at each position (N,).
+        """Return a mask (N,) of the positions at which a body overlaps the face or the housing.
 
         Parameters
         ----------
@@ -370,7 +374,7 @@ class Microphone:
     def read(
         self, field: RadiatedField, centres: Real[np.ndarray, "centres 3"]
     ) -> Complex128[np.ndarray, "centres excitations"]:
-        """Return the mean pressure (N, S) over the face [Pa]; NaN where the microphone is blocked.
+        """Return the mean pressure (N, S) [Pa] over the face, or NaN where ``blocked``.
 
         Parameters
         ----------

@@ -59,7 +59,7 @@ class SelfCheck:
 
     @property
     def failed(self) -> tuple[KnownField, ...]:
-        """The fields whose error exceeds the accuracy of the solver, or is NaN."""
+        """The comparisons whose error is NaN or exceeds the requested accuracy of the solver."""
         return tuple(field for field in self.fields if not field.error <= self.asked)
 
 

@@ -174,13 +174,15 @@ def box_pressure(
 def window_pressure(
     field: RadiatedField, window: Window, depth: Float64[np.ndarray, "points"]
 ) -> Complex128[np.ndarray, "points excitations"]:
-    """Evaluate a field at the points of a window; most points of a large window are interpolated.
+    """Return the pressure of a field at the points of a window.
+
+    In a large window, the pressure at most points is interpolated.
 
     Parameters
     ----------
     field : field computed by a solver.
     window : grid of points in the plane of a picture.
-    depth : (P,) depth of its points in bodies and behind planes [m], negative outside.
+    depth : (P,) depth of the window's points in bodies and behind planes [m], negative outside.
 
     Returns
     -------
@@ -264,7 +266,7 @@ class SurfacePressure:
 
 
 def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePressure | None:
-    """Interpolate the solved pressure on all surfaces for pictures, or return None in open air.
+    """Interpolate the pressure on all surfaces for pictures, or return None in open air.
 
     Parameters
     ----------

@@ -33,13 +33,13 @@ NONLINEARITY = 0.4
 
 @dataclass(frozen=True, eq=False)
 class Steepening:
-    """Effect of finite amplitude at F points.
+    """Nonlinear steepening of the sound at F points.
 
     Attributes
     ----------
     second : (F,) ratio of the second harmonic to the linear fundamental, by second-order theory.
     depletion : (F,) lost fraction of the fundamental, by third-order theory.
-    doubt : (F,) relative error of the wave amplitudes due to the simplified bodies.
+    doubt : (F,) relative error of the wave amplitudes, because the bodies are simplified.
     """
 
     second: Float64[np.ndarray, "points"]
@@ -50,7 +50,7 @@ class Steepening:
         return one_line(self, f"second harmonic up to {self.second_harmonic.max():.0%}")
 
     def scaled(self, factor: float) -> "Steepening":
-        """Return the effect for a drive multiplied by a factor."""
+        """Return the steepening for the same drive multiplied by a factor."""
         return replace(self, second=factor * self.second, depletion=factor**2 * self.depletion)
 
     @property
@@ -62,7 +62,7 @@ class Steepening:
 
     @property
     def kept(self) -> Float64[np.ndarray, "points"]:
-        """(F,) ratio of the fundamental to the linear pressure; NaN if too uncertain.
+        """(F,) ratio of the fundamental to the linear pressure, or NaN if too uncertain.
 
         >>> wave = Steepening(np.array([0.25]), np.array([0.5**2 / 8]), np.zeros(1))
         >>> wave.kept.round(3).tolist()  # a plane wave at σ = 0.5: 2 J₁(0.5)/0.5
@@ -76,7 +76,7 @@ class Steepening:
 
     @property
     def second_harmonic(self) -> Float64[np.ndarray, "points"]:
-        """(F,) ratio of the second harmonic to the fundamental; NaN where ``kept`` is NaN.
+        """(F,) ratio of the second harmonic to the fundamental, or NaN where ``kept`` is NaN.
 
         The ratio is accurate to 15 % up to a ratio of 1.
         """

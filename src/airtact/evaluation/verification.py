@@ -80,7 +80,7 @@ class RadiationMap:
         return one_line(self, f"{len(self.points)} points on surfaces")
 
     def force(self, body: int) -> Float64[np.ndarray, "3"]:
-        """Return the force (3,) [N] that the sound exerts on a body; ``body`` is its index."""
+        """Return the force (3,) [N] that the sound exerts on the body with the index ``body``."""
         # Pressure acts against the outward normal.
         chosen = self.body == body
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
@@ -151,7 +151,7 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
 
 
 def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
-    """Return the peak pressure [Pa] that each focus would reach as the only focus.
+    """Return the peak pressure (F,) [Pa] that each focus would reach as the only focus.
 
     The attainable pressure is Σ_e |H_fe|: every element is at full scale, and all contributions are
     in phase.
@@ -181,7 +181,7 @@ class SideLobe:
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """All results of verifying a drive; ``print`` it for a summary.
+    """Results of ``verify``, which are printed as a summary.
 
     Attributes
     ----------
@@ -234,7 +234,7 @@ class Verification:
 
     @property
     def suppression_level(self) -> float:
-        """Mean p² at the suppression points relative to the foci [dB]; NaN without such points."""
+        """Mean p² at the suppression points relative to the foci [dB], or NaN without them."""
         if not len(self.suppression_points):
             return float("nan")
         foci = np.mean(self.evaluation.magnitudes**2)
@@ -291,12 +291,18 @@ def verify(
 
     Parameters
     ----------
-    scene, array, drive, solver, progress : see ``evaluate``.
+    scene : the air and the bodies in it.
+    array : the transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
+    drive : the drive of the array.
     target : the foci and suppression points.
-    transfer : transfer matrix of the foci, for the attainable maximum; None to compute it with
-        ``solver``.
+    solver : solver for the field. To verify a drive, use a more accurate solver than the one
+        for its transfer matrix, or another method.
+    transfer : transfer matrix of the foci, from which the attainable pressures follow; by default,
+        it is computed with ``solver``.
     head : (3,) or (N, 3) points of a head at which the level is evaluated [m].
     levels : amplitude and phase levels of a board; the drive rounded to them is also verified.
+    progress : function, such as ``print``, that is called with a description of each step as it
+        begins.
 
     Returns
     -------
@@ -305,8 +311,10 @@ def verify(
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``evaluate``, if a suppression point or a point of the head is in
-        a body or on an element, or if a body is not sound-hard.
+        If the drive is silent or does not have as many elements as the array, if an element is
+        inside a body, if a focus, a suppression point or a point of the head is in a body or on an
+        element, if a focus or a body is behind the face of a directional element, if a body is not
+        sound-hard, or if an argument has the wrong type.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     head = np.empty((0, 3)) if head is None else np.atleast_2d(head)

@@ -38,7 +38,7 @@ class Window:
 
     @property
     def points(self) -> Float64[np.ndarray, "points 3"]:
-        """The points from the lower left corner, row by row [m]."""
+        """The points [m], row by row from the lower left corner."""
         rows, columns = self.shape
         across = np.linspace(-self.width / 2, self.width / 2, columns)
         along = np.linspace(-self.height / 2, self.height / 2, rows)
@@ -78,7 +78,7 @@ class Window:
         return 1e3 * (points - self.origin) @ np.stack([self.right, self.up], axis=1)
 
     def height_of(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Return the distance [m] of points (P, 3) from the plane; positive toward the viewer."""
+        """Return the height [m] of points (P, 3) above the plane, positive toward the viewer."""
         return (points - self.centre) @ self.normal
 
 
@@ -128,7 +128,7 @@ def plane_of_scene(scene: Scene, foci: Real[np.ndarray, "foci 3"]) -> Window:
 def plane_across(
     foci: Real[np.ndarray, "foci 3"], name: Literal["xy", "xz", "yz"], wavelength: float
 ) -> Window:
-    """Return a window around the foci along two axes of the frame, such as "xz"."""
+    """Return a window around the foci, in the plane of two axes of the frame such as "xz"."""
     return _round_foci(foci, AXES[name[0]], AXES[name[1]], wavelength)
 
 
@@ -173,7 +173,7 @@ class Box:
 
     @property
     def points(self) -> Float64[np.ndarray, "points 3"]:
-        """The points [m]; x varies fastest and z slowest."""
+        """The points [m], with x varying fastest and z slowest."""
         # VTK's image data has this order.
         indices = np.stack(np.unravel_index(np.arange(np.prod(self.counts)), self.counts, "F"), 1)
         return self.origin + self.step * indices

@@ -35,7 +35,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_hdf5(path: Path) -> Iterator[Any]:
-    """Yield an HDF5 file in memory, and then write it like ``whole_file``."""
+    """Yield an HDF5 file in memory, and then write it to disk as ``whole_file`` does."""
     import h5py
 
     # HDF5 crashes the process if it closes a file on a full disk.

@@ -43,7 +43,7 @@ def check_file(path: Path, largest: int = LARGEST_DATA) -> None:
 
 
 def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
-    """Read the bytes of a file; raise the same errors as ``check_file``."""
+    """Return the bytes of a file, or raise an error as ``check_file`` does."""
     check_file(path, largest)
     try:
         return path.read_bytes()
@@ -52,7 +52,7 @@ def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
 
 
 def text_of(path: Path, largest: int = 2**26) -> str:
-    """Read a file as UTF-8 text; raise the same errors as ``check_file``."""
+    """Return the text of a UTF-8 file, or raise an error as ``check_file`` does."""
     try:
         text = bytes_of(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -72,7 +72,7 @@ def text_of(path: Path, largest: int = 2**26) -> str:
 
 
 def json_of(text: str | bytes) -> Any:
-    """Parse JSON; raise ValueError if it is damaged or repeats a key of an object."""
+    """Parse JSON, or raise ``ValueError`` if it is damaged or an object repeats a key."""
 
     def without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         key, count = Counter(key for key, _ in pairs or [("", None)]).most_common(1)[0]
@@ -99,18 +99,18 @@ def datasets_of(
     path : the file.
     layout : mapping from the name of each value to its kind and axes, such as
         ``{"drives/time": "real drives"}``. Names of attributes begin with ``@``, and kinds of
-        optional values begin with ``optional``. Kinds are real (float64), complex, whole (int64)
-        and text. An axis is a number, a name, which stands for the same length everywhere, or ``*``
-        for any length. An axis in brackets is optional.
+        optional values with ``optional``. Kinds are real (float64), complex, whole (int64) and
+        text. An axis is a number, a name or ``*``. A name stands for the same length everywhere,
+        and ``*`` for any length. An axis in brackets is optional.
     newest : newest ``format_version`` that can be read.
     largest : largest size of the file, and of its unpacked arrays [bytes].
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``check_file``, or if the version is unsupported, data are missing
-        or of the wrong kind or shape, the arrays are too large, or the file is damaged or refers to
-        other files.
+        If the file is missing, too large, damaged, or a device or pipe; if its version is not
+        supported; if data are missing or have the wrong kind or shape; if the arrays are too large;
+        or if the file refers to other files.
     """
     import h5py
 

@@ -59,7 +59,7 @@ def read_mesh(
 
 
 def read_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
-    """Read the vertices of a mesh or the points of a cloud; raise errors like ``read_mesh``."""
+    """Return the vertices of a mesh or point cloud, or raise an error as ``read_mesh`` does."""
     scene = _scene(path)
     with _describing_damage(path):
         parts = [geometry.vertices for geometry in scene.geometry.values()]
@@ -67,7 +67,7 @@ def read_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
 
 
 def read_node_positions(path: Path) -> Mapping[str, Float64[np.ndarray, "3"]]:
-    """Read the positions of the named nodes of a file; raise the same errors as ``read_mesh``."""
+    """Return the positions of named nodes, or raise an error as ``read_mesh`` does."""
     graph = _scene(path).graph
     return {
         str(node): np.array(graph.get(node)[0][:3, 3], dtype=np.float64) for node in graph.nodes

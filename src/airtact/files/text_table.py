@@ -59,13 +59,13 @@ class TextTable:
         return np.array(self._parsed(name, _real, "a real number"), dtype=np.float64)
 
     def complex_numbers(self, name: str) -> Complex128[np.ndarray, "rows"]:
-        """Read a column as complex numbers such as ``0.5-1.2i``; reject NaN and infinity."""
+        """Read a column as finite complex numbers such as ``0.5-1.2i``."""
         return np.array(self._parsed(name, _complex, "a number"), dtype=np.complex128)
 
     def order(self, name: str) -> Int64[np.ndarray, "rows"]:
         """Return the order of the rows according to a column that numbers them from 0.
 
-        The column must contain each number once. The method also raises the errors of ``numbers``.
+        The method raises ``InvalidInput`` unless the column contains each number once.
         """
         numbers = self.numbers(name)
         order = np.argsort(numbers, kind="stable")

@@ -87,11 +87,11 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
     """Return the thickness [m] and position (3,) [m] of a part thinner than ``THINNEST``, or None.
 
     The thickness at a point is the diameter of the largest inner ball that touches the surface
-    there and also touches the opposite surface. The normals there must be antiparallel to within 20
-    degrees, so edges of wedges pass the check. The thickness is measured at points 0.25 mm apart,
-    or farther apart on large bodies. A part counts as thin only if the body is too thin everywhere
-    within a distance of ``THINNEST``, so small bumps, ribs and necks pass. The limit for the
-    thickness is reduced by 10 %, because meshes may be rough or coarse.
+    there and also touches the opposite surface. The normals at both points must be antiparallel to
+    within 20 degrees, so edges of wedges pass the check. The thickness is measured at points 0.25
+    mm apart, or farther apart on large bodies. A part counts as thin only if the body is too thin
+    everywhere within a distance of ``THINNEST``, so small bumps, ribs and necks pass. The limit for
+    the thickness is reduced by 10 %, because meshes may be rough or coarse.
     """
     shape = surface.shape
     if shape.least_thickness >= THINNEST * (1.0 - 1e-9):
@@ -185,7 +185,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
 
 
 def approach(first: Surface, second: Surface, within: float = np.inf) -> Approach | None:
-    """Return the distance [m] between two true surfaces, or None if it exceeds ``within``."""
+    """Return the closest approach of two surfaces, or None if over ``within`` [m] apart."""
     if isinstance(first.shape, Capsule) and isinstance(second.shape, Capsule):
         on_first, on_second = nearest_on_segments(first.shape.axis, second.shape.axis)
         across = on_second - on_first

@@ -92,7 +92,7 @@ class QuadraticMesh:
 
     @cached_property
     def quadratic_triangles(self) -> QuadraticTriangles:
-        """The triangles as curved panels (T, 6, 3) [m]; neighbours share corners and midpoints."""
+        """The triangles as curved panels (T, 6, 3) [m] that share corners and midpoints."""
         return np.concatenate([self.vertices[self.triangles], self._curved[0]], axis=1)
 
     @property
@@ -150,7 +150,7 @@ class QuadraticMesh:
         return total
 
     def depth(self, points: Points) -> PointLengths:
-        """Return the distance [m] of points (P, 3) from the surface; positive inside.
+        """Return the depth [m] of points (P, 3) below the surface, which is negative outside.
 
         The sign follows from the normal at the closest point. On edges and corners, it follows from
         the angle-weighted mean normal (J. A. Bærentzen, H. Aanæs, IEEE Trans. Vis. Comput. Graph.
@@ -243,13 +243,14 @@ class QuadraticMesh:
     def levelled(
         self, panels: QuadraticTriangles
     ) -> tuple[QuadraticTriangles, Float64[np.ndarray, "panels"]]:
-        """Move nodes of panels (P, 6, 3) along normals to minimise the mean square distance.
+        """Fit panels (P, 6, 3) [m] to the surface by moving their nodes along the normals.
 
-        The second result is an estimate of the root mean square distance (P,) that remains [m],
-        which mostly agrees with ``deviation`` within 10 %.
+        The mean square distance from the surface is minimised. The second result is an estimate of
+        the remaining root mean square distance (P,) [m], which mostly agrees with ``deviation``
+        within 10 %.
 
-        A panel whose nodes are all on the surface lies inside a round surface, and follows the
-        roughness of a scan at its nodes. A least-squares fit avoids both.
+        A panel with all nodes on a round surface lies inside the surface. On a scan, such a panel
+        follows the roughness at its nodes. A least-squares fit avoids both.
         """
         points = np.einsum("qn,tnd->tqd", _RULE_SHAPE, panels).reshape(-1, 3)
         depth = self.depth(points).reshape(-1, len(_RULE_POINTS))

@@ -31,9 +31,9 @@ from airtact.geometry.surface import Surface
 
 @dataclass(frozen=True, eq=False)
 class Capsule(Shape):
-    """Points within ``radius`` [m] of a segment on the local z axis; a sphere if its length is 0.
+    """All points within ``radius`` [m] of a segment on the local z axis.
 
-    The segment extends from -length/2 to +length/2 [m].
+    The segment extends from -length/2 to +length/2 [m]. A length of 0 makes a sphere.
 
     Examples
     --------

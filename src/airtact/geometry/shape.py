@@ -53,7 +53,7 @@ class Shape(ABC):
 
     @property
     def least_thickness(self) -> float:
-        """Lower bound on the diameter of inner balls that touch the surface [m]; 0 if unknown."""
+        """Lower bound [m] on the diameter of inner balls at the surface, or 0 if unknown."""
         return self.thinnest
 
     def thickness_at(
@@ -80,7 +80,7 @@ class Shape(ABC):
 
     @abstractmethod
     def depth(self, points: Points) -> PointLengths:
-        """Return the distance [m] of points (P, 3) from the surface; positive inside the body."""
+        """Return the depth [m] of points (P, 3) below the surface, which is negative outside."""
 
     @abstractmethod
     def project(self, points: Points) -> PointVectors:
@@ -100,7 +100,7 @@ class Shape(ABC):
         return self.project(straight.reshape(-1, 3)).reshape(straight.shape)
 
     def off_triangles(self, points: Points) -> PointLengths:
-        """Return the distance [m] of points from the triangles of the mesh; 0 for exact shapes."""
+        """Return the distance [m] of points from the mesh triangles, or 0 for exact shapes."""
         return np.zeros(len(points))
 
     @abstractmethod

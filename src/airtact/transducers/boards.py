@@ -86,7 +86,7 @@ def board_named(name: str) -> Board:
 
 
 def boards_needed(board: Board, elements: int) -> int:
-    """Return the number of boards that have this many elements in total.
+    """Return the number of boards that together have this number of elements.
 
     Raises
     ------

@@ -84,17 +84,18 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
 
     Parameters
     ----------
-    path : file as for ``load_calibration``. Optional columns are the displacement of an
-        element x, y, z [m] and the rotation vector of its face turn_x, turn_y, turn_z
-        [rad], both in the array's frame. Elements that are not listed have no
-        deviation.
+    path : .csv file with the columns element, gain and phase, as for ``load_calibration``. It may
+        also contain the columns x, y, z (displacement of an element [m]) and turn_x, turn_y, turn_z
+        (rotation vector of its face [rad]), both in the array's frame. Elements that are not listed
+        have no deviation.
     array : the nominal array.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``load_calibration``, or if a displacement is 0.1 m or more, or a
-        rotation half a turn or more.
+        If the file cannot be read, if a column is missing, if a cell is not a number, if an element
+        does not exist or is repeated, if a gain is outside 0 to 10, if a displacement is 0.1 m or
+        more, or if a rotation is half a turn or more.
     """
     gains = load_calibration(path, len(array))
     table = read_text_table(Path(path))

@@ -116,7 +116,7 @@ class Element:
         return f"pistons of {self.radius * 1e3:.3g} mm radius ({width}) that only radiate forward"
 
     def same_as(self, element: "Element") -> bool:
-        """Return whether both elements have the same values."""
+        """Return whether another element has the same values."""
         return (
             np.array_equal(self.points, element.points)
             and np.array_equal(self.weights, element.weights)

@@ -149,7 +149,7 @@ class PhasedArray:
 
     @cached_property
     def spacing(self) -> float:
-        """Smallest distance [m] between two elements; infinite for a single element."""
+        """Smallest distance [m] between two elements, or infinity for a single element."""
         return nearest_pair(self.positions)[2] if len(self) > 1 else np.inf
 
     def moved(self, pose: Pose) -> "PhasedArray":
@@ -285,7 +285,9 @@ def _across(
 def board_array(
     board: str = "autd3", poses: Sequence[Pose] | None = None, element: Element | None = None
 ) -> PhasedArray:
-    """Return an array of boards of one kind; ``airtact boards`` lists the kinds.
+    """Return an array of boards of one kind.
+
+    The command ``airtact boards`` lists all kinds.
 
     Parameters
     ----------

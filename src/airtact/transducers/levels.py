@@ -84,7 +84,7 @@ class Levels:
         return len(self.amplitudes) == 2
 
     def same_as(self, levels: "Levels") -> bool:
-        """Return whether both objects have the same amplitudes and phases."""
+        """Return whether other levels have the same amplitudes and phases."""
         return self.phases == levels.phases and np.array_equal(self.amplitudes, levels.amplitudes)
 
     def nearest(self, shares: Real[np.ndarray, "*elements"]) -> Int64[np.ndarray, "*elements"]:
@@ -101,7 +101,7 @@ class Levels:
     def rounded(
         self, drives: Complex[np.ndarray, "*elements"]
     ) -> tuple[UInt8[np.ndarray, "*elements"], UInt8[np.ndarray, "*elements"]]:
-        """Return the nearest amplitude and phase levels; silent elements get phase level 0."""
+        """Return the nearest amplitude and phase levels, with phase level 0 for silent elements."""
         amplitude = self.nearest(np.abs(drives))
         turns = np.rint(np.angle(drives) * (self.phases / (2.0 * np.pi))).astype(np.int64)
         # Silent elements all get the same phase, so that equal frames compare equal.

@@ -73,7 +73,7 @@ def check_placement(
 
 
 def check_apart(array: PhasedArray) -> None:
-    """Raise an error if two elements overlap: a board placed twice would double the pressure."""
+    """Raise an error if two elements overlap, because a board placed twice doubles the pressure."""
     # A point has no radius, but real transducers are more than a tenth of a millimetre apart.
     smallest = max(array.element.radius, 1e-4)
     if array.spacing >= smallest:
@@ -232,7 +232,7 @@ def _height(
 def open_air_bound(
     array: PhasedArray, points: Real[np.ndarray, "points 3"], wavenumber: complex
 ) -> Float64[np.ndarray, "points"]:
-    """Return the peak pressure [Pa] at points if all elements are at full scale and in phase there.
+    """Return the peak pressure [Pa] at points with all elements at full scale and in phase there.
 
     The pressure is the sum of |g_e| · sensitivity · |Σ_j w_j e^{ikr}/r| over
     the elements e that face the point, with gain g_e and weights w_j. Without

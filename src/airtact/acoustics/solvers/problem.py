@@ -143,16 +143,16 @@ class RadiatedField(ABC):
     @property
     @abstractmethod
     def on_surface(self) -> SurfaceField:
-        """Total pressure at points on the surfaces of the bodies; empty if there are no bodies."""
+        """Total pressure at points on the surfaces, or no points if there are no bodies."""
 
     @property
     def scattering_sources(self) -> Monopoles | None:
-        """Monopoles that radiate the scattered pressure away from the bodies; None if unknown."""
+        """Monopoles that radiate the scattered pressure off the bodies, or None if unknown."""
         return None
 
     @property
     def without_images(self) -> "RadiatedField | None":
-        """The field without the images of sources and bodies in a plane; None if unknown."""
+        """The field without the images of sources and bodies in a plane, or None if unknown."""
         return None if self.scene.planes else self
 
     # Public methods check their points once; solvers implement the methods with underscores.
@@ -273,7 +273,7 @@ class RadiatedField(ABC):
         return np.full((len(points), self.excitations), np.nan, dtype=np.complex128)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
-        """Return the solver's estimate (S,) of each excitation's relative error.
+        """Return the relative error (S,) of each excitation, as estimated by the solver.
 
         The points (P, 3) [m] should be away from the surfaces.
         """
@@ -351,8 +351,8 @@ class OpenAirField(RadiatedField):
 class FreeField(Solver):
     """Solver for scenes without bodies: spherical waves, and their images in a rigid plane.
 
-    The plane is ``Scene.planes``. Scenes with bodies raise ``InvalidInput``; use
-    ``BoundaryElement`` for them.
+    The plane is the one in ``Scene.planes``. Use ``BoundaryElement`` for scenes with bodies, which
+    raise ``InvalidInput`` here.
 
     Examples
     --------

@@ -34,12 +34,13 @@ SAME_NODE = 1e-9
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SampledField(RadiatedField):
-    """A field interpolated between nodes with known pressure; NaN outside their convex hull.
+    """A field interpolated between nodes with known pressure.
 
     A Delaunay triangulation divides the convex hull of the nodes into tetrahedra. In each
     tetrahedron, p·r·e^{-ikr} is interpolated linearly, where r is the distance from the nearest
     source, because e^{ikr}/r varies far faster than the remaining factor. The tetrahedra also fill
-    the bodies, so do not evaluate the field inside bodies. The error is not estimated (NaN).
+    the bodies, so do not evaluate the field inside bodies. The field is NaN outside the convex
+    hull. Its error is not estimated and is reported as NaN.
 
     Attributes
     ----------

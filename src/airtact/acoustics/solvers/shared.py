@@ -110,7 +110,7 @@ def chebyshev_weights(
 
 
 def available_memory() -> float:
-    """Return the memory available without swapping [bytes]; infinity if it is not reported."""
+    """Return the memory available without swapping [bytes], or infinity if it is unknown."""
     try:
         # Unbuffered for speed, because this file is read before every solve.
         with open("/proc/meminfo", "rb", buffering=0) as file:

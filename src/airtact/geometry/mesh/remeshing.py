@@ -228,8 +228,9 @@ def bend_sizes(
     """Return, at each vertex, the edge length [m] over which the surface turns by 1 rad.
 
     The radius of a bend is estimated from pairs of triangles whose normals differ by 75 to 150
-    degrees and that lie on a common arc. Pairs across a sharp edge (``ridges``) are ignored.
-    ``factor`` scales the limits. It is below 1 if panels must be closer to the surface.
+    degrees and that lie on a common arc. Pairs across a sharp edge (``ridges``) are ignored. The
+    result is ``factor`` times this radius and at most ``largest``. ``factor`` is below 1 if panels
+    must be closer to the surface.
     """
     corners = vertices[triangles]
     centres = corners.mean(axis=1)
@@ -321,7 +322,7 @@ def round_size(vertices: Vertices, triangles: Triangles, ridges: Ridges, turn: f
 
 
 def is_smooth(vertices: Vertices, triangles: Triangles, ridges: Ridges) -> bool:
-    """Return whether the angle defects at vertices are those of a smooth body, not of a scan."""
+    """Return whether the angle defects at vertices suggest a smooth body rather than a scan."""
     defect, _ = _angle_defects(vertices, triangles, ridges)
     # Roughness has defects of both signs.
     return float(np.abs(defect).sum()) < 3 * 4 * np.pi
@@ -365,10 +366,11 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
 
 
 def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSizes:
-    """Return the longest edge [m] allowed at each vertex: twice the distance to the next ridge.
+    """Return the longest edge [m] allowed at each vertex on narrow strips between sharp edges.
 
-    The limit is ``largest`` at vertices that are not on sharp edges. Near a corner the limit is
-    smaller, because the other edge of the corner is close.
+    The limit is twice the distance to the nearest other sharp edge, and ``largest`` at vertices
+    that are not on sharp edges. Near a corner the limit is smaller, because the other edge of the
+    corner is close.
     """
     width = np.full(len(vertices), largest / 2.0)
     if not len(ridges):

@@ -122,12 +122,12 @@ def with_middles(
 
 
 def area_vectors(corners: Corners) -> TriangleVectors:
-    """Return the outward normal of each flat triangle; its length is twice the area [m²]."""
+    """Return the outward normal of each flat triangle, whose length is twice the area [m²]."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-    """Scale vectors to unit length; zero vectors stay zero."""
+    """Scale vectors to unit length, except zero vectors, which stay zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
@@ -250,7 +250,7 @@ def edge_twins(triangles: AnyTriangles) -> Twins:
 
 
 def edge_keys(triangles: AnyTriangles) -> Triangles:
-    """Return a key for each edge 01, 12, 20: low * count + high, the same in both directions."""
+    """Return a number for each edge 01, 12, 20 that identifies its two vertices in any order."""
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)
     count = int(triangles.max()) + 1 if triangles.size else 1
@@ -265,13 +265,16 @@ def edge_ends(triangles: AnyTriangles) -> Int[np.ndarray, "triangles 3 2"]:
 def are_among(
     edges: Int[np.ndarray, "*edges 2"], listed: Int[np.ndarray, "*listed 2"]
 ) -> Bool[np.ndarray, "*edges"]:
-    """Return whether a list contains each edge, given as a pair of vertices in any order."""
+    """Return a mask of the edges that ``listed`` contains, with their vertices in any order."""
     count = max(int(edges.max(initial=0)), int(listed.max(initial=0))) + 1
     return np.isin(np.sort(edges, axis=-1) @ [count, 1], np.sort(listed, axis=-1) @ [count, 1])
 
 
 def shells(triangles: AnyTriangles, twins: Twins | None = None) -> Int64[np.ndarray, "triangles"]:
-    """Label the triangles (T,) of a closed mesh by piece, in the order of the first triangles."""
+    """Return the index (T,) of the connected piece to which each triangle of a mesh belongs.
+
+    The pieces of the closed mesh are numbered in the order of their first triangles.
+    """
     twins = edge_twins(triangles) if twins is None else twins
     count = len(twins)
     graph = csr_array(
@@ -284,13 +287,13 @@ def shells(triangles: AnyTriangles, twins: Twins | None = None) -> Int64[np.ndar
 def components(
     start: Int[np.ndarray, "links"], end: Int[np.ndarray, "links"], count: int
 ) -> Int64[np.ndarray, "members"]:
-    """Label the connected components of a graph of ``count`` nodes with the given links."""
+    """Return the index of the connected component of each of the ``count`` nodes of a graph."""
     links = coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(count, count))
     return connected_components(links, directed=False)[1].astype(np.int64)
 
 
 def smooth_patches(twins: Twins, borders: EdgeMask) -> Int64[np.ndarray, "triangles"]:
-    """Label the patches of a closed mesh that the border edges separate."""
+    """Return the index of the patch of each triangle, where border edges separate patches."""
     triangle, edge = np.nonzero(~borders)
     return components(triangle, twins[triangle, edge] // 3, len(twins))
 
@@ -352,7 +355,7 @@ def check_not_degenerate(vertices: AnyVertices, triangles: AnyTriangles) -> None
 
 
 def check_closed(vertices: AnyVertices, triangles: AnyTriangles) -> Twins:
-    """Return ``edge_twins``, and check that each edge has exactly one reverse edge."""
+    """Check that each edge has exactly one reverse edge, and return ``edge_twins``."""
     twins = edge_twins(triangles)
     for mark, singular, plural, fault, code in (
         (

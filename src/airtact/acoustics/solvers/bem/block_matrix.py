@@ -28,11 +28,11 @@ ALWAYS_FREE = 2**26
 
 
 class BlockPairs(_kernels.Pairs):
-    """Pairs of blocks: row block t is paired with columns ``column[first[t]:first[t + 1]]``."""
+    """Pairs of a row block t with the column blocks ``column[first[t]:first[t + 1]]``."""
 
     @classmethod
     def of(cls, chosen: Bool[np.ndarray, "blocks blocks"]) -> "BlockPairs":
-        """Return the pairs that a mask or an array of indices selects."""
+        """Return the pairs for which a mask is True."""
         first = np.concatenate([[0], np.cumsum(chosen.sum(axis=1))])
         return cls(first.astype(np.int64), np.nonzero(chosen)[1].astype(np.int64))
 
@@ -79,8 +79,8 @@ class BlockMatrix:
     count : number of unknowns.
     whole : the pairs of blocks that are stored in full.
     blocks : rows of the blocks stored in full. Each row consists of its real parts followed by its
-        imaginary parts, padded with zeros. An array entry contains one number, or two numbers in
-        bfloat16.
+        imaginary parts, padded with zeros. Each array entry contains one number, or two numbers if
+        the format is bfloat16.
     far : the pairs of blocks that are sums of low-rank terms. Pair i has ``ranks[i]`` terms, whose
         factors start at ``begin[i]``: first those along the block's columns, then those along its
         rows.
@@ -134,7 +134,7 @@ class BlockMatrix:
         )
 
     def dense(self) -> Complex[np.ndarray, "nodes nodes"]:
-        """Return the matrix as one dense array; low-rank blocks and bfloat16 are not supported."""
+        """Return the matrix as one dense array, without support for low-rank blocks or bfloat16."""
         lanes = _kernels.lanes
         out = np.empty((self.count, self.count), dtype=self.precision, order="F")  # for LAPACK
         rows = lanes * self.whole.row
@@ -178,7 +178,7 @@ def eliminate(
     right: Complex128[np.ndarray, "nodes excitations"],
     transposed: bool,
 ) -> GmresResult:
-    """Solve a linear system by Gaussian elimination; its matrix is the sum of ``matrices``.
+    """Solve a linear system, whose matrix is the sum of ``matrices``, by Gaussian elimination.
 
     The matrices must not contain low-rank blocks. The reported residual belongs to the sum of all
     right-hand sides, so computing it takes only one product with the matrix.

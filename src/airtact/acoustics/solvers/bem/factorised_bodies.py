@@ -50,7 +50,7 @@ from airtact.timing import Clock
 
 @dataclass(frozen=True, eq=False)
 class PlacedBody:
-    """A reduced body and its pose, from the body's frame to the scene's frame."""
+    """A reduced body and its pose, which maps the body's frame to the scene's frame."""
 
     reduced: ReducedBody
     pose: Pose
@@ -75,9 +75,9 @@ class PlacedBody:
         return bool(squares.min(initial=np.inf) > (radius + reach) ** 2)
 
     def reaches(self, points: Points) -> Mask:
-        """Return which points are too close to the body for the skeletons.
+        """Return a mask of the points that are too close to the body for the skeletons.
 
-        The skeletons are the reduced set of nodes; they are inaccurate close to the body.
+        The skeletons are the reduced sets of nodes, which are inaccurate close to the body.
         """
         reach = self.reduced.reach
         near = self.in_box(points, reach)
@@ -87,7 +87,7 @@ class PlacedBody:
         return near
 
     def in_box(self, points: Points, beyond: float = 0.0) -> Mask:
-        """Return which points are in the box around the body, or within ``beyond`` [m] of it."""
+        """Return a mask of the points in the box around the body or within ``beyond`` [m] of it."""
         tree = self.reduced.tree
         local = self.local.apply(points)
         return ((local > tree.mins - beyond) & (local < tree.maxes + beyond)).all(axis=1)
@@ -111,7 +111,10 @@ class PlacedBody:
         )
 
     def coupling_from(self, source: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
-        """Return −D(x) + i D(x') from the column skeleton of ``source`` to this row skeleton."""
+        """Return the matrix −D(x) + i D(x') from the columns of ``source`` to this body's rows.
+
+        The rows and columns are those of the skeletons, and D is the double layer.
+        """
         count = len(self.reduced.rows)
         points = self.pose.apply(self.reduced.row_points)
         nodes, normals, single = source.reduced.column_nodes
@@ -127,14 +130,14 @@ class PlacedBody:
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """Coupling of placed bodies by scattering, with one block per (receiving, emitting) pair."""
+    """Matrix blocks for the sound that each body receives from each of the other bodies."""
 
     placed: tuple[PlacedBody, ...]
     blocks: dict[tuple[int, int], Complex[np.ndarray, "rows columns"]]
 
     @classmethod
     def of(cls, placed: Sequence[PlacedBody]) -> "Coupling | None":
-        """Couple each pair of bodies, or return None if two are too close for their skeletons."""
+        """Compute the blocks, or return None if two bodies are too close for their skeletons."""
         for index, first in enumerate(placed):
             for second in placed[:index]:
                 points = second.pose.apply(second.reduced.surface.nodes.points)
@@ -151,7 +154,11 @@ class Coupling:
     def times(
         self, densities: Complex[np.ndarray, "excitations rows"]
     ) -> Complex[np.ndarray, "excitations rows"]:
-        """Apply the equation for the densities y on all skeletons: y_b + Σ_c S_b K_cbᵀ y_c."""
+        """Return y_b + Σ_c S_b K_cbᵀ y_c, the left-hand side of the equation for the densities y.
+
+        S_b is the scattering matrix of body b, and K_cb the block from body c to body b. The sum is
+        over all other bodies c.
+        """
         out = densities.copy()
         for body, rows in enumerate(self.parts):
             # This is the field of the other bodies at this body's columns, then its scattering.
@@ -167,7 +174,7 @@ class Coupling:
 
     @cached_property
     def parts(self) -> list[slice]:
-        """Slice of the densities that belongs to each body."""
+        """The part of the densities that belongs to each body, as slices."""
         ends = np.cumsum([len(body.reduced.rows) for body in self.placed]).tolist()
         return [slice(begin, end) for begin, end in pairwise([0, *ends])]
 

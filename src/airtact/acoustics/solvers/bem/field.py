@@ -93,7 +93,7 @@ class BoundaryField(RadiatedField):
     On and near the surface, the pressure is taken from the direct solution. Elsewhere, excitations
     with a source near the surface use the transposed solution. All other excitations use the mean
     of both solutions, which makes the field reciprocal. Many points close together, such as those
-    of a picture, are evaluated in cells, which adds a relative error of 0.04 ``accuracy``. In
+    of a picture, are evaluated in cells, which adds a relative error of 0.04 times ``accuracy``. In
     cells, the direct solution is used for all excitations without a source near the surface. The
     field raises ``InvalidInput`` on and near the surface if the direct equation was not solved
     (``estimate=False``).
@@ -120,7 +120,7 @@ class BoundaryField(RadiatedField):
 
     @cached_property
     def direct(self) -> DirectSolution:
-        """The direct solution; accessing it raises ``InvalidInput`` if it was not computed."""
+        """The direct solution. Raises ``InvalidInput`` if it was not computed."""
         if self.pressure is None:
             raise InvalidInput(
                 "this solution does not provide the pressure on or near the surface, because "
@@ -151,8 +151,8 @@ class BoundaryField(RadiatedField):
     def scattering_sources(self) -> Monopoles | None:
         """Monopoles of the transposed solution, and a second copy of each source on a body.
 
-        The result is None in front of a plane, because the mirror images of the sources in the
-        plane would be missing.
+        The result is None if the scene has a plane, because the mirror images of the sources would
+        be missing.
         """
         if self.density is None or self.scene.planes:
             return None

@@ -57,7 +57,7 @@ def monopole_layer(positions: SourcePoints, wavenumber: complex) -> _kernels.Lay
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Points sorted into cells.
+    """Points sorted into cells, at which the field of many sources is summed quickly.
 
     Attributes
     ----------
@@ -88,10 +88,11 @@ class Cells:
         strengths: Complex[np.ndarray, "sources excitations"],
         min_distance: float = 0.0,
     ) -> Complex128[np.ndarray, "points excitations"]:
-        """Sum a double layer or monopoles at the points, in their original order.
+        """Return the field of a double layer or of monopoles at the points.
 
-        The sums are in float32, with each cell's centre as origin. For a double layer, nodes closer
-        than ``min_distance`` [m] are omitted.
+        The values are in the original order of the points. They are computed in float32, with each
+        cell's centre as the origin. For a double layer, nodes closer than ``min_distance`` [m] are
+        omitted.
         """
         cells = len(self.centres)
         at_points = _kernels.Cells(self.points, self.first, self.centres, self.reach)
@@ -191,11 +192,11 @@ class NearRule:
 
 
 class NearRows(_kernels.NearRows):
-    """Corrections that near panels add to the plain sum over all nodes, for a set of points.
+    """Corrections for panels near the points, to be added to the plain sum over all nodes.
 
-    Pair i is a point and a near panel; point j has the pairs ``first[j]`` to ``first[j + 1] - 1``,
-    as in ``near_lists``. ``excess`` (pairs, 6) is the accurate integral for each of the panel's six
-    nodes, minus the node's term in the plain sum.
+    Each pair consists of a point and a panel near it. Point j has the pairs ``first[j]`` to
+    ``first[j + 1] - 1``, as in ``near_lists``. ``excess`` (pairs, 6) is the accurate integral for
+    each of the panel's six nodes, minus the node's term in the plain sum.
     """
 
     def split(self, points: int) -> tuple["NearRows", "NearRows"]:
@@ -223,7 +224,7 @@ def near_rows(
     min_distance: float = 0.0,
     lists: NearLists | None = None,
 ) -> NearRows:
-    """Compute the corrections that near panels add to the plain sums.
+    """Compute the corrections to the plain sums for panels near the points.
 
     The plain sums omit nodes closer than ``min_distance`` [m]. In float32, no point may touch a
     panel at its edge. ``lists`` contains the near panels, if they are already known.
@@ -256,15 +257,15 @@ def double_layer_pressure(
     contact: Mask | None = None,
     coarse: bool = False,
 ) -> Pressures:
-    """Return the double layer D[p] of a surface pressure at points off the panels or on them.
+    """Return the double layer D[p] of a surface pressure at points on or off the panels.
 
     On a panel the result is the principal value.
 
     Parameters
     ----------
     cells : the points sorted into cells, or None. With cells, no point may be on a panel.
-    nodal : whether all points are on panels and away from their edges, as nodes are. The integrals
-        over near panels then need only the working precision.
+    nodal : whether all points lie inside panels, away from the edges, as nodes do. The working
+        precision is then sufficient for the integrals over near panels.
     contact : mask of the points that were projected onto a panel.
     coarse : whether to use single precision, with an error of about 0.1 %.
     """
@@ -389,7 +390,7 @@ def find_contacts(nodes: Nodes, points: Points) -> Contacts:
 
 
 def project_contacts(nodes: Nodes, points: Points) -> tuple[Vectors, Mask]:
-    """Project points that touch the surface onto their panel, and return which points touch."""
+    """Project points that touch the surface onto its panels, and return a mask of these points."""
     points = np.array(points, dtype=np.float64)
     target, panel, reference = find_contacts(nodes, points)
     contact = np.zeros(len(points), dtype=bool)
@@ -400,7 +401,7 @@ def project_contacts(nodes: Nodes, points: Points) -> tuple[Vectors, Mask]:
 
 
 def near_surface(nodes: Nodes, points: Points, reach: float) -> Mask:
-    """Return whether each point is within ``reach`` panel radii of the centre of a panel."""
+    """Return a mask of the points within ``reach`` panel radii of the centre of a panel."""
     return np.diff(near_lists(nodes, points, reach * nodes.radii)[0]) > 0
 
 

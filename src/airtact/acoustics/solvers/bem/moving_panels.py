@@ -53,7 +53,7 @@ from airtact.geometry.mesh.triangles import QuadraticTriangles
 
 @dataclass(frozen=True, eq=False)
 class MovingPanels:
-    """Panels of one body before it moves; ``facing`` returns a part of them.
+    """Panels of one body, which can be moved before each solve.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class MovingPanels:
     admittance : ρc/Z of the panels; 0 for sound-hard panels.
     wavenumber : wavenumber of the sound [rad/m].
     near_rule : integration rule for near panels.
-    low_rank_error : error of the matrix's low-rank blocks (see ``assemble``).
+    low_rank_error : allowed error of the matrix's low-rank blocks (see ``assemble``).
     """
 
     corners: QuadraticTriangles
@@ -164,7 +164,7 @@ class BodiesBeforePlane:
     """A fixed arrangement of bodies and sources in front of a moving plane.
 
     The sound that the plane reflects onto the bodies is weaker than the sound of the sources, so
-    twice the relative error is allowed for it.
+    its relative error may be twice as large.
 
     Attributes
     ----------

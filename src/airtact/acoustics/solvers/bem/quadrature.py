@@ -69,7 +69,7 @@ NODAL = np.linalg.inv(np.stack([np.ones(6), _U, _V, _U * _U, _U * _V, _V * _V], 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Quadrature nodes of a set of panels; node 6 t + j is node j of panel t.
+    """Quadrature nodes of a set of panels, where node 6 t + j is node j of panel t.
 
     Attributes
     ----------
@@ -108,7 +108,10 @@ class Nodes:
         return _kernels.Panels(self.quadratic_triangles, self.contact)
 
     def single_layer(self, wavenumber: complex) -> SingleLayer:
-        """Area times ikρc/Z, the ratio of −∂p/∂n to p [m]; empty if all panels are sound-hard."""
+        """Area times ikρc/Z [m] at each node, or an empty array if all panels are sound-hard.
+
+        ikρc/Z is the ratio of −∂p/∂n to p on an impedance surface.
+        """
         if not self.admittance.any():
             return np.empty(0, dtype=np.complex128)
         return 1j * wavenumber * np.repeat(self.admittance, 6) * self.weights
@@ -179,8 +182,8 @@ def thickness(
 ) -> Float64[np.ndarray, "nodes"]:
     """Return the diameter [m] of the largest inner ball that touches the surface at each node.
 
-    Diameters are at most ``largest``. Nodes whose ``lower_bound`` reaches this limit are
-    skipped.
+    Larger diameters are returned as ``largest``, without any computation if ``lower_bound`` already
+    reaches this value.
 
     For each node, the ball shrinks until it contains no other node. It then shrinks until no panel
     enters it between nodes (J. Ma, S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).

@@ -154,7 +154,10 @@ class BoundaryElement(Solver):
 
     @property
     def nodes_per_square_wavelength(self) -> float:
-        """Nodes per λ² of surface; the error decreases as the third power of the edge length."""
+        """Number of nodes per λ² of surface.
+
+        The error decreases as the third power of the edge length.
+        """
         return 34.0 * (0.01 / self.accuracy) ** (2 / 3)
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
@@ -169,8 +172,8 @@ class BoundaryElement(Solver):
         scene : sound-hard or impedance bodies. Their images in a plane add no unknowns.
         sources : monopoles outside the bodies or on their surfaces. If there is a plane, they must
             be in front of it or on it. If sources lie in the faces of reflecting boards, the
-            returned field is only known around the other bodies, and panels are not refined near
-            these sources.
+            returned field is known only around the other bodies, and the panels near these sources
+            are not refined.
 
         Returns
         -------

@@ -29,9 +29,10 @@ COARSE_ORDER = 5
 
 
 class Factor(ABC):
-    """A factorised matrix from which the unknowns inside tetrahedra are eliminated.
+    """A factorised matrix from which the unknowns inside tetrahedra have been eliminated.
 
-    Among the unknowns that tetrahedra share, ``free`` marks those to solve for. The others are 0.
+    The unknowns shared by tetrahedra are solved for where the mask ``free`` is True, and are 0
+    elsewhere.
     """
 
     def __init__(self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> None:
@@ -39,7 +40,7 @@ class Factor(ABC):
 
     @abstractmethod
     def solve_shared(self, right: Coefficients) -> Coefficients:
-        """Solve for the unknowns shared by tetrahedra; the others are 0."""
+        """Return the solution for the unknowns shared by tetrahedra, with 0 for all others."""
 
     def solve(self, right: Coefficients) -> Coefficients:
         """Return the solution for each column of a right-hand side."""

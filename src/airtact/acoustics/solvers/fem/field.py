@@ -32,7 +32,7 @@ TOUCHING = 0.04
 
 @dataclass(frozen=True, eq=False)
 class PointSources:
-    """Positions [λ] and strengths of monopoles e^{ikr}/r; there may be none."""
+    """Positions [λ] and strengths of any number of monopoles e^{ikr}/r."""
 
     positions: SourcePoints
     strengths: Strengths
@@ -247,7 +247,7 @@ class FiniteField(RadiatedField):
 
 
 def beside(scene: Scene, points: Points) -> Mask:
-    """Return whether points lie in a body or within a quarter of a wavelength of one."""
+    """Return a mask of the points in a body or within a quarter of a wavelength of one."""
     return scene.depth(points) > -0.25 * scene.wavelength
 
 

@@ -55,7 +55,7 @@ def many_threads() -> Iterator[None]:
 
 @contextmanager
 def heeding_interrupts() -> Iterator[None]:
-    """Restore the handling of Ctrl-C after meshing; Netgen's handler would end the process."""
+    """Restore the handling of Ctrl-C after meshing, because Netgen's handler ends the process."""
     try:
         yield
     finally:
@@ -66,7 +66,7 @@ def heeding_interrupts() -> Iterator[None]:
 
 @contextmanager
 def muted() -> Iterator[None]:
-    """Suppress the output of compiled code: Netgen prints failures, which are detected later."""
+    """Suppress the output of compiled code, because Netgen prints failures handled later."""
     sys.stdout.flush()
     sys.stderr.flush()
     saved = [os.dup(1), os.dup(2)]

@@ -91,8 +91,8 @@ class FiniteElement(Solver):
         Raises
         ------
         InvalidInput
-            If there are no bodies, if a source is inside a body, if a body cannot be meshed, or if
-            there is not enough memory.
+            If there are no bodies, if the scene has a plane or reflecting boards, if a source is
+            inside a body, if a body cannot be meshed, or if there is not enough memory.
         """
         check_sources(scene, sources)
         return self.factorised(scene).radiate(scene, sources)
@@ -107,7 +107,8 @@ class FiniteElement(Solver):
         Raises
         ------
         InvalidInput
-            Under the conditions listed in ``radiate``.
+            If there are no bodies, if the scene has a plane or reflecting boards, if a body cannot
+            be meshed, or if there is not enough memory.
         """
         of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
         check_no_planes(scene, "FiniteElement")
@@ -181,8 +182,7 @@ class FactorisedScene(Solver):
         Raises
         ------
         InvalidInput
-            If the scene is a different one, or under the conditions listed in
-            ``FiniteElement.radiate``.
+            If ``scene`` is not the scene that was factorised, or if a source is inside a body.
         """
         if scene is not self.scene:
             raise InvalidInput(

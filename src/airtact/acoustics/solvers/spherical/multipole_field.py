@@ -46,17 +46,17 @@ SPREAD = 5
 
 @dataclass(frozen=True, eq=False)
 class InterpolationSpheres:
-    """Scattered pressure, divided by its carrier wave, on concentric spheres around the bodies.
+    """Scattered pressure on concentric spheres around the bodies, divided by its carrier wave.
 
     Attributes
     ----------
     centre : (3,) centre of the spheres [m].
     radius : radius of the smallest sphere [m].
     order : highest order of the expansion.
-    values : (A, B, R, S) values for each polar angle, azimuth, radius and excitation. There are
-        2 ``order`` + 2 polar angles and twice as many azimuths. Both continue a little beyond their
-        ends, as padding for the interpolation. For the radii r, the quotients ``radius``/r are the
-        Chebyshev points of [0, 1].
+    values : (A, B, R, S) values for each polar angle, azimuth, radius and excitation. There are 2
+        ``order`` + 2 polar angles and twice as many azimuths. Both grids extend a little beyond the
+        full range, as padding for the interpolation. For the radii r, the quotients ``radius``/r
+        are the Chebyshev points of [0, 1].
     """
 
     centre: Float64[np.ndarray, "3"]

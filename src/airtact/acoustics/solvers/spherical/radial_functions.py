@@ -36,7 +36,7 @@ def outgoing_ratios(
 def outgoing_shapes(
     arguments: Complex[np.ndarray, "arguments"], reference: complex
 ) -> Iterator[Complex128[np.ndarray, "arguments"]]:
-    """Yield h_n(z)/h_n(z0) divided by h_0(z)/h_0(z0), without the carrier wave."""
+    """Yield h_n(z)/h_n(z0) divided by h_0(z)/h_0(z0), which removes the carrier wave."""
     shape = np.ones(len(arguments), dtype=np.complex128)
     quotient = 1.0 / arguments - 1j
     for order, reference_quotient in enumerate(outgoing_quotients(reference), start=1):
@@ -108,7 +108,10 @@ def outgoing_derivatives(argument: complex) -> Iterator[complex]:
 
 
 def regular_derivatives(argument: complex) -> Iterator[complex]:
-    """Yield the logarithmic derivatives j_n'(z)/j_n(z) (DLMF 10.51.2); about 1e30 where j_n = 0."""
+    """Yield the logarithmic derivatives j_n'(z)/j_n(z) (DLMF 10.51.2).
+
+    Where j_n vanishes, the derivative is about 1e30 instead of infinite.
+    """
     first = 1
     while True:
         quotients = regular_quotients(

@@ -146,10 +146,11 @@ class SphereModes:
         versine: Pairs,
         scale: Pairs,
     ) -> ComplexPairs:
-        """Return the scattered pressure [Pa] of unit monopoles, or the total pressure inside.
+        """Return the scattered pressure [Pa] of unit monopoles, or their total pressure inside.
 
-        The points are all ``inside`` a fluid sphere or all outside. ``versine`` is 1 - cos γ of
-        each point and source. The error is ``ACCURACY`` times ``scale`` [Pa].
+        If ``inside`` is True, all points are inside the fluid sphere, and otherwise all are outside
+        the sphere. ``versine`` is 1 - cos γ for each pair of a point and a source. The error is
+        ``ACCURACY`` times ``scale`` [Pa].
 
         Raises
         ------
@@ -398,9 +399,10 @@ class SphereField(RadiatedField):
 
 @dataclass(frozen=True)
 class SphereSeries(Solver):
-    """Separation-of-variables solver for one sphere; it serves as a reference for other solvers.
+    """Separation-of-variables solver for one sphere, a reference for other solvers.
 
-    The sphere is sound-hard, has an impedance, or is filled. Sources lie outside or on the sphere.
+    The sphere is sound-hard, has an impedance boundary, or is filled with a fluid. Sources lie
+    outside the sphere or on it.
     """
 
     def radiate(self, scene: Scene, sources: Monopoles) -> SphereField:
