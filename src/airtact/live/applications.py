@@ -38,7 +38,8 @@ class ApplicationServer(WebSocketReceiver):
 
     Parameters
     ----------
-    stream, port, host : see ``WebSocketReceiver``.
+    stream : stream to which received frames of hands are added.
+    port, host : port and address to listen on; port 0 selects a free port.
     world : objects and foci that applications can change.
     """
 
@@ -110,7 +111,7 @@ class ApplicationServer(WebSocketReceiver):
 
 
 def take_text(text: bytes | str, source: str, stream: HandStream, world: World) -> None:
-    """Process a message that has a type: pass hands to ``stream``, everything else to ``world``.
+    """Process an application's message: pass hands to ``stream``, and all else to ``world``.
 
     Raises
     ------

@@ -50,8 +50,8 @@ class Status:
     rate : drives sent to the boards per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without
         drives.
-    kept : median of the expected pressure as a fraction of the pressure that a fresh solve for the
-        exact hand would reach; NaN if unknown.
+    kept : median of the expected pressure at the weakest focus, divided by the attainable pressure,
+        which drives computed for the exact hand would produce; NaN if unknown.
     unrecorded : data missing from the session, with the reason; None if it is complete.
     rejected : reason why the newest message of an application was rejected; empty after a few
         seconds.
@@ -93,10 +93,11 @@ class Followed:
         air [s]; NaN without drives.
     delay : 95th percentile of the time from the arrival of a frame until the first drive
         computed from it reached the link [s]; NaN without drives.
-    kept : median of the expected fraction of the attainable pressure; NaN if unknown.
+    kept : median of ``Moment.kept``, the expected fraction of the attainable pressure; NaN if
+        unknown.
     faded : number of fades to silence for each reason.
     dropped : number of frames and drives missing from the session because the disk was too slow.
-    health : counts of received frames and of their faults.
+    health : numbers of received frames and of frames with each kind of fault.
     stopped : whether the emergency stop was pressed.
     state : final state, with the reason for silence.
     processes : processes that ended during the run; empty if none.

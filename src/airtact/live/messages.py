@@ -127,7 +127,7 @@ class ObjectMessage(
             raise _explained(error) from None
 
     def made(self) -> VirtualObject:
-        """Build the object, without the distance grid of a mesh, which would take about 1 s."""
+        """Build the object without computing the distance grid of a mesh, which takes about 1 s."""
         with about(f"object {self.name}"):
             shape = None
             if self.mesh is not None:
@@ -274,7 +274,7 @@ class FocusState(msgspec.Struct, frozen=True):
 
 
 class StateMessage(msgspec.Struct, frozen=True, tag="state"):
-    """Message from the live loop to an application: what sounds now.
+    """Message from the live loop to an application about the current foci and contacts.
 
     Attributes
     ----------
@@ -383,7 +383,11 @@ def read_message(text: bytes | str) -> Message:
 
 
 def converted(data: dict[str, Any]) -> Message:
-    """Return the message with these keys and values; raise the same errors as ``read_message``."""
+    """Convert keys and values to a message.
+
+    Raise ``InvalidInput`` if the type is unknown, the version is not supported, or a value is
+    invalid.
+    """
     try:
         return msgspec.convert(data, Message)
     except msgspec.ValidationError as error:

@@ -31,7 +31,7 @@ State = Literal["waiting", "playing", "fading", "silent", "stopped"]
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """A drive of the live loop at one time, and its predicted effect.
+    """A drive of the live loop for one time, with the predicted hand, foci and pressures.
 
     Attributes
     ----------
@@ -42,15 +42,16 @@ class Moment:
     foci : (F, 3) predicted foci at ``time`` [m]; None if no hand is seen.
     amplitudes : (E,) complex amplitudes, as fractions of full scale; zeros for silence.
     pressures : (F,) predicted pressures at the foci [Pa]; None if unknown.
-    rule : what the drive accounts for: only distances, or also scattering by the phalanges, the
-        whole hand or the skin near contacts.
+    rule : what the drive accounts for: only "distances", or also scattering by the last
+        "phalanges", by the whole "hand" ("carried" if the solution was moved from another pose), or
+        by the skin near "contacts".
     shape_age : age at ``time`` of the pose for which the scattering was solved [s]; None if no
         solution was used.
-    kept : expected pressure at the weakest focus, as a fraction of the attainable pressure; None if
-        unknown.
+    kept : expected pressure at the weakest focus, divided by the attainable pressure, which a drive
+        computed for the exact hand would produce; None if unknown.
     state : state of the loop, such as "playing", "fading" or "silent".
-    frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci
-        move.
+    frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci move; else
+        None.
     rate : frames per second; 0 without frames.
     other : (25, 3) predicted joints of the other hand [m]; None if it is not seen.
     names : a name for each focus; if empty, the names are the places of the scene.
@@ -95,7 +96,7 @@ def silent_moment(scene: LiveScene, time: float, frame_time: float) -> Moment:
 
 @dataclass(frozen=True)
 class Controls:
-    """Settings that the page or a program can change while the loop runs.
+    """Settings that the browser page or a program can change while the live loop runs.
 
     Attributes
     ----------
@@ -152,12 +153,12 @@ class DriveMaker(ABC):
 
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:
-        """Compute the drive whose sound will be in the air at ``time`` on the tracker's clock."""
+        """Return the drive whose sound will be in the air at ``time`` [s] (tracker's clock)."""
 
     def feel(  # noqa: B027 (some makers have fixed foci)
         self, objects: Sequence[VirtualObject], foci: "Sequence[at.live.WantedFocus]"
     ) -> None:
-        """Set the objects and requested foci; the loop calls this method before each drive."""
+        """Set the virtual objects and the requested foci; the loop calls this before each drive."""
 
     def revive(self) -> int:
         """Restart processes that have ended; return the number of restarts so far."""

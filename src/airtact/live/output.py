@@ -14,7 +14,7 @@ from airtact.transducers.levels import AmplitudeModulation, Levels
 
 
 class Output:
-    """Output for drives: boards that are connected by a link, or no boards.
+    """Output of the live loop: boards that are connected by a link, or no boards.
 
     Use it in a ``with`` block, at whose end the output is silenced. Drives above the cap, which is
     full scale by default, are scaled down. After silence, the sound rises within 0.2 s. The methods
@@ -63,7 +63,7 @@ class Output:
         return 1.0 if self._emission is None else self._emission.share
 
     def limit(self, cap: float) -> None:
-        """Cap the amplitudes of all drives at a fraction of full scale; see ``check_cap``."""
+        """Limit the amplitudes of all drives to a fraction of full scale, above 0 and at most 1."""
         cap = check_cap(cap)
         if self._emission is not None:
             self._emission.cap = cap
@@ -93,7 +93,7 @@ class Output:
             self._emission.beat()
 
     def modulate(self, modulation: AmplitudeModulation | None) -> None:
-        """Modulate the amplitude of all drives that are sent from now on."""
+        """Set the amplitude modulation of all drives that are sent later; None ends it."""
         if self._emission is not None:
             self._emission.set_modulation(modulation)
 

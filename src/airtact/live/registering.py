@@ -84,7 +84,7 @@ class RegisteredTracker:
 
 
 def elements_to_touch(array: PhasedArray, count: int = 6) -> tuple[int, ...]:
-    """Return the indices of transducers that are far apart, such as at the corners of boards.
+    """Return the indices of ``count`` transducers that are far apart, such as at corners of boards.
 
     Raises
     ------
@@ -140,8 +140,9 @@ def register_tracker(
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``register``, if an element does not exist, or if a
-        recording contains too few touches.
+        If an element does not exist, if there are fewer than 3 touches or a recording contains too
+        few, if the transducers are in one line, if the offset is not between 0 and 50 mm or cannot
+        be determined, or if the touches contradict each other by more than 10 mm.
     """
     chosen = elements_to_touch(setup.array) if elements is None else tuple(elements)
     wrong = [element for element in chosen if not 0 <= element < len(setup.array)]
@@ -317,7 +318,8 @@ def write_tracker(scene: str | Path, pose: Pose, copy: str | Path | None = None)
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``with_tracker``.
+        If a file cannot be read or written, or if the scene file defines the tracker in another way
+        than by a table ``[tracker]``.
     """
     changed = with_tracker(text_of(Path(scene)), pose)
     with whole_file(Path(copy or scene)) as unfinished:

@@ -277,12 +277,15 @@ def output_to(
     ----------
     setup : scene whose array consists of these boards.
     folder : folder for files that the link writes.
-    board, link, settings : as for ``link_to``.
+    board, link : names of the kind of board and of the link, such as "autd3" and "udp"; None
+        without boards.
+    settings : ``address`` of the boards or serial ``port``, where the link needs one.
 
     Raises
     ------
     InvalidInput
-        If ``live_scene`` rejects the scene, or the link does not fit the array of the scene.
+        If the live loop does not support the scene (see ``live_scene``), if the boards are not
+        those of the scene, or if a setting is missing or does not apply to the link.
     """
     scene = live_scene(setup)
     if not any([board, link, *settings.values()]):
@@ -324,6 +327,11 @@ def drive_at_rest(setup: Setup) -> DriveFile:
     Returns
     -------
     The drive with all data required to play it, as in ``drive.h5``.
+
+    Raises
+    ------
+    InvalidInput
+        If the live loop does not support the scene; see ``live_scene``.
     """
     scene = live_scene(setup)
     drive = focus_by_distance(scene.array, setup.target, scene.medium, scene.frequency)

@@ -108,7 +108,7 @@ class WithImages:
     def folded(
         self, rows: Complex[np.ndarray, "*any sources"]
     ) -> Complex[np.ndarray, "*any elements"]:
-        """Return the pressure per unit drive of each element, including its image."""
+        """Add the pressures (..., R) of images to those of their elements, and return (..., E)."""
         count = len(self.strengths)
         if rows.shape[-1] == count and (self.strengths == 1.0).all():
             return rows
@@ -366,8 +366,8 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``hand_from_joints`` (except those about the side), or if a
-        place is unknown.
+        If joints are NaN or in millimetres, if bones have impossible lengths, if fingers are out of
+        order, or if a place is unknown.
     """
     hand = hand_in(scene, joints)
     # The directions to 12 elements, spread over the array, describe the orientation of the hand.
@@ -393,7 +393,7 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
 def gap_change(
     distances: Float64[np.ndarray, "*poses pairs"], reference: Float64[np.ndarray, "pairs"]
 ) -> Float64[np.ndarray, "*poses"]:
-    """Return the root-mean-square change [m] of ``PosedHand.distances`` from a reference."""
+    """Return the rms change [m] of ``PosedHand.distances`` from those of a reference pose."""
     return np.asarray(np.sqrt(np.mean((distances - reference) ** 2, axis=-1)))
 
 
@@ -401,7 +401,7 @@ def turn(
     directions: Float64[np.ndarray, "*poses foci samples 3"],
     reference: Float64[np.ndarray, "foci samples 3"],
 ) -> Float64[np.ndarray, "*poses"]:
-    """Return the root-mean-square change [rad] of ``PosedHand.directions`` from a reference."""
+    """Return the rms change [rad] of ``PosedHand.directions`` from those of a reference pose."""
     squares = np.sum((directions - reference) ** 2, axis=-1)
     return np.asarray(np.sqrt(np.mean(squares, axis=(-2, -1))))
 

@@ -64,7 +64,7 @@ class Session:
     drive_frame_time : (N,) timestamp of the newest frame that each drive used [s].
     rules, states : (N,) how each drive was computed, and the state of the loop at that
         time.
-    kept : (N,) expected fraction of the attainable pressure; NaN if unknown.
+    kept : (N,) expected fraction of the attainable pressure, as in ``Moment.kept``; NaN if unknown.
     shape_age : (N,) age of the solution that each drive used [s]; NaN without a
         solution.
     foci : (N, F, 3) predicted foci [m]; NaN if the hand was lost or a drive has fewer
@@ -110,7 +110,7 @@ class Session:
 
 
 class SessionWriter:
-    """Writer of a session during a run; ``frame`` and ``drive`` return at once.
+    """Writes the session of a run to a file; ``frame`` and ``drive`` return at once.
 
     A separate process writes the file. A slow disk therefore does not delay the loop, and a killed
     loop or a full disk does not damage the file. An existing file is replaced when the loop begins.
@@ -491,7 +491,8 @@ def recording_of(path: str | Path) -> Recording:
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``read_session``, or if the session contains no frames.
+        If the file cannot be read, is not a session, was written by a newer version, or contains no
+        frames.
     """
     raw = _read(path, FRAME_LAYOUT)
     if not len(raw["frames/time"]):

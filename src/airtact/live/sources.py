@@ -155,7 +155,7 @@ class RecordedHands(HandSource):
 class ReceivedHands(HandSource):
     """Source that receives messages from trackers and applications at a port.
 
-    The port opens on construction.
+    The port is opened when the object is created.
 
     Parameters
     ----------
@@ -217,10 +217,10 @@ def moved_to(recording: Recording, hand: Hand) -> Recording:
 
 
 def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
-    """Return a motion in which a hand touches an object and moves away by 12 mm every 2 s.
+    """Return a recording of a hand that touches an object and moves away by 12 mm every 2 s.
 
-    The motion has 60 frames per second. If no hand is given, the packaged recording of a small
-    hand around the ball of the scene ``touch_ball`` is returned.
+    The recording has 60 frames per second. If no hand is given, the function returns the packaged
+    recording of a small hand around the ball of the scene ``touch_ball``.
     """
     if not hands:
         return load_recording(example("grasping.jsonl"))

@@ -30,9 +30,9 @@ class VerifiedSession:
     ----------
     indices : (V,) indices of the verified drives in the session.
     pressures : (V, F) pressures at the foci [Pa]; NaN if a drive has fewer foci.
-    kept : (V,) fraction of the attainable pressure that each drive reaches. The ratio of pressure
-        to strength is computed at each focus; the smallest ratio is divided by that of the best
-        drive of equal energy for the same hands.
+    kept : (V,) fraction of the attainable pressure that each drive reaches: the smallest ratio of
+        pressure to strength at any focus, divided by that of the best drive of equal energy for the
+        same hands.
     """
 
     indices: tuple[int, ...]
@@ -50,8 +50,8 @@ def verify_session(
     Parameters
     ----------
     session : session, as returned by ``read_session``.
-    drives : number of drives to verify, spread evenly over those that are not silent. For each one,
-        the field around the hand is solved with an error of 2 %.
+    drives : number of drives to verify, spread evenly over those that are not silent. For each of
+        these drives, the field around the hand is solved with an error of 2 %.
     report_step : function called at the start of each drive.
 
     Returns

@@ -66,9 +66,10 @@ class Mailbox:
 
 
 class Worker:
-    """A process with a single thread for linear algebra; its methods do not block.
+    """A separate process that answers messages; the methods of this class do not block.
 
-    The process ends when this object is closed or the parent process ends.
+    The process uses a single thread for linear algebra. It ends when this object is closed or the
+    parent process ends.
 
     Parameters
     ----------

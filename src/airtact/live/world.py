@@ -163,7 +163,7 @@ class World:
             return tuple(wanted.values())
 
     def take(self, text: bytes | str, source: str) -> str | None:
-        """Process a JSON message; return the reason if it is rejected, else None."""
+        """Process a JSON message; return None, or the reason if the message is rejected."""
         try:
             self.receive(read_message(text), source)
         except InvalidInput as fault:
@@ -184,7 +184,8 @@ class World:
         Raises
         ------
         InvalidInput
-            If a request in the message cannot be fulfilled.
+            If an object does not exist, two foci have the same id, a value is invalid, or there
+            would be too many foci, objects or applications.
         """
         if isinstance(message, ObjectsMessage):
             self._change_objects(message, source)

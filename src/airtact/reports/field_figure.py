@@ -35,7 +35,8 @@ MAX_NAMES = 8
 class Cut:
     """Pressures [Pa] of several drives, by name, on a plane grid of points (the ``window``).
 
-    Pressures are NaN inside bodies. ``depth`` contains the ``solid_depth`` of the points.
+    Pressures are NaN inside bodies. ``depth`` is the depth of the points in bodies or behind planes
+    [m], as returned by ``solid_depth``.
     """
 
     window: Window
@@ -46,7 +47,7 @@ class Cut:
 def solid_depth(
     scene: Scene, points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points"]:
-    """Return the depth [m] of points (P, 3) behind planes and in bodies that are not filled.
+    """Return the depth [m] of points (P, 3) behind planes and in bodies that sound cannot enter.
 
     The depth is negative in the air.
     """

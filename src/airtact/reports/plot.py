@@ -55,7 +55,8 @@ def field(
     ----------
     result : result of ``render``, ``focus``, ``evaluate`` or ``compare``, or a field computed by a
         solver. The result of ``render`` is drawn with the amplitudes of its drive.
-    target : the foci; only required for a field of sources that ``beacons()`` did not create.
+    target : the foci; only required for a field whose sources were not created by
+        ``Target.beacons``.
     drive : name of a drive in a comparison, or index of an excitation in a field computed by a
         solver.
     over : name of a second drive in a comparison; the plot then shows the level of ``drive``
@@ -147,6 +148,10 @@ def phases(
     show : "phase" [rad] or "amplitude", as a fraction of full scale.
     ax : axes to draw into; by default, those of a new figure.
 
+    Returns
+    -------
+    The axes.
+
     Raises
     ------
     InvalidInput
@@ -178,8 +183,11 @@ def scene(
     array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
     drive : drive whose phases colour the transducers, which are grey without a drive.
     target : the foci.
-    ax : axes with ``projection="3d"`` to draw into; by default, those of a new
-        figure.
+    ax : axes with ``projection="3d"`` to draw into; by default, those of a new figure.
+
+    Returns
+    -------
+    The axes.
 
     Raises
     ------
@@ -224,9 +232,13 @@ def pads(
     Parameters
     ----------
     result : result of ``render``, ``focus``, ``evaluate`` or ``compare``.
-    held_equal : normalisation of the drives in a comparison, one of
-        ``evaluation.HELD_EQUAL``.
+    held_equal : quantity that is equal for all drives of a comparison: "equal peak" for the largest
+        amplitude, "equal energy", or "phase only" for all amplitudes of active elements.
     ax : axes to draw into; by default, those of a new figure.
+
+    Returns
+    -------
+    The axes.
 
     Raises
     ------
@@ -279,14 +291,14 @@ def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
 
 
 def lowest_colour(result: ReachMap) -> float:
-    """Return the pressure [Pa] at which the colours of a reach map begin."""
+    """Return the lowest pressure [Pa] on the colour scale of a map of attainable pressures."""
     # A scale from 0 would leave its lower part unused; equal values leave no other choice.
     lowest = float(result.bounds.min())
     return lowest if lowest < 0.99 * result.bounds.max() else 0.0
 
 
 def view_of_reach(result: ReachMap) -> View:
-    """Return a view of the skin from the array, or of its broadest side if the array is a box."""
+    """Return a view of the skin from the array; if the array is a box, of the broadest side."""
     towards = -result.setup.array.normals.mean(axis=0)
     length = float(np.linalg.norm(towards))
     if length < 0.3:
@@ -324,7 +336,7 @@ def _column(result: FieldResult, drive: str | int) -> int:
     if not (isinstance(drive, int) and 0 <= drive < count):
         raise InvalidInput(
             f"drive is {drive!r}, but the field only has "
-            f"{counted(count, 'excitation', 'excitations')}, counted from 0.",
+            f"{counted(count, 'excitation', 'excitations')}. Use an index from 0 to {count - 1}.",
             code="unknown_name",
         )
     return drive

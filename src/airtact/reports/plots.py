@@ -21,7 +21,7 @@ COLOURS_OF_DRIVES = (BAR, "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#0072b2",
 def draw_bars(
     names: Sequence[str], heights: Float64[np.ndarray, "names"], bound: float, label: str
 ) -> Figure:
-    """Draw one bar per name, from top to bottom, and a line at the upper bound.
+    """Draw one bar per name, from top to bottom, and a line at ``bound``, their upper bound.
 
     ``label`` states the quantity and its unit.
     """
@@ -65,7 +65,7 @@ def draw_foci(
     pressures: Mapping[str, Float64[np.ndarray, "foci"]],
     asked: Float64[np.ndarray, "foci"] | None,
 ) -> None:
-    """Draw the pressure at each focus [Pa] as one bar per drive, and the requests as lines."""
+    """Draw the pressures of drives at the foci [Pa] as bars, and requested pressures as lines."""
     foci = np.arange(len(next(iter(pressures.values()))))
     width = 0.8 / len(pressures)
     for index, (name, heights) in enumerate(pressures.items()):

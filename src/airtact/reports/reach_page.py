@@ -16,7 +16,10 @@ from airtact.setup.reaching import ReachMap
 
 
 def write_reach_page(path: Path, result: ReachMap) -> None:
-    """Write a page with the map of the largest pressures, replacing an existing file."""
+    """Write a page that maps the largest attainable pressure on the skin.
+
+    An existing file is replaced.
+    """
     setup = result.setup
     kilopascals = 1e-3 * result.bounds
     rows = []

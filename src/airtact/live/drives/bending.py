@@ -109,7 +109,7 @@ class ElementSubset:
 
     @classmethod
     def of(cls, positions: Points, count: int) -> "ElementSubset":
-        """Choose ``count`` of the elements (E, 3), each as far as possible from earlier ones."""
+        """Choose ``count`` elements at positions (E, 3), each far from those chosen before."""
         chosen = [0]
         away = np.linalg.norm(positions - positions[0], axis=1)
         while len(chosen) < count:
@@ -351,7 +351,8 @@ class BendingHand:
     Parameters
     ----------
     scene : scene of the live loop.
-    accuracy, min_seen : see ``BendingPanels``.
+    accuracy : relative error of the solutions.
+    min_seen : fraction of the elements that a panel must face to be kept; 0 keeps all panels.
     """
 
     def __init__(
@@ -369,7 +370,8 @@ class BendingHand:
     def solved(self, joints: Joints, time: float) -> SkinSources:
         """Solve the scattering for joints (25, 3) at a given time [s].
 
-        The method raises the same errors as ``factors.solved``.
+        The method raises ``InvalidInput`` if the joints do not form a hand or a focus lies inside
+        the hand, and ``NotConverged`` if the iteration does not converge.
         """
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).solved(posed, time)
@@ -393,9 +395,9 @@ class BendingHand:
         self._solutions = [*self._solutions[-59:], solution]
 
     def carried(self, joints: Joints, time: float) -> CarriedFactors | None:
-        """Move the solution for the most similar pose to that of these joints at a given time [s].
+        """Move the stored solution for the most similar pose to the pose of joints (25, 3).
 
-        None is returned if no solution is stored.
+        ``time`` is the time of the pose [s]. None is returned if no solution is stored.
         """
         solutions = self._solutions
         posed = pose_hand(self._scene, joints)

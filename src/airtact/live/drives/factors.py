@@ -53,7 +53,7 @@ class HandFactors:
     factors : (P, R) ratio of the pressure with the hand to that in open air, for each source at
         each of ``beacon_points``.
     share : expected pressure with this solution, divided by that with a solution computed for this
-        pose; below 1 if the solution was moved here from another pose.
+        pose; below 1 if the solution was moved to this pose from another.
     """
 
     part: Rule
@@ -79,7 +79,10 @@ def beacon_points(scene: LiveScene, posed: PosedHand) -> Float64[np.ndarray, "po
 
 
 def hulls_of(part: str, places: Sequence[str]) -> list[int]:
-    """Return the indices in ``PARTS`` that make up a part of a hand with foci at these places."""
+    """Return the indices, in ``PARTS``, of the bones that belong to a part of a hand.
+
+    The part "hand" contains all bones; "phalanges" contains those that carry the ``places``.
+    """
     if part == "hand":
         return list(range(len(PARTS)))
     chosen = set()
@@ -245,7 +248,10 @@ class PartSolver:
         return self.meshed(joints, part, time)
 
     def meshed(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve the scattering by a part as one body, whose mesh follows that of a pose before."""
+        """Solve the scattering by a part of the hand as a single body.
+
+        If possible, the mesh is moved from the previous pose.
+        """
         scene = self._scene
         posed = pose_hand(scene, joints)
         # Few panels cover the last phalanges, so smaller ones cost little time.

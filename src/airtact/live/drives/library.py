@@ -51,8 +51,8 @@ def expected_kept(
     ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 148 drives for the same
     motion reached 0.78 of the attainable pressure. For an open hand with waving fingers, 17 drives
     computed from moved solutions for the whole hand reached 0.79 (0.89 without noise), more than
-    the 0.72 expected here. The decrease with the number of foci was measured on 160 pairs of poses
-    of an open hand with foci at its palm and all fingertips.
+    the estimate of 0.72. The decrease with the number of foci was measured on 160 pairs of poses of
+    an open hand with foci at its palm and all fingertips.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ class HandAware(SolvingMaker):
     For a drive, the open-air matrix of the predicted pose is multiplied by the factors of the
     stored pose that is most similar to it. If all stored poses are so different that the open-air
     matrix alone should produce a larger pressure, the factors are omitted. The solvers pause while
-    this is so for every pose because of the tracker's noise.
+    the tracker's noise is so large that no solution can increase the pressure.
 
     If the scene's method is "best", ``weighted_gerchberg_saxton`` is used instead. It takes less
     than 1 ms, and reaches a pressure within 1 % of that of the function ``best``.
@@ -78,7 +78,7 @@ class HandAware(SolvingMaker):
     scene : the parts of the scene that stay fixed during the run.
     noise : standard deviation of each coordinate of the tracker's landmarks [m]; by default, it is
         estimated from the frames.
-    agility : standard deviation of the acceleration of the palm [m/s²]; see ``Predictor``.
+    agility : standard deviation of the acceleration of the palm [m/s²].
     solvers : solver processes; by default, one for the whole hand and, for one or two foci on
         fingers, another for the last phalanges. If the sequence is empty, the open-air matrix is
         used alone.

@@ -55,7 +55,7 @@ class SkinRequest:
     __repr__ = in_short
 
     def after(self, ahead: float) -> tuple["SkinRequest", Mapping[Side, Joints]]:
-        """Return this request, and the joints that each hand will have ``ahead`` [s] later.
+        """Return the request itself, and the joints that each hand will have ``ahead`` [s] later.
 
         The joints are extrapolated with their velocities. They stay unchanged if the result would
         not form a hand.
@@ -140,7 +140,10 @@ class SkinSolver:
     def solved(
         self, asked: tuple[SkinRequest, Mapping[Side, Joints]], time: float
     ) -> SkinFactors | None:
-        """Solve the scattering for the beacons of a request in the pose at a given time [s].
+        """Solve the scattering for the beacons of a request in a predicted pose.
+
+        ``asked`` is a result of ``SkinRequest.after``, and ``time`` is the time of the predicted
+        pose [s].
 
         Returns
         -------

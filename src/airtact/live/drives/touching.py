@@ -90,17 +90,19 @@ class TouchAware(SolvingMaker):
 
     For each drive, contacts are found on the predicted hands. Their foci appear, move and fade as
     described in ``TouchState``; requested foci rise and fall at the same rate. Each entry of the
-    transfer matrix in open air is multiplied by the ratio of the pressure with the skin to that in
-    open air, from the newest solution for the skin near contacts. A separate process computes these
-    solutions, starting before the skin touches an object. A single focus runs along the outlines of
-    all contacts with objects of the style "outline". The pressures at the foci are proportional to
-    their strengths, and the largest amplitude of the drive equals the strength of the strongest
-    focus.
+    open-air transfer matrix is multiplied by a factor: the ratio of the pressure with the skin to
+    that in open air. The factors come from the newest solution for the skin near contacts. A
+    separate process computes such solutions, starting before the skin touches an object. A single
+    focus runs along the outlines of all contacts with objects of the style "outline". The pressures
+    at the foci are proportional to their strengths, and the largest amplitude of the drive equals
+    the strength of the strongest focus.
 
     Parameters
     ----------
     scene : the parts of the scene that stay fixed during the run.
-    noise, agility : see ``HandAware``.
+    noise : standard deviation of each coordinate of the tracker's landmarks [m]; by default, it is
+        estimated from the frames.
+    agility : standard deviation of the acceleration of the palm [m/s²].
     solvers : processes that solve the scattering by skin; by default, a single one. If the sequence
         is empty, phases are set from path lengths alone.
     rest : the hand that will be followed, in any pose. Passing this hand avoids a delay of half a

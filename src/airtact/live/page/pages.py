@@ -90,7 +90,7 @@ class Pages:
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``start_server``.
+        If the port is in use or invalid, or the certificate cannot be read.
     """
 
     def __init__(self, send: Send, settings: PageSettings) -> None:
@@ -119,7 +119,7 @@ class Pages:
             Thread(target=self._give_hand, daemon=True).start()
 
     def paint(self, mailbox: Mailbox) -> None:
-        """Send pictures of the newest ``Shown`` to the open pages until the loop ends."""
+        """Send pictures of the newest data to the open pages until the loop ends."""
         view = View(self._scene)
         known: frozenset[int] = frozenset()
         while not mailbox.ended:

@@ -80,7 +80,7 @@ def enlarged(field: Complex128[np.ndarray, "points"]) -> Float64[np.ndarray, "ro
 
 
 def element_sources(scene: LiveScene, amplitudes: Amplitudes, middle: Vector) -> Monopoles:
-    """Return one monopole for each element or image, which replaces it near ``middle`` (3,) [m].
+    """Return monopoles that replace the elements and images for sound near ``middle`` (3,) [m].
 
     Near ``middle``, the pressure of the monopoles equals that of the elements with their full
     faces.

@@ -24,7 +24,7 @@ class TouchPage:
     ----------
     setup : scene with the array.
     elements : indices of the transducers to touch, in order.
-    port, host : see ``start_server``.
+    port, host : port and address to listen on; port 0 selects a free port.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class TouchPage:
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``start_server``.
+        If the port is in use or invalid.
     """
 
     def __init__(self, setup: Setup, elements: Sequence[int], port: int, host: str) -> None:

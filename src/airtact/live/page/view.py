@@ -39,7 +39,7 @@ Vertices = Float64[np.ndarray, "vertices 3"]
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Content of the page at one moment.
+    """Content of the page at one time.
 
     Attributes
     ----------
