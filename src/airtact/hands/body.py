@@ -38,8 +38,7 @@ class Look(NamedTuple):
     distance : (P,) distance from the skin [m], negative inside.
     gradient : (P, 3) gradient of the distance at constant blend radius.
     bend : (P,) radius of curvature of the skin [m].
-    facing : (P,) distance from a second hull [m], the closest one that must stay separate from the
-        nearest hull.
+    facing : (P,) distance [m] from the closest hull that must stay separate from the nearest hull.
     nearest : (P,) index of the nearest hull.
     """
 
@@ -84,11 +83,11 @@ class Hulls:
     def look(
         self, points: Real[np.ndarray, "points 3"], carve: float = 0.0, reach: float = 0.0
     ) -> Look:
-        """Return distances [m] of points (P, 3) from the skin, gradients, and the nearest hulls.
+        """Return the distances of points (P, 3) [m] from the skin, and its shape near them.
 
-        Separate hulls are cut back until they are ``carve`` [m] apart. A hull is ignored if its
-        distance exceeds that of the nearest hull by more than ``reach`` [m] plus the largest
-        blend radius.
+        Hulls that must stay separate are made thinner until they are ``carve`` [m] apart. A hull is
+        ignored if its distance exceeds that of the nearest hull by more than ``reach`` [m] plus the
+        largest blend radius.
         """
         reach = max(reach, carve, float(self.blend.max()))
         return Look(
@@ -173,7 +172,7 @@ class Touch:
 
 
 def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
-    """Build the body of a hand, and list merged parts that are separate in an open hand."""
+    """Build the hulls of a hand, and list the parts that merge here but not in an open hand."""
     scale = hand_length(joints) / GENERIC_LENGTH
     # The blend radii were tuned on the generic hand. The ball of the web is thinner than the thumb.
     thumb = np.append(0.5 * (joints[1] + joints[2]), 0.4 * (radii[1] + radii[2]))
@@ -194,7 +193,7 @@ def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
 
 
 def part_name(part: int) -> str:
-    """Return the name of the part of the hand that contains a hull."""
+    """Return the name of the part of the hand to which a hull belongs, such as "palm"."""
     if part >= FREE:
         return "palm"
     finger = FINGERS[OWNER[part]]

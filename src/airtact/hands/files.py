@@ -37,8 +37,8 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
         OpenXR order or 21 in MediaPipe order [m]. Optional keys are ``radii_m`` (one radius for
         each point [m]), ``side``, and ``joints`` (the 25 names of WebXR in order).
     gap : distance to set between the skins of the last phalanges of thumb and index finger [m],
-        above 0 and at most 0.15. Both fingers are turned to reach it. None leaves the pose
-        unchanged.
+        above 0 and at most 0.15. Both fingers are turned at their roots to set this gap. None
+        leaves the pose unchanged.
 
     Returns
     -------
@@ -59,11 +59,11 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
 
 
 def load_landmarks(path: str | Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | None]:
-    """Read joint positions from a file; they may be as inaccurate as those of a tracker.
+    """Read the joint positions of a hand, which need not form a plausible hand, from a file.
 
     Parameters
     ----------
-    path : a JSON file that contains a pose, as in ``load_hand``; its radii are ignored.
+    path : a JSON file in the format of ``load_hand``; its radii are ignored.
 
     Returns
     -------
@@ -114,9 +114,9 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
 
     Parameters
     ----------
-    path : a GLB file whose nodes have the 25 names of WebXR, in the rest pose of its mesh.
-    scale : metres per unit of the file, as in ``load_surface``.
-    side : ``"right"`` or ``"left"``; by default it is inferred from the bends of the fingers.
+    path : a GLB file with nodes that have the 25 joint names of WebXR.
+    scale : metres per unit of length in the file.
+    side : ``"right"`` or ``"left"``; by default it is inferred from how the fingers bend.
 
     Returns
     -------
@@ -144,16 +144,20 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
 
 
 def load_cloud(path: str | Path) -> Points:
-    """Read the points (P, 3) of a point cloud [m].
+    """Read a point cloud from a file.
 
     Parameters
     ----------
-    path : a PLY file (only its vertices are used) or an XYZ text file, in metres.
+    path : a PLY file, of which only the vertices are used, or an XYZ text file, in metres.
+
+    Returns
+    -------
+    The points (P, 3) [m], in the order of the file.
 
     Raises
     ------
     InvalidInput
-        If the file is missing or unreadable, or contains no points.
+        If the file is missing or unreadable, contains no points, or does not end in .ply or .xyz.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -182,5 +186,6 @@ def _points_in_text(path: Path) -> Points:
             return np.loadtxt(io.StringIO(text), usecols=(0, 1, 2), ndmin=2)
     except ValueError as fault:
         raise InvalidInput(
-            f"{path.name} does not have x, y, z in each line: {fault}.", code="file_unreadable"
+            f"each line of {path.name} must begin with x, y and z: {fault}.",
+            code="file_unreadable",
         ) from None

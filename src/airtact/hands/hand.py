@@ -177,7 +177,8 @@ class Hand:
         Raises
         ------
         InvalidInput
-            Under the conditions listed in ``place``, or if the offset is negative or above 0.1 m.
+            If the name is unknown, the position is inside the body because a finger touches it, or
+            the offset is negative or above 0.1 m.
         """
         point, normal = self.place(name)
         slip = "is it in millimetres? Use metres."
@@ -205,7 +206,8 @@ class Hand:
         ------
         InvalidInput
             If the height is not between 0 and 1 m, or if the elements radiate in all directions, so
-            that the array has no front. Also under the conditions listed in ``place``.
+            that the array has no front. Also if ``place`` is unknown, or is inside the body because
+            a finger touches it.
         """
         slip = "is it in millimetres? Use metres."
         height = within(height, 0.0, 1.0, "the height of a hand", "m", slip)
@@ -267,7 +269,8 @@ class Hand:
         Raises
         ------
         InvalidInput
-            Under the conditions listed in ``hand_from_joints``.
+            If joints are missing, NaN or in millimetres, or do not form a plausible hand of the
+            same side.
         """
         # The radii are kept, because skin does not swell from one frame to the next.
         new = hand_from_joints(joints, self.radii, side=self.side)
@@ -317,7 +320,7 @@ def hand_from_joints(
         of the same size.
     length : length of the hand along the bones, from the wrist to the tip of the middle finger [m].
         It scales the generic radii; by default it is measured from the joints.
-    side : ``"right"`` or ``"left"``; by default it is inferred from the bends of the fingers.
+    side : ``"right"`` or ``"left"``; by default it is inferred from how the fingers bend.
 
     Returns
     -------
@@ -327,8 +330,8 @@ def hand_from_joints(
     ------
     InvalidInput
         If joints are missing, NaN or in millimetres, if bones have impossible lengths, if fingers
-        are out of order, if radii are implausible, or if the bends of the fingers contradict the
-        side or do not determine it.
+        are out of order, if radii are implausible, or if the fingers bend like those of the other
+        hand or are too straight to determine the side.
     """
     # The order of checks matters: swapped fingers would be reported as an unclear side.
     joints = joints_of(positions)
@@ -374,8 +377,8 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
         else:
             continue
         raise InvalidInput(
-            f"{name}, as computed from the joints, is {fault}: do the joints and the mesh belong "
-            "to the same hand, in the same pose and frame, in metres?",
+            f"{name}, as computed from the joints, is {fault}. Check that the joints and the "
+            "mesh belong to the same hand, in the same pose and frame, in metres.",
             points[index],
             code="misplaced",
         )
@@ -439,8 +442,8 @@ class Pinch:
 def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
     """Build the thumb and the finger of a pinch.
 
-    The centres of the tips are at (∓(gap/2 + 8 mm), 0, 0). The axes run 44 mm downward (-z), tilted
-    outward by 20° from the vertical.
+    The centres of the tips are at (∓(gap/2 + 8 mm), 0, 0). From there, the axes of the fingers run
+    44 mm downward (-z), tilted outward by 20° from the vertical.
 
     Parameters
     ----------

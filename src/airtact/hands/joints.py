@@ -90,7 +90,7 @@ GENERIC_LENGTH = 0.1942
 def joints_of(
     joints: Real[np.ndarray, "joints 3"], tolerance: float = 0.0, word: str = "joint"
 ) -> Joints:
-    """Check 25, 26 or 21 joints of a tracker, and return the 25 joints of WebXR [m].
+    """Check 25, 26 or 21 joints of a tracker, and return the 25 joints of WebXR (25, 3) [m].
 
     Parameters
     ----------
@@ -130,9 +130,10 @@ def joints_of(
 
 
 def completed(points: Float64[np.ndarray, "joints 3"]) -> Joints:
-    """Return 25 joints (or joint velocities), and estimate the missing ones if 21 are given.
+    """Return the 25 joints (25, 3) of a hand; if only 21 are given, estimate the other four.
 
-    The missing joints are the bases of the fingers, which MediaPipe and Leap do not report.
+    MediaPipe and Leap do not report the bases of the four fingers. The function also completes
+    joint velocities.
     """
     if len(points) == 25:
         return points
@@ -183,10 +184,10 @@ def _check_bone_lengths(joints: Joints, tolerance: float) -> None:
 def radii_of(
     radii: Real[np.ndarray, "joints"] | None, length: float | None, joints: Joints
 ) -> Radii:
-    """Check (25,) or (21,) radii of the skin [m], or scale those of the generic hand.
+    """Return the radii (25,) of the skin [m]: either ``radii``, checked, or generic ones.
 
-    The generic hand is scaled to ``length``, from the wrist to the tip of the middle finger [m]. If
-    ``length`` is None, the generic hand is scaled to the joints.
+    ``radii`` may contain 25 or 21 numbers. Generic radii are scaled to a hand's ``length`` from the
+    wrist to the tip of the middle finger [m], by default the length of the joints.
     """
     if radii is None and length is not None:
         hint = "is it in millimetres? Use metres."
@@ -200,7 +201,7 @@ def radii_of(
         radii = fixed(radii[1:])  # without the palm
     if radii.shape not in ((25,), (21,)):
         raise InvalidInput(
-            f"radii of a hand have shape {radii.shape}; use 25 or 21, one for each joint.",
+            f"the radii of a hand have shape {radii.shape}; use 25 or 21, one for each joint.",
             code="wrong_shape",
         )
     check_finite(radii, "radii of a hand")
@@ -262,13 +263,12 @@ def checked_side(
 
 
 def side_evidence(joints: Joints) -> float:
-    """Return how far the fingers and the thumb bend in a way that only a right hand can.
+    """Return a measure of the side of a hand: positive for a right hand, negative for a left one.
 
     The result is the sum of the sines of all bends and of the angle of the thumb from the palm.
-    Small bends do not count, because they can also be backward bends of the other hand: fingers
-    bend backwards by up to 30 degrees at a knuckle, and by 9 and 17 degrees at the next joints.
-    From the sine of a larger bend, the sine of this limit is subtracted. The result is negative
-    for a left hand, and about 0 for straight fingers.
+    Small bends are ignored, because they could be backward bends of the other hand: up to 30
+    degrees at a knuckle, and up to 9 and 17 degrees at the next joints. The sine of this limit is
+    subtracted from the sine of a larger bend. The result is about 0 for straight fingers.
     """
     # Fingers bend toward the palm. Viewed across the palm from the little finger, all bends of a
     # right hand turn one way, and those of a left hand the other way.
@@ -297,8 +297,8 @@ def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
     if steps[worst] < -slack:
         raise InvalidInput(
             f"the knuckle of the {FINGERS[worst + 2]} finger is {millimetres(-steps[worst], 3)} "
-            f"nearer to the index finger than the knuckle of the {FINGERS[worst + 1]} finger: are "
-            "fingers swapped?",
+            f"nearer to the index finger than the knuckle of the {FINGERS[worst + 1]} finger. "
+            "Check the order of the joints; fingers may be swapped.",
             joints[knuckles[worst]],
             code="hand_implausible",
         )
@@ -308,7 +308,8 @@ def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
     if to_pinky < to_index - slack:
         raise InvalidInput(
             f"the thumb is {millimetres(to_pinky, 3)} from the little finger's knuckle and "
-            f"{millimetres(to_index, 3)} from the index finger's: are fingers swapped?",
+            f"{millimetres(to_index, 3)} from the index finger's. Check the order "
+            "of the joints; fingers may be swapped.",
             thumb,
             code="hand_implausible",
         )

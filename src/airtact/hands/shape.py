@@ -41,7 +41,7 @@ class HandShape(Shape):
     hulls : the body in the pose in which it was built.
     pose : pose relative to the frame in which the body was built.
     follows : the keyframe whose meshes are deformed to fit this shape; None without a keyframe.
-    meshes : meshes of ``hulls`` that were generated so far, by edge length [m].
+    meshes : meshes of ``hulls`` that were already generated, by edge length [m].
     """
 
     hulls: Hulls
@@ -107,7 +107,10 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Return diameters (P,) [m] of balls that fit inside at each point, at most ``largest``."""
+        """Return the diameters (P,) [m] of balls that fit inside at each point.
+
+        The diameters are limited to ``largest`` [m].
+        """
         smallest = self.least_thickness
         if smallest >= largest:
             return np.full(len(points), smallest)
@@ -177,7 +180,7 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
 
 
 def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "vertices hulls"]:
-    """Return the weights of the nearby hulls for each vertex (V, 3), which add up to 1."""
+    """Return the weights (V, H) of the hulls near each vertex (V, 3); each row adds up to 1."""
     distance = hulls.each(vertices)
     weight = np.exp(-((distance - distance.min(axis=1, keepdims=True)) / 3e-3))
     return weight / weight.sum(axis=1, keepdims=True)

@@ -121,7 +121,7 @@ def settled(hulls: Hulls, mesh: HandMesh, edge: float) -> HandMesh:
 
 
 def midpoints(hulls: Hulls, mesh: HandMesh) -> Float64[np.ndarray, "triangles 3 3"]:
-    """Project the midpoints of edges 01, 12 and 20 onto the skin, (T, 3, 3) [m]."""
+    """Return the midpoints (T, 3, 3) [m] of edges 01, 12 and 20, projected onto the skin."""
     ends, edges = _edges(mesh.triangles)
     return _middles(hulls, mesh, ends)[0][edges]
 

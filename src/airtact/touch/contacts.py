@@ -62,7 +62,7 @@ class Contacts:
 
     @property
     def areas(self) -> Float64[np.ndarray, "contacts"]:
-        """(C,) area [m²] that the skin points inside the object represent."""
+        """(C,) area of the skin inside the object [m²]."""
         return self.found.areas
 
     @property
@@ -93,7 +93,7 @@ class Contacts:
         Parameters
         ----------
         most : largest number of foci. If there are more contacts, the weakest are merged with
-            stronger neighbours or, if they have none, get no focus.
+            stronger neighbours. Weak contacts without such neighbours get no focus.
         wavelength : wavelength of the sound [m].
 
         Returns
@@ -120,8 +120,8 @@ class Contacts:
         Raises
         ------
         InvalidInput
-            For the reasons listed in ``foci``, if there is no contact, or if only some of the
-            touched objects have the style "outline".
+            If there is no contact, if only some of the touched objects have the style "outline", or
+            if ``most`` or the wavelength is out of range.
         """
         if not self.runs:
             return self.foci(most, wavelength).target()

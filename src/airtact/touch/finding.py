@@ -126,9 +126,9 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
 
 
 def approaching(skin: Skin, objects: Sequence[VirtualObject], gap: float) -> Indices:
-    """For each part and each object closer than ``gap`` [m], return the nearest skin point.
+    """Return the skin points nearest to objects, one for each part and object within ``gap`` [m].
 
-    The points nearest to an object come first.
+    The indices are sorted by the distances of the points from the objects.
     """
     points = []
     depths = []
@@ -234,8 +234,8 @@ def peaks(
     """Return the deepest points near the given skin points, with the normals and depths there.
 
     Quadratic functions of the tangent coordinates are fitted to the depth and to the height of the
-    skin in a ring around each point. A given point is returned unchanged if the depth has no
-    maximum near its ring.
+    skin in a ring around each point. A point is returned unchanged if the fitted depth has no
+    maximum near it.
     """
     frames = _frames(normals)
     local = (ring - points[:, None]) @ frames.transpose(0, 2, 1)

@@ -101,7 +101,7 @@ class VirtualObject:
 
     @cached_property
     def ball(self) -> tuple[Vector3, float]:
-        """Centre (3,) and radius [m] of an enclosing ball; infinite for a half-space."""
+        """Centre (3,) and radius [m] of an enclosing ball; a half-space has an infinite radius."""
         centre, radius = self.solid.ball()
         return (centre if self.pose is None else self.pose.apply(centre)), radius
 

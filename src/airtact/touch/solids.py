@@ -36,7 +36,7 @@ class Solid(ABC):
 
     @abstractmethod
     def ball(self) -> tuple[Vector3, float]:
-        """Centre (3,) and radius [m] of an enclosing ball; infinite for a half-space."""
+        """Centre (3,) and radius [m] of an enclosing ball; a half-space has an infinite radius."""
 
     @abstractmethod
     def mesh(self) -> FlatMesh:

@@ -56,7 +56,8 @@ class TouchState:
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``at.contact``, or if a length or time is out of range.
+        If there are more than 64 objects, two have the same name, one has the wrong type, or a
+        number is out of range.
 
     Examples
     --------

@@ -99,7 +99,35 @@ def potential(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points"]:
-    """Return Gor'kov's potential (P,) [J] of a bead at points; see ``force`` for the arguments."""
+    """Return Gor'kov's potential of a bead at points, whose negative gradient is the force.
+
+    The potential neglects streaming, viscosity, weight, and echoes of the sound that the bead
+    scatters.
+
+    Parameters
+    ----------
+    scene : the air and the bodies in it.
+    array : transducers in the frame of the scene.
+    drive : drive of the array.
+    points : (P, 3) positions of the centre of the bead [m].
+    radius : radius of the bead [m], at most an eighth of a wavelength.
+    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
+        those of expanded polystyrene.
+    solver : solver that computes the field. The default is the closed-form solution for open air if
+        the scene has no body, and boundary elements otherwise.
+
+    Returns
+    -------
+    (P,) potential at each point [J].
+
+    Raises
+    ------
+    InvalidInput
+        If the bead's centre is closer to a body, a plane or an element than the radius of the bead
+        or a sixteenth of a wavelength, whichever is larger. Also if the bead is behind the face of
+        a directional element, if the drive is silent or does not have as many elements as the
+        array, or if a number is out of range.
+    """
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     sound = derivatives(field, points, bead)
     return potential_of(sound.pressure, sound.first, bead, scene)
@@ -125,7 +153,7 @@ def force(
     Parameters
     ----------
     scene : the air and the bodies in it.
-    array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
+    array : transducers in the frame of the scene, as returned by ``PhasedArray.seen_from``.
     drive : the drive of the array.
     points : (P, 3) positions of the centre of the bead [m].
     radius : radius of the bead [m], at most an eighth of a wavelength. For larger beads use
@@ -144,8 +172,8 @@ def force(
     InvalidInput
         If the bead's centre is closer to a body, a plane or an element than the radius of the bead
         or a sixteenth of a wavelength, whichever is larger. Also if the bead is behind the face of
-        a directional element, if a number is out of range, or for the reasons listed in
-        ``at.field_map``.
+        a directional element, if the drive is silent or does not have as many elements as the
+        array, or if a number is out of range.
 
     Examples
     --------
@@ -172,12 +200,36 @@ def stiffness(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3 3"]:
-    """Return the stiffness matrix of a trap at each point; see ``force`` for the arguments.
+    """Return the stiffness matrix of a trap at each point.
 
-    The result (P, 3, 3) consists of the second derivatives of the potential, ∂²U/∂x_i∂x_j =
-    −∂F_i/∂x_j [N/m]. The stiffness is positive along an axis if the radiation force pushes
-    the bead back. The weight of the bead does not depend on its position, so it does not
-    affect the stiffness.
+    The matrix consists of the second derivatives of Gor'kov's potential, ∂²U/∂x_i∂x_j =
+    −∂F_i/∂x_j. The stiffness is positive along an axis if the radiation force pushes the bead
+    back. The weight of the bead does not depend on its position, so it does not affect the
+    stiffness.
+
+    Parameters
+    ----------
+    scene : the air and the bodies in it.
+    array : transducers in the frame of the scene.
+    drive : drive of the array.
+    points : (P, 3) positions of the centre of the bead [m].
+    radius : radius of the bead [m], at most an eighth of a wavelength.
+    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
+        those of expanded polystyrene.
+    solver : solver that computes the field. The default is the closed-form solution for open air if
+        the scene has no body, and boundary elements otherwise.
+
+    Returns
+    -------
+    (P, 3, 3) stiffness at each point [N/m].
+
+    Raises
+    ------
+    InvalidInput
+        If the bead's centre is closer to a body, a plane or an element than the radius of the bead
+        or a sixteenth of a wavelength, whichever is larger. Also if the bead is behind the face of
+        a directional element, if the drive is silent or does not have as many elements as the
+        array, or if a number is out of range.
     """
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return stiffness_of(derivatives(field, points, bead), bead, scene)
@@ -210,7 +262,7 @@ def solved(
     sound_speed: float,
     solver: Solver | None,
 ) -> tuple[RadiatedField, Float64[np.ndarray, "points 3"], Bead]:
-    """Check the arguments of ``force`` and solve for the field of the drive."""
+    """Check the arguments of ``force``; return the field of the drive, the points and the bead."""
     bead = bead_of(scene, radius, density, sound_speed)
     points = points_of(points, "bead points")
     check_outside(scene, points, "bead")
@@ -230,10 +282,11 @@ def derivatives(
     ``excitations`` (P,) selects the excitation of the field for each point; by default the first.
 
     In a ball without sources and bodies, the pressure is a sum of regular spherical waves j_l(kr)
-    Y_lm. The moments of the pressure over a sphere around the point determine the waves of order l
-    ≤ 3, and only these contribute to derivatives up to the third at the centre. For a plane wave
-    e^{iks·x}, the moment of order l is i^l j_l(kr) times the trace-free tensor of s, and the
-    derivatives are (ik)^l s…s. The factors in the code follow from this case.
+    Y_lm. The pressure on a sphere around the point, integrated with trace-free products of the
+    coordinates (moments), determines the waves of order l ≤ 3. Only these waves contribute to
+    derivatives up to the third at the centre. For a plane wave e^{iks·x}, the moment of order l is
+    i^l j_l(kr) times the trace-free tensor of s, and the derivatives are (ik)^l s…s. The factors in
+    the code follow from this case.
     """
     points = points_of(points, "bead points")
     wavenumber = field.scene.wavenumber
@@ -263,7 +316,7 @@ def derivatives_inside(
     radius: Float64[np.ndarray, "points"],
     wavenumber: complex,
 ) -> Derivatives:
-    """Return the derivatives at the centres of spheres from the pressures along ``DIRECTIONS``."""
+    """Return the derivatives at the centres of spheres from pressures on them in ``DIRECTIONS``."""
     pressure = pressure * (_weights / (4.0 * np.pi))
     directions = DIRECTIONS
     waves = [spherical_jn(order, wavenumber * radius) for order in range(4)]
@@ -420,7 +473,31 @@ def verdict(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> list[Verdict]:
-    """Judge for each point whether it traps a bead; see ``force`` for the arguments.
+    """Judge for each point whether it traps a bead.
+
+    Parameters
+    ----------
+    scene : the air and the bodies in it.
+    array : transducers in the frame of the scene.
+    drive : drive of the array.
+    points : (P, 3) positions of the centre of the bead [m].
+    radius : radius of the bead [m], at most an eighth of a wavelength.
+    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
+        those of expanded polystyrene.
+    solver : solver that computes the field. The default is the closed-form solution for open air if
+        the scene has no body, and boundary elements otherwise.
+
+    Returns
+    -------
+    One ``Verdict`` per point, with the force, the stiffness and the attribute ``is_trap``.
+
+    Raises
+    ------
+    InvalidInput
+        If the bead's centre is closer to a body, a plane or an element than the radius of the bead
+        or a sixteenth of a wavelength, whichever is larger. Also if the bead is behind the face of
+        a directional element, if the drive is silent or does not have as many elements as the
+        array, or if a number is out of range.
 
     Examples
     --------
@@ -455,7 +532,7 @@ def judge(
 
 
 def settled(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: Bead) -> Verdict:
-    """Return the verdict on the equilibrium near a point, or on the point itself without one."""
+    """Return the verdict on the equilibrium near a point, or on the point if there is none."""
     place = descend(field, point, bead)
     return judge(field, (point if np.isnan(place).any() else place)[None], bead)[0]
 
@@ -484,11 +561,33 @@ def find(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3"]:
-    """Return the position (P, 3) [m] of the potential's minimum near each of P points.
+    """Find the minimum of Gor'kov's potential near each point, where a bead comes to rest.
 
-    The function takes the same arguments as ``force``. A row is NaN if there is no minimum within
-    half a wavelength of the point. The weight of the bead is not included: it lowers the bead by
-    its weight divided by the stiffness.
+    The weight of the bead is not included: it lowers the bead by its weight divided by the
+    stiffness.
+
+    Parameters
+    ----------
+    scene : the air and the bodies in it.
+    array : transducers in the frame of the scene.
+    drive : drive of the array.
+    points : (P, 3) points at which the search starts [m].
+    radius : radius of the bead [m], at most an eighth of a wavelength.
+    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
+        those of expanded polystyrene.
+    solver : solver that computes the field. The default is the closed-form solution for open air if
+        the scene has no body, and boundary elements otherwise.
+
+    Returns
+    -------
+    (P, 3) positions of the minima [m]. A row is NaN if there is no minimum within half a wavelength
+    of the point.
+
+    Raises
+    ------
+    InvalidInput
+        If a point is in a body or behind a directional element, if the drive is silent or does not
+        have as many elements as the array, or if a number is out of range.
     """
     field, starts, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return np.stack([descend(field, start, bead) for start in starts])

@@ -75,7 +75,7 @@ class Trap:
     sound_speed: float = 900.0
 
     def lobes(self, wavelength: float) -> Float64[np.ndarray, "lobes 3"]:
-        """Return points (L, 3) on the lobes of pressure next to the bead [m]; 2 for a twin trap."""
+        """Return points (L, 3) [m] on the lobes around the bead; L is 2 or 4 (vortex)."""
         check_choice(self.kind, "the kind of trap", ("twin", "vortex"))
         axis = direction_of(self.axis, "the axis of a trap")
         ways = np.stack([axis, -axis])
@@ -184,11 +184,14 @@ def hold(
     array : transducers in the frame of the scene.
     points : (T, 3) positions of the traps [m]. Traps shift each other slightly; ``find`` returns
         the positions at which the beads come to rest.
-    kind, axis : kind and axis of all traps, see ``Trap``. Between boards that face each other, use
-        "twin" along the normal of the boards.
+    kind : kind of all traps. "twin" has two lobes of opposite phase on both sides of the bead along
+        ``axis``; "vortex" has a ring of high pressure around ``axis`` whose phase increases by 2π.
+    axis : (3,) vector of any length along the axis of all traps. Between boards that face each
+        other, use "twin" along the normal of the boards.
     foci : (F, 3) additional foci on the skin [m]; none by default.
     focus_share : pressure at the foci divided by the pressure at the lobes of the traps.
-    solver : solver that computes the field, as for ``force``.
+    solver : solver that computes the field. The default is the closed-form solution for open air if
+        the scene has no body, and boundary elements otherwise.
 
     Returns
     -------
@@ -222,7 +225,7 @@ def signature(
     kind: Literal["twin", "vortex", "bottle"] = "twin",
     axis: Vector = (0, 1, 0),
 ) -> Drive:
-    """Add the signature of a trap to the drive for a focus, so that the pressure there is zero.
+    """Add a trap's signature to the drive for a focus; the pressure at the focus becomes zero.
 
     A signature only shifts phases. It depends on the positions of the elements relative to the mean
     position of the array.
@@ -318,14 +321,27 @@ def stiffest(
 
     Parameters
     ----------
-    scene, array, points, kind, axis, solver : as for ``hold``.
-    radius, density, sound_speed : properties of the beads, as for ``force``.
+    scene : the air and the bodies in it.
+    array : transducers in the frame of the scene.
+    points : (T, 3) positions of the traps [m].
+    kind : kind of the initial traps, "twin" or "vortex".
+    axis : (3,) vector of any length along the axis of the initial traps.
+    radius : radius of the beads [m], at most an eighth of a wavelength.
+    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the beads; by default,
+        those of expanded polystyrene.
+    solver : solver that computes the field. The default is the closed-form solution for open air if
+        the scene has no body, and boundary elements otherwise.
+
+    Returns
+    -------
+    The drive, with all amplitudes 1.
 
     Raises
     ------
     InvalidInput
-        If a point is within a sixth of a wavelength of a body, or for the reasons listed in
-        ``hold`` and ``force``.
+        If a point is within a sixth of a wavelength of a body, if a lobe of an initial trap is in a
+        body or behind the array, if the kind is unknown, if the axis is zero, or if a number is out
+        of range.
 
     Examples
     --------
@@ -436,13 +452,20 @@ def path(
 
     Parameters
     ----------
-    scene, array, kind, axis, solver : as for ``hold``.
+    scene : the air and the bodies in it.
+    array : transducers in the frame of the scene.
     corners : (C, 3) corners of the path [m]. The sequence repeats, so the bead returns the same way
         unless the last corner equals the first.
+    kind : kind of the trap, "twin" or "vortex".
+    axis : (3,) vector of any length along the axis of the trap.
     speed : speed of the bead during the longest step [m/s].
     share : largest step between frames, as a fraction of the distance at which the restoring force
         peaks; at most 0.9.
-    radius, density, sound_speed : properties of the bead, as for ``force``.
+    radius : radius of the bead [m], at most an eighth of a wavelength.
+    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
+        those of expanded polystyrene.
+    solver : solver that computes the field. The default is the closed-form solution for open air if
+        the scene has no body, and boundary elements otherwise.
 
     Returns
     -------
@@ -451,8 +474,9 @@ def path(
     Raises
     ------
     InvalidInput
-        If the bead would be lost between two frames, if there are fewer than two corners, or if a
-        number is out of range. Also for the reasons listed in ``hold``.
+        If the bead would be lost between two frames, if there are fewer than two corners, if the
+        kind is unknown, if the axis is zero, or if a number is out of range. Also if the trap or
+        one of its lobes would be in a body or behind the array.
 
     Examples
     --------

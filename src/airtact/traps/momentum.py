@@ -32,10 +32,10 @@ def body_force(
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
     """Return the radiation force and torque on a body of any size and shape.
 
-    The body is added to the scene, and the field that it scatters is computed,
-    including reflections from the other bodies. Force and torque are the mean flux of
-    momentum through a sphere around the body. They do not include streaming, viscosity
-    or weight.
+    The body is added to the scene, and the field that it scatters is computed, including
+    reflections from the other bodies. The force and the torque are the mean fluxes of momentum and
+    angular momentum through a sphere around the body. They do not include streaming, viscosity or
+    weight.
 
     Parameters
     ----------
@@ -58,8 +58,9 @@ def body_force(
     ------
     InvalidInput
         If another body, a plane or an element is inside the smallest sphere around the body, or
-        within 1/50 of a wavelength of this sphere. Also if the body is over 16 wavelengths across,
-        or for the reasons listed in ``at.field_map``.
+        within 1/50 of a wavelength of this sphere. Also if the body is over 16 wavelengths across
+        or behind a directional element, or if the drive is silent or does not have as many elements
+        as the array.
 
     Examples
     --------

@@ -102,7 +102,7 @@ class FittedHand:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """Uncertainty in which each bone shifts independently by the rms error of the joints."""
+        """Uncertainty of the hand; each bone shifts independently by the joints' rms error."""
         return Uncertainty(own_position=float(np.sqrt(np.mean(self.joint_errors**2) / 3.0)))
 
     @cached_property
@@ -123,7 +123,10 @@ class FittedHand:
     def place(self, name: str) -> Place:
         """Return the position (3,) [m] and normal (3,) of one of ``hand.places`` on ``surface``.
 
-        The method raises the same errors as ``Hand.place``.
+        Raises
+        ------
+        InvalidInput
+            If the name is unknown, or the position is inside the body because a finger touches it.
         """
         point, normal = self.hand.place(name)
         return fixed(self.surface.shape.project(point[None])[0]), normal
@@ -258,12 +261,12 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
     sampled = cloud[:: max(len(cloud) // 2000, 1)]
     residuals = skin_residuals(sampled, fitted.hand.shape.hulls, seen.camera)
     explained = float((np.abs(residuals.distance) < 6e-3).mean())
-    hint = "" if seen.camera is None else ", or is the camera elsewhere"
+    hint = "" if seen.camera is None else ", and that the position of the camera is correct"
     if explained < 0.8:
         raise InvalidInput(
             f"only {100 * explained:.0f} % of the {len(cloud)} points within "
-            f"{1e3 * HAND_RADIUS:g} mm of the landmarks are within 6 mm of the fitted hand: is "
-            f"there a second hand or another body, or are the landmarks from another frame{hint}?",
+            f"{1e3 * HAND_RADIUS:g} mm of the landmarks are within 6 mm of the fitted hand. Check "
+            f"that the cloud contains only one hand, in the same frame as the landmarks{hint}.",
             code="pose_not_found",
         )
     off = np.linalg.norm(fitted.hand.joints - seen.landmarks, axis=1)
@@ -273,8 +276,8 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
     if off[worst] > 30e-3:
         raise InvalidInput(
             f"the landmark {NAMES[worst]} is {millimetres(off[worst], 3)} from the "
-            "corresponding joint of the fitted hand (at most 30 mm is allowed): are landmarks "
-            f"swapped{hint}?",
+            "corresponding joint of the fitted hand (at most 30 mm is allowed). Check that no "
+            f"landmarks are swapped{hint}.",
             seen.landmarks[worst],
             code="misplaced",
         )

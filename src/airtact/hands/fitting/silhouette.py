@@ -55,7 +55,7 @@ class Silhouette:
         """Compute how far the rims of a hand's balls (26, 4) [m] protrude from the silhouette.
 
         Only protruding rims are considered. The first result (R,) is the weighted distance of each
-        from the silhouette, divided by the standard deviation. The second (R, 104) contains its
+        rim from the silhouette, divided by the standard deviation. The second (R, 104) contains its
         derivatives with respect to the balls at constant weights. The third is twice the cost.
         """
         tolerated = 0.2e-3

@@ -1,10 +1,10 @@
 """Extended Kalman filter of an articulated hand: a rigid palm, and bones of constant lengths.
 
-The state has 86 degrees of freedom: shift and turn of the palm, 7 turns of each finger's joints,
-and the shape. The shape consists of 15 bone lengths and 10 positions of joints in the palm. The
-shape hardly changes, so it is learned from the first second of frames, together with any constant
-error of the tracker's landmarks. The palm and the main turns also have rates and accelerations. The
-accelerations are random and decay within 0.2 s. All other degrees of freedom are
+The state has 86 degrees of freedom: translation and rotation of the palm, 7 rotations of each
+finger's joints, and the shape. The shape consists of 15 bone lengths and 10 positions of joints in
+the palm. The shape hardly changes, so it is learned from the first second of frames, together with
+any constant error of the tracker's landmarks. The palm and the main turns also have rates and
+accelerations. The accelerations are random and decay within 0.2 s. All other degrees of freedom are
 constant except for a slow random walk.
 
 The state is stored as the 25 joints, the rates and the accelerations. The covariance describes
@@ -202,8 +202,8 @@ class ArticulatedHand:
 
         Parameters
         ----------
-        landmarks : measured joints [m].
-        seen : indices of the measured joints.
+        landmarks : (N, 3) measured joints [m].
+        seen : (N,) indices of the measured joints.
         noise : standard deviation of the independent error of each coordinate [m].
         common : standard deviation of the error common to all joints [m].
         agility : smallest standard deviation of the acceleration of the palm [m/s²].

@@ -71,7 +71,8 @@ class HandFrame:
     InvalidInput
         Raised as the subclass ``FaultyFrame`` if the time, side or sequence number is invalid, or
         if landmarks are NaN, in millimetres, too few or too many, or have implausible bone lengths.
-        Landmarks of the other hand raise no error; ``HandStream`` recognises them over many frames.
+        Landmarks of the other hand raise no error, because ``HandStream`` needs many frames to
+        recognise them.
     """
 
     time: float
@@ -148,7 +149,8 @@ class HandFrame:
         Raises
         ------
         InvalidInput
-            If there are no landmarks, or under the conditions listed in ``hand_from_joints``.
+            If there are no landmarks, if they do not form a plausible hand of this side, or if the
+            radii are implausible.
         """
         if self.landmarks is None:
             raise InvalidInput(

@@ -33,7 +33,7 @@ _decoder = msgspec.json.Decoder(Message)
 
 
 def to_json(frame: HandFrame) -> bytes:
-    """Write a frame as one line of JSON, with coordinates rounded to micrometres."""
+    """Return a frame as one line of JSON, with coordinates in metres, rounded to micrometres."""
     missing = msgspec.UNSET
     landmarks = missing if frame.landmarks is None else np.round(frame.landmarks, 6).tolist()
     cloud = missing if frame.cloud is None else np.round(frame.cloud, 6).tolist()
@@ -46,8 +46,8 @@ def from_json(text: bytes | str) -> HandFrame:
     Raises
     ------
     InvalidInput
-        Raised as the subclass ``FaultyFrame`` if the text is not a frame in JSON, or the frame is
-        faulty.
+        Raised as the subclass ``FaultyFrame`` if the text is not a frame in JSON, or if the frame
+        is faulty, for example because landmarks are NaN or in millimetres.
     """
     raw = text.encode() if isinstance(text, str) else text
     try:

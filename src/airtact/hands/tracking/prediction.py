@@ -25,9 +25,9 @@ class NoiseEstimate:
     """Estimate of the white noise of a tracker from its frames; pass their landmarks to ``take``.
 
     The third difference of four positions at even time steps is insensitive to the motion of a
-    hand. At 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes only 0.02 mm to it.
-    White noise contributes sqrt(1 + 9 + 9 + 1) times its standard deviation. Medians exclude
-    landmarks that jump. For a tracker that smooths its data, the noise is underestimated.
+    hand. At 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes only 0.02 mm to this
+    difference. White noise contributes sqrt(1 + 9 + 9 + 1) times its standard deviation. Medians
+    exclude landmarks that jump. For a tracker that smooths its data, the noise is underestimated.
 
     Attributes
     ----------

@@ -100,7 +100,7 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
 
 
 def is_recording(path: Path) -> bool:
-    """Return whether a file is a recording; a ``.json`` file is read, as it may contain a pose."""
+    """Return whether a file is a recording; ``.json`` files are read, because they may be poses."""
     if path.suffix != ".json":
         return path.suffix in (ENDING, *OTHER_ENDINGS)
     try:

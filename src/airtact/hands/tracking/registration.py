@@ -75,9 +75,9 @@ def register(
 ) -> Registration:
     """Find the pose of a tracker in a scene from touches of known points.
 
-    The pose is fitted by least squares. One touch is excluded if its distance from its point is
-    more than 5 times the rms distance of the other touches in a fit without it;
-    ``Registration.repeat`` is the index of this touch.
+    The pose is fitted by least squares. A touch is excluded as an outlier if its distance from its
+    point is more than 5 times the rms distance of the other touches when the pose is fitted only to
+    these. At most one touch is excluded; ``Registration.repeat`` is its index.
 
     Parameters
     ----------
@@ -90,8 +90,9 @@ def register(
 
     Returns
     -------
-    The pose ``tracker``, which maps the tracker's frame to the scene, its standard deviations
-    ``position_error`` and ``angle_error``, and the ``residuals`` of the touches.
+    A ``Registration`` that contains the pose ``tracker``, which maps the tracker's frame to the
+    scene, its standard deviations ``position_error`` and ``angle_error``, and the ``residuals`` of
+    the touches.
 
     Raises
     ------
@@ -228,7 +229,7 @@ class RestingFingertip:
 
     Attributes
     ----------
-    share : fraction of the second for which the tip has rested so far.
+    share : fraction of the required second for which the tip has already rested.
     """
 
     def __init__(self) -> None:

@@ -86,7 +86,7 @@ class StreamHealth:
     interrupted: int = 0
 
     def rejected_since(self, before: "StreamHealth") -> str:
-        """Return how many frames were rejected since the counts ``before``, and the main reason."""
+        """Return the number of frames rejected since ``before`` and the main reason, as text."""
         counts = {name: getattr(self, name) - getattr(before, name) for name in get_args(Fault)}
         main = max(counts, key=counts.__getitem__)
         if not counts[main]:
@@ -193,7 +193,7 @@ class HandStream:
 
     @property
     def idle(self) -> float:
-        """Time [s] since the last message, whether valid or not, or since construction."""
+        """Time [s] since the last message, valid or not; since construction if there was none."""
         return self._clock() - self._received
 
     def remark(self) -> str:
@@ -250,7 +250,7 @@ class HandStream:
             return None
 
     def disconnect(self, source: str, interrupted: bool) -> None:
-        """Release the hands of a connection that ended, and count it if it was ``interrupted``."""
+        """Release the hands of a connection that ended, and count ``interrupted`` connections."""
         with self._changed:
             self._counts["interrupted"] += interrupted
             for hand in self._hands.values():
@@ -276,7 +276,8 @@ class HandStream:
 
         Returns
         -------
-        The frame that has waited longest, which may mark its hand as lost; None after the timeout.
+        The oldest of the new frames of both hands, which may mark its hand as lost; None after the
+        timeout.
         """
         end = time.monotonic() + timeout
         with self._changed:
@@ -404,9 +405,9 @@ class HandStream:
             raise FaultyFrame(
                 "mirrored",
                 f"the landmarks are labelled as a {frame.side} hand, but fingers and thumb bend "
-                f"like those of the other hand. The sum of bends is {evidence:+z.2f} in this "
-                f"frame, but positive for a {frame.side} hand. Swap left and right, or negate z if "
-                "the axes are left-handed, as in Unity.",
+                f"like those of the other hand: the sum of bends is {evidence:+z.2f} in this "
+                f"frame, but should be positive for a {frame.side} hand. Swap left and right, or "
+                "negate z if the axes are left-handed, as in Unity.",
             )
 
     def _check_speed(self, frame: HandFrame) -> None:
