@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     "scans",
     type=FILE,
     multiple=True,
-    help="Scan of the field of the empty array; can be repeated.",
+    help="File with a scan of the array's field without bodies; can be repeated.",
 )
 @click.option(
     "--element",
@@ -65,7 +65,11 @@ if TYPE_CHECKING:
 )
 @microphone_face
 @click.option(
-    "--out", type=FILE, default="calibration.csv", show_default=True, help="Table of the elements."
+    "--out",
+    type=FILE,
+    default="calibration.csv",
+    show_default=True,
+    help="File for the calibration table.",
 )
 @as_json
 @quiet
@@ -83,14 +87,14 @@ def calibrate(
 ) -> None:
     """Estimate the poses of a scene's boards, the gains of the elements and the sound speed.
 
-    ECHOES is an .h5 file with the pressures that the elements of the empty array receive from each
-    other, including the direct sound. The boards must face each other, and the elements' codes must
-    be linearly independent. The command writes a calibration table. To use this table in a scene,
-    set calibration = "calibration.csv" in [array].
+    ECHOES is an .h5 file with the pressures that the elements receive from each other, without
+    bodies in the array and including the direct sound. The boards must face each other, and the
+    codes that the elements emit must be linearly independent. The command writes a calibration
+    table. To use this table in a scene, set calibration = "calibration.csv" in [array].
 
-    With --scan, the argument is a SCENE instead. The command then estimates the sensitivity, the
-    misalignment of the scans, and the gains that the scans determine. A scan is a .csv file with
-    the columns x, y, z (metres, in the obstacles' frame), pressure (pascals, peak) and, if
+    With --scan, the argument is a scene file instead. The command then estimates the sensitivity,
+    the misalignment of the scans, and the gains that the scans determine. A scan is a .csv file
+    with the columns x, y, z (metres, in the obstacles' frame), pressure (pascals, peak) and, if
     measured, phase (radians).
     """
     if scans:

@@ -48,9 +48,9 @@ def compare(
     All drives are computed from the same transfer matrix and verified by a more accurate solve.
 
     With --drive, evaluate a drive from another program. It is compared with the best drive, and
-    with a corrected drive: the most similar drive that reaches 95 % of the upper bound. Supported
-    files: .h5; .csv or .txt with phases; .csv and .holo from AcousTools; .xml from Ultraino; .npy;
-    .bin with messages to boards.
+    with a corrected drive: the most similar drive whose weakest focus reaches 95 % of the upper
+    bound on its pressure. Supported files: .h5; .csv or .txt with phases; .csv and .holo from
+    AcousTools; .xml from Ultraino; .npy; .bin with messages to boards.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -34,7 +34,9 @@ from airtact.cli.options import FILE, Names, agreed, board_address, level_of, qu
     help='Link to the boards; "file" writes the frames to a file.',
 )
 @click.option(
-    "--seconds", type=float, help="Duration; by default 2, or one period or cycle for a file."
+    "--seconds",
+    type=float,
+    help="Duration in seconds; by default 2, or one period or cycle with --link file.",
 )
 @click.option("--yes", is_flag=True, help="Emit without asking for confirmation.")
 @board_address

@@ -32,11 +32,13 @@ from airtact.cli.options import (
     "source",
     metavar="FILE.jsonl|SESSION.h5|websocket|osc|page",
     help="Source of the hand: a recording, the session of an earlier run, trackers and "
-    "applications (websocket:PORT or osc:PORT, by default ports 8765 and 8766), or page; by "
-    "default an example motion.",
+    "applications (websocket:PORT or osc:PORT; the default ports are 8765 and 8766), or page to "
+    "move the hand on the page or with a headset. By default, an example motion.",
 )
 @click.option(
-    "--seconds", type=float, help="Duration; by default until Ctrl-C or the end of the recording."
+    "--seconds",
+    type=float,
+    help="Duration in seconds; by default until Ctrl-C or the end of the recording.",
 )
 @click.option(
     "--record",

@@ -120,9 +120,9 @@ def place(
     --fixed keeps a board of SCENE in place. --symmetric places the other boards in mirrored pairs.
     The mirror plane is in the middle of the region or, without --region, of the foci.
 
-    The first table compares the best layouts with the present array of SCENE. The
-    second table lists the loss of pressure if a board of the best layout moves by 1 cm
-    or 5 degrees.
+    The first table compares the best layouts with the present array of SCENE. The second table
+    lists the change of the pressure if a board of the best layout is moved by 1 cm or turned by 5
+    degrees.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
@@ -155,7 +155,7 @@ def place(
     if abs(result.verified / best - 1.0) > 0.1:
         warnings.append(
             f"according to a finer solve, the best layout reaches {result.verified:,.0f} Pa, not "
-            f"{best:,.0f} Pa: set a smaller accuracy in [solver]."
+            f"{best:,.0f} Pa, so another layout may be better: compare them by airtact render."
         )
     show(
         _layouts_table(result, files),

@@ -43,7 +43,7 @@ from airtact.cli.options import FILE, INPUT, as_json, page_address, quiet, scene
     help="Distance of the fingertip joint from the touched face in metres; by default the radius "
     "of the joint.",
 )
-@click.option("--fit-offset", is_flag=True, help="Also estimate this distance.")
+@click.option("--fit-offset", is_flag=True, help="Also estimate the distance --offset.")
 @click.option(
     "--fit-scale", is_flag=True, help="Also estimate a scale factor for the tracker's lengths."
 )
@@ -67,7 +67,7 @@ def register(
     page_port: int,
     host: str,
 ) -> None:
-    """Print the [tracker] of SCENE: the pose of the tracker relative to the boards.
+    """Print the table [tracker] for SCENE: the pose of the tracker relative to the boards.
 
     With the tip of an index finger, touch each transducer that the command names, hold still for a
     second, and move the finger away. Nothing is emitted. Touches that contradict the others must be

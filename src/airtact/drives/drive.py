@@ -194,7 +194,8 @@ class Drive:
 def check_drive(drive: Drive, name: str, owner: str = "", elements: int | None = None) -> None:
     """Raise ``InvalidInput`` unless ``drive`` is a ``Drive``; the message calls it ``name``.
 
-    ``owner``, such as the array, has a number of ``elements`` that the drive must have as well.
+    If ``elements`` is given, the drive must have this number of elements. The message then names
+    the ``owner`` of these elements, such as the array.
     """
     # The likely mistake is a Frame, whose amplitudes are levels.
     of_kind(drive, Drive, name, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")

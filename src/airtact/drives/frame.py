@@ -16,8 +16,8 @@ class Frame:
 
     Attributes
     ----------
-    amplitude : (E,) uint8 amplitude level of each element. The pressure is proportional to it; with
-        eight bits, 255 is full scale.
+    amplitude : (E,) uint8 amplitude level of each element. The pressure is proportional to the
+        level; with eight bits, 255 is full scale.
     phase : (E,) uint8 phase level of each element in the phasor Re[d e^{−iωt}]. With eight bits,
         256 levels are a full turn, and +64 delays the wave by a quarter of a period.
     levels : table of the amplitudes and phases that the boards' integer levels represent.
@@ -106,7 +106,7 @@ def share_under_cap(
     """Return the factor, at most 1, that reduces the largest amplitude of the drives to ``cap``.
 
     The cap is a fraction of full scale. For boards without amplitude levels, the cap is the
-    fraction of active elements. An invalid cap raises ``InvalidInput`` (see ``check_cap``).
+    fraction of active elements. A cap that is not in the interval (0, 1] raises ``InvalidInput``.
     """
     cap = check_cap(cap)
     if levels.phase_only:
@@ -116,5 +116,5 @@ def share_under_cap(
 
 
 def check_cap(cap: float) -> float:
-    """Check that a cap on amplitudes is above 0 and at most 1, and return it."""
+    """Return a cap on amplitudes, or raise ``InvalidInput`` if it is not above 0 and at most 1."""
     return within(cap, 0.0, 1.0, "the cap", "of full scale", "30 per cent is 0.3.")

@@ -37,7 +37,8 @@ def weighted_gerchberg_saxton(
 
     Returns
     -------
-    The drive, scaled like the result of ``phase_conjugate``.
+    A drive of E elements with equal amplitudes: full scale, or less if that is enough for the
+    requested pressures.
 
     Raises
     ------
@@ -57,11 +58,26 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
     Each iteration replaces the sources s at the foci by w · phase(p), with the requested pressures
     w and p = H Hᴴ s, where H Hᴴ is an (F, F) matrix. At the end the sources are weighted by w²/|p|,
     and every element is set to full scale (Plasencia, Hirayama, Montano-Murillo and Subramanian,
-    ACM Trans. Graph. 39 (2020) 138). This last step lowers the pressure at the
-    weakest focus. A few iterations of ``weighted_gerchberg_saxton``, which are our addition to the
-    published method, restore the pressure and never lower it. The function takes the same
-    parameters, scales the drive in the same way and raises the same errors as
-    ``weighted_gerchberg_saxton``.
+    ACM Trans. Graph. 39 (2020) 138). This last step lowers the pressure at the weakest focus. Ten
+    iterations of ``weighted_gerchberg_saxton``, which are our addition to the published method,
+    restore the pressure and never lower it.
+
+    Parameters
+    ----------
+    transfer : the (F, E) transfer matrix of F foci and E elements.
+    target : the foci and their requested pressures.
+    iterations : number of iterations on the foci.
+
+    Returns
+    -------
+    A drive of E elements with equal amplitudes: full scale, or less if that is enough for the
+    requested pressures.
+
+    Raises
+    ------
+    InvalidInput
+        If the transfer matrix was computed for other foci, if there are more foci than elements, if
+        two foci are too close together, if a focus is shadowed, or if ``iterations`` is below 1.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)

@@ -36,7 +36,7 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
 
     Returns
     -------
-    The drive of E elements, scaled so that the weakest focus gets its requested pressure. If this
+    A drive of E elements, scaled so that the weakest focus gets its requested pressure. If this
     requires more than full scale, or if no pressure is requested, the largest amplitude is 1.
     ``achieved_fraction`` returns the ratio of each focus's pressure to its request.
 
@@ -53,10 +53,24 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
     """Keep the phases of ``time_reversal``, and set every element to the same amplitude.
 
     At equal peak amplitude, no other drive produces more pressure at a single focus, because the
-    sound of every element arrives in phase. Every element is at full scale, or all are scaled down
-    equally if less is enough for the requested pressures. The requested pressures or shares weight
-    the foci before the amplitudes are made equal. The method ignores suppression points. It takes
-    the same parameters and raises the same errors as ``time_reversal``.
+    sound of every element arrives in phase. The requested pressures or shares weight the foci
+    before the amplitudes are made equal. The method ignores suppression points.
+
+    Parameters
+    ----------
+    transfer : the (F, E) transfer matrix of F foci and E elements.
+    target : the foci and their requested pressures.
+
+    Returns
+    -------
+    A drive of E elements with equal amplitudes: full scale, or less if that is enough for the
+    requested pressures.
+
+    Raises
+    ------
+    InvalidInput
+        If the transfer matrix was computed for other foci, or if the contributions of the foci
+        cancel at every element.
     """
     return scaled_to_target(transfer, target, np.sign(_reversed(transfer, target)))
 
@@ -85,13 +99,15 @@ def inverse_filter(
 
     Returns
     -------
-    The drive, scaled like the result of ``time_reversal``.
+    A drive of E elements, scaled so that the weakest focus gets its requested pressure. If this
+    requires more than full scale, or if no pressure is requested, the largest amplitude is 1.
 
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``weighted_gerchberg_saxton``, if the matrix has no rows for
-        the suppression points, or if the weight is negative.
+        If the transfer matrix was computed for other foci or has no rows for the suppression
+        points, if there are more foci than elements, if two foci are too close together, if a focus
+        is shadowed, or if the weight is negative.
     """
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])
@@ -147,13 +163,15 @@ def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50
 
     Returns
     -------
-    The drive, scaled like the result of ``time_reversal``. Its pressures have the requested ratios
-    and phases at any scale.
+    A drive of E elements, scaled so that the foci get their requested pressures. If this requires
+    more than full scale, or if no pressure is requested, the largest amplitude is 1. The pressures
+    have the requested ratios and phases in all these cases.
 
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``weighted_gerchberg_saxton``.
+        If the transfer matrix was computed for other foci, if there are more foci than elements, if
+        two foci are too close together, if a focus is shadowed, or if ``iterations`` is below 1.
     """
     check_solvable(transfer, target)
     check_iterations(iterations)
@@ -167,10 +185,10 @@ def exact_amplitudes(
     iterations: int = 50,
     sufficient_peak: float = 0.0,
 ) -> Amplitudes:
-    """Return the amplitudes d that satisfy H d = w with the smallest peak max_e |d_e|.
+    """Return the amplitudes d with the smallest peak max_e |d_e| that satisfy H d = w.
 
-    The iteration starts at the amplitudes of least energy and stops once the peak is at most
-    ``sufficient_peak``.
+    H is ``matrix``, and w are the complex ``requests``. The iteration starts at the amplitudes of
+    least energy and stops once the peak is at most ``sufficient_peak``.
     """
     # Rows of equal norm keep the least-squares problem well conditioned for foci at all distances.
     norms = np.linalg.norm(matrix, axis=1)

@@ -86,26 +86,29 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     """Compute an upper bound on the pressure at the weakest focus, for all possible drives.
 
     The bound holds for every drive with amplitudes of at most 1, including phase-only drives and
-    drives with discrete levels. It is the dual of the semidefinite relaxation of Inoue, Makino and
-    Shinoda (IEEE World Haptics 2015). It ignores suppression points.
+    drives with discrete levels. The function solves the dual of the semidefinite relaxation of
+    Inoue, Makino and Shinoda (IEEE World Haptics 2015). It ignores suppression points.
 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
     target : the foci and their requested pressures.
-    tolerance : relative gap to the relaxation at which the iteration stops. The iteration also
-        stops after 1000 steps; the bound is then looser but still holds.
+    tolerance : relative gap between the bound and the value of the relaxation at which the
+        iteration stops. The iteration also stops after 1000 steps; the bound is then looser but
+        still holds.
 
     Returns
     -------
-    The bound, with the multipliers that certify it. The bound is a fraction of the requested
-    pressures. If no pressure is requested, it is a ratio of pressure to share [Pa].
+    An ``UpperBound`` with the bound (``worst``) and the multipliers that certify it. The bound is a
+    fraction of the requested pressures. If no pressure is requested, it is a ratio of pressure to
+    share [Pa].
 
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``weighted_gerchberg_saxton``, or if the tolerance is not
-        above zero.
+        If the transfer matrix was computed for other foci, if there are more foci than elements, if
+        two foci are too close together, if a focus is shadowed, or if the tolerance is not above
+        zero.
     """
     matrix, requests = asked_rows(transfer, target)
     positive(tolerance, "the tolerance", "of the bound")
@@ -135,7 +138,7 @@ class Relaxed:
 
 
 def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relaxed]:
-    """Return the bound of ``upper_bound``, and the solved relaxation from which it follows.
+    """Return the upper bound on the pressure at the weakest focus, and the solved relaxation.
 
     Each row of ``matrix`` is divided by the requested pressure of its focus.
     """
@@ -251,13 +254,14 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
 
     Returns
     -------
-    The drive. All elements have the same amplitude: full scale, or less if that is enough for the
+    A drive of E elements with equal amplitudes: full scale, or less if that is enough for the
     requested pressures.
 
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``weighted_gerchberg_saxton``.
+        If the transfer matrix was computed for other foci, if there are more foci than elements, if
+        two foci are too close together, if a focus is shadowed, or if ``iterations`` is below 1.
 
     Warns
     -----
@@ -297,7 +301,11 @@ def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
 
 
 def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> None:
-    """Warn that a method stalled; ``matrix`` and ``worst`` are divided by requested pressures."""
+    """Warn that a method stopped early, and state how close it came to the certified bound.
+
+    Each row of ``matrix`` is divided by the requested pressure of its focus. ``worst`` is the
+    smallest ratio of pressure to request; ``where`` states at which iteration the method stopped.
+    """
     reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
     warnings.warn(
         Stalled(
@@ -327,10 +335,10 @@ def gradient(
     The pressure of each focus is divided by its requested pressure. Without suppression points the
     method maximises the power mean of these ratios with exponent −200, which is close to the
     smallest ratio. It returns the start or the end of the descent, whichever is better. With
-    suppression points it minimises their mean squared pressure, with a penalty if the power mean
-    falls below 1 − ``loss`` times its initial value. The descent is L-BFGS-B (Byrd, Lu, Nocedal and
-    Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on phases and on amplitudes between 0 and 1. The
-    method ignores requested phases.
+    suppression points, the method minimises the mean squared pressure at these points, with a
+    penalty if the power mean falls below 1 − ``loss`` times its initial value. The descent is
+    L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on phases and on
+    amplitudes between 0 and 1. The method ignores requested phases.
 
     Parameters
     ----------
@@ -343,13 +351,15 @@ def gradient(
 
     Returns
     -------
-    The drive, scaled like the result of ``time_reversal``.
+    A drive of E elements, scaled so that the weakest focus gets its requested pressure. If this
+    requires more than full scale, or if no pressure is requested, the largest amplitude is 1.
 
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``weighted_gerchberg_saxton``, if the matrix has no rows for
-        the suppression points, or if the loss is out of range.
+        If the transfer matrix was computed for other foci or has no rows for the suppression
+        points, if there are more foci than elements, if two foci are too close together, if a focus
+        is shadowed, if ``iterations`` is below 1, or if the loss is out of range.
 
     Warns
     -----

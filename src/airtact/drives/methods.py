@@ -29,7 +29,7 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     If the target has no suppression points and full scale is enough for its requests, each focus
     gets exactly its requested pressure. This adjustment keeps the phases at the foci that the
     method chose. The drive then has the least energy, unless an element would exceed full scale. If
-    full scale is not enough, the drive maximises the smallest fraction of the requests.
+    full scale is not enough, the drive maximises the smallest ratio of pressure to request.
 
     Parameters
     ----------
@@ -39,13 +39,16 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
 
     Returns
     -------
-    The drive, scaled like the result of ``time_reversal``. ``achieved_fraction`` returns the ratio
-    of each focus's pressure to its request, and ``upper_bound`` the pressure that no drive exceeds.
+    A drive for the elements of the matrix. If full scale is not enough for the requests, or if no
+    pressure is requested, the largest amplitude is 1. ``achieved_fraction`` returns the ratio of
+    each focus's pressure to its request, and ``upper_bound`` the pressure that no drive exceeds.
 
     Raises
     ------
     InvalidInput
-        Under the conditions listed for the chosen method, or if an argument has the wrong type.
+        If an argument has the wrong type, if the matrix was computed for other foci or has no rows
+        for the suppression points, if there are more foci than elements, if two foci are too close
+        together, or if a focus is shadowed.
 
     Warns
     -----

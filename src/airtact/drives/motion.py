@@ -50,7 +50,7 @@ class Motion:
         line) and 10 mm for "stm".
     frequency : how many times per second a focus traverses its path [Hz]. The default is 50 Hz for
         "lm"; for "stm" it is the frequency at which the focus moves at 7 m/s.
-    frames : number of positions on a path around a focus.
+    frames : number of positions on a path around a focus; the default is 16.
     along : "skin" for a path that keeps the focus's distance from the nearest
         surface, or "array" for a path perpendicular to the line from the focus
         to the array's middle. The default is "skin" if a surface is within 20
@@ -125,8 +125,8 @@ class Motion:
         Raises
         ------
         InvalidInput
-            If a path cannot follow the surface, because it would enter a crevice or pass in front
-            of another part of the body.
+            If ``along`` is "skin" but a focus is more than 20 mm from every body, or if a path
+            would enter a crevice or pass in front of another part of the body.
         """
         return np.stack([self._laid(scene, focus, array_middle) for focus in target.points])
 
@@ -170,7 +170,7 @@ class Motion:
         return onto_surface(flat, surface, distance)
 
     def turns(self, paths: Paths) -> float:
-        """Return how many times per second a path is traversed: ``frequency``, or its default."""
+        """Return how often a path is traversed per second [Hz]: ``frequency`` or its default."""
         if self.frequency is not None:
             return self.frequency
         if self.kind == "lm":
@@ -232,8 +232,8 @@ def moving_foci(
     Raises
     ------
     InvalidInput
-        If the points do not fill whole frames, if ``turns`` is too large for the clock, or under
-        the conditions listed for the method.
+        If the points do not fill whole frames, if ``turns`` is too large for the clock, or if the
+        method cannot compute the drive of a frame.
     """
     of_kind(target, Target, "the target", "moving_target(target, paths)")
     points = len(target.points)

@@ -33,14 +33,16 @@ def nearest_drive(
 
     Returns
     -------
-    The changed drive, or the same drive if it is already strong enough. If the
-    fraction cannot be reached with the amplitudes of ``drive``, the weakest focus receives the
-    pressure that it would from ``weighted_gerchberg_saxton`` with these amplitudes.
+    The changed drive, or ``drive`` itself if it is already strong enough. If no phases reach the
+    fraction with the amplitudes of ``drive``, the weakest focus gets the pressure that
+    ``weighted_gerchberg_saxton`` reaches with these amplitudes.
 
     Raises
     ------
     InvalidInput
-        If the drive does not fit the array or is silent, or ``share`` is not between 0 and 1.
+        If the drive has another number of elements than the matrix or is silent, if ``share`` is
+        not between 0 and 1, if the matrix was computed for other foci, if two foci are too close
+        together, or if a focus is shadowed.
 
     Examples
     --------

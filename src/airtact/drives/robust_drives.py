@@ -81,23 +81,24 @@ def robust(
     ensemble : the samples, as returned by the function ``ensemble``. A plain transfer matrix is
         treated as a single sample without uncertainty.
     target : the foci and their requested pressures.
-    goal : statistic, over the samples, of the pressure at the weakest focus: "lowest tenth", the
-        value that it exceeds in 9 out of 10 samples; "mean"; or "worst", the smallest value.
-    limit : "energy" maximises the goal at a given energy Σ|d|²; "phases" maximises it with every
-        element at full scale.
+    goal : quantity to maximise: "lowest tenth" is the pressure that the weakest focus exceeds in 9
+        out of 10 samples; "mean" is the mean of its pressure over the samples; "worst" is its
+        pressure in the worst sample.
+    limit : constraint: "energy" maximises the goal at a given energy Σ|d|²; "phases" maximises the
+        goal with every element at full scale.
 
     Returns
     -------
-    The drive. Its largest amplitude is 1, or less if a weaker drive is enough for the requested
-    pressures. Without uncertainty, the drive maximises the pressure at the weakest focus under the
-    same limit. For one focus, this is the drive of ``time_reversal`` or, with "phases", of
-    ``phase_conjugate``.
+    A drive of E elements. Its largest amplitude is 1, or less if a weaker drive is enough for the
+    requested pressures. Without uncertainty, the drive maximises the pressure at the weakest focus
+    under the same limit. For one focus, this is the drive of ``time_reversal`` or, with "phases",
+    of ``phase_conjugate``.
 
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``weighted_gerchberg_saxton``, or if the goal or limit is
-        unknown.
+        If the matrices were computed for other foci, if there are more foci than elements, if two
+        foci are too close together, if a focus is shadowed, or if the goal or limit is unknown.
 
     Examples
     --------
@@ -117,7 +118,7 @@ def robust(
     certain = len(samples) == 1
 
     def reached(amplitudes: Amplitudes) -> float:
-        """Return the value of the goal for a drive scaled to unit energy or unit peak."""
+        """Return the statistic ``goal`` for amplitudes scaled to unit energy or unit peak."""
         scale = np.linalg.norm(amplitudes) if limit == "energy" else np.abs(amplitudes).max()
         return _statistic(np.abs(samples @ amplitudes).min(axis=1), goal) / float(scale)
 
@@ -138,8 +139,26 @@ def robust_phase_only(
 ) -> Drive:
     """Compute a robust drive with every element at full scale.
 
-    The function calls ``robust`` with ``limit="phases"``; see ``robust`` for the arguments and the
-    result.
+    The function is the same as ``robust`` with ``limit="phases"``.
+
+    Parameters
+    ----------
+    ensemble : the samples, as returned by the function ``ensemble``.
+    target : the foci and their requested pressures.
+    goal : quantity to maximise: "lowest tenth" is the pressure that the weakest focus exceeds in 9
+        out of 10 samples; "mean" is the mean of its pressure over the samples; "worst" is its
+        pressure in the worst sample.
+
+    Returns
+    -------
+    A drive of E elements with equal amplitudes: full scale, or less if that is enough for the
+    requested pressures.
+
+    Raises
+    ------
+    InvalidInput
+        If the matrices were computed for other foci, if there are more foci than elements, if two
+        foci are too close together, if a focus is shadowed, or if the goal is unknown.
     """
     return robust(ensemble, target, goal, limit="phases")
 
@@ -147,24 +166,28 @@ def robust_phase_only(
 def goal_value(
     ensemble: TransferMatrix, target: Target, drive: Drive, goal: Goal = "lowest tenth"
 ) -> float:
-    """Return the value that a drive reaches for a goal of ``robust``.
+    """Return the pressure that a drive produces at the weakest focus, as a statistic over samples.
 
-    The value is a pressure [Pa], or a fraction of the request if the target requests pressures.
+    The function evaluates the quantity that ``robust`` maximises.
 
     Parameters
     ----------
-    ensemble, target : the samples and the foci, as in ``robust``.
+    ensemble, target : the transfer matrices of the samples, as returned by ``ensemble``, and the
+        foci.
     drive : the drive of the ensemble's elements.
-    goal : the statistic of the weakest focus over the samples.
+    goal : "lowest tenth" for the pressure that the weakest focus exceeds in 9 out of 10 samples;
+        "mean" or "worst" for its mean or smallest pressure over the samples.
 
     Returns
     -------
-    The value of the goal; larger is better.
+    The pressure [Pa], divided by the shares of the foci if the target has shares. If the target
+    requests pressures, the ratio of pressure to request.
 
     Raises
     ------
     InvalidInput
-        If the number of elements or foci does not match.
+        If the drive has another number of elements than the matrices, or the matrices were computed
+        for other foci.
     """
     _, requests = asked_rows(ensemble, target)
     if isinstance(ensemble, TransferEnsemble):
@@ -200,7 +223,7 @@ def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
 
 
 def balanced(matrix: FociRows, phases: bool, steps: int = 2000) -> Amplitudes:
-    """Maximise the pressure at the weakest focus for a single matrix.
+    """Return the amplitudes that maximise the pressure at the weakest focus for a single matrix.
 
     If ``phases`` is True, every element is at full scale (``strongest_sources``). Otherwise the
     energy is limited, and the function runs ``steps`` alternating projections. The rows of

@@ -103,7 +103,22 @@ class Sequence:
     ) -> None:
         """Write all frames to a .h5 file, which ``load_drive`` reads and ``airtact emit`` sends.
 
-        The method takes the same parameters and raises the same errors as ``Drive.save``.
+        Parameters
+        ----------
+        path : file name that ends in .h5. An existing file is replaced.
+        array : the array for which the drives were computed; emission to boards requires it.
+        scene : the scene whose frequency and medium are stored.
+        transfer : transfer matrix from which the drives were computed.
+        target : the foci.
+        levels : amplitude and phase levels of the boards. The file contains both the exact
+            drives and the drives rounded to these levels.
+        texts : additional texts by name, such as the text of the scene file.
+
+        Raises
+        ------
+        InvalidInput
+            If the array or the matrix has a different number of elements, if the file name has
+            another ending, or if the file cannot be written.
         """
         save_drives(
             path,

@@ -137,7 +137,8 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
 
     Returns
     -------
-    The (F, E) matrix [Pa]. Its error is the solver's estimate at the elements for the worst beacon.
+    The transfer matrix (F, E) [Pa]. Its estimated error is the solver's estimate at the elements,
+    for the beacon with the largest error.
 
     Raises
     ------
@@ -244,7 +245,7 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
 
     Returns
     -------
-    The matrix [Pa], with an estimated error of 0.
+    The transfer matrix (F, E) [Pa], with an estimated error of 0.
 
     Raises
     ------
@@ -393,7 +394,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     Without this check, methods that balance the foci might diverge. The function raises
     ``InvalidInput``:
 
-    - under the conditions of ``check_foci``;
+    - if the matrix was computed for other points than those of the target;
     - if there are more foci than elements;
     - if two foci are less than λ/10 apart or, for an unknown wavelength λ, their rows are parallel;
     - if the largest pressure that a focus can receive is less than 5 % (−26 dB) of the median for

@@ -72,8 +72,8 @@ class TransferEnsemble(TransferMatrix):
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``TransferMatrix``, if there are no samples, or if their
-        shape does not match.
+        If the nominal matrix is empty, is zero everywhere or contains an entry that is not finite,
+        if there are no samples, or if the shape of the samples does not match the nominal matrix.
     """
 
     geometry: Complex128[np.ndarray, "samples foci elements"]
@@ -161,17 +161,19 @@ def ensemble(
 
     Returns
     -------
-    The nominal transfer matrix and the transfer matrix of each sample. A sample is impossible if an
-    element or a focus is inside a body, or if a body or a focus is behind the face of an element.
-    Such samples are skipped and counted.
+    A ``TransferEnsemble`` with the nominal transfer matrix and the transfer matrix of each sample.
+    A sample is impossible if an element or a focus is inside a body, or if a body or a focus is
+    behind the face of an element. Such samples are skipped and counted.
 
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``transfer_matrix``, if ``samples`` or ``seed`` is out of
-        range, or if all samples are impossible. Also if ``along_skin`` is set for a scene without
-        bodies, if ``solver`` is missing but needed for samples in front of a plane, or if the
-        temperature or humidity is uncertain but the medium is not air.
+        If ``beacons`` is not the field of unit beacons or is unknown at an element, if an element
+        is inside a body, or if a focus or a body is behind the face of a directional element. The
+        error is also raised if ``samples`` or ``seed`` is out of range, or if all samples are
+        impossible. Further causes are ``along_skin`` for a scene without bodies, a missing
+        ``solver`` for samples in front of a plane, and an uncertain temperature or humidity of a
+        medium other than air.
 
     Examples
     --------
@@ -221,8 +223,9 @@ def matrices_at(
     The wavenumber is multiplied by ``slower``, which is below 1 in warmer air. If an element is
     inside a body, or if a body or a focus is behind a face, the pose is impossible and None is
     yielded. In front of a plane, ``solver`` solves each pose that changes the position relative to
-    the plane. Without ``solver``, the function raises an error with the code "not_converged" for
-    such a pose. Otherwise, the function raises the same errors as ``transfer_matrix``.
+    the plane. Without ``solver``, such a pose raises an error with the code "not_converged".
+    ``InvalidInput`` is raised if ``beacons`` is not the field of unit beacons or is unknown at an
+    element, or if the undisplaced hand does not fit the array.
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
@@ -587,7 +590,7 @@ def _if_possible(make: Callable[[Draw], Made], draw: Draw) -> Made | None:
 def along_skin(
     scene: Scene, foci: Real[np.ndarray, "foci 3"], shifts: Real[np.ndarray, "foci 2"]
 ) -> Float64[np.ndarray, "foci 3"]:
-    """Return the (F, 3) shifts [m] that move the foci along the surface in two directions."""
+    """Convert shifts (F, 2) [m] of foci along the surface to vectors (F, 3) [m]."""
     if not shifts.any():
         return np.zeros((len(foci), 3))
     frames = np.stack([np.stack(frame_of(normal)[:2]) for normal in outward(scene.depth, foci)])

@@ -1,12 +1,12 @@
 """Messages to boards: frames in each board's levels, channels and phase convention.
 
 On all of these boards, a larger phase number delays the pulse of an element, like the phase of a
-drive d in Re[d e^{−iωt}]. Therefore no codec conjugates the drive. The evidence is as follows.
-For AUTD3, the tests compare the sound with that of its emulator in the time domain. For
-SonicSurface, ``PhaseLine.vhd`` starts the pulse when a rising counter reaches the number. For
-Nano16, ``ArduinoNano.java`` puts the first high step at the number, and ``DriverNano16.ino``
-plays the steps in order. For OpenMPD, the driver adds half of the missing width to the number of
-a shorter pulse, which keeps the middle of the pulse in place.
+drive d in Re[d e^{−iωt}]. Therefore no codec conjugates the drive. The evidence is as follows. For
+AUTD3, the tests compare the sound with that of its emulator in the time domain. For SonicSurface,
+``PhaseLine.vhd`` starts the pulse when a rising counter reaches the number. For Nano16,
+``ArduinoNano.java`` puts the first high step at the phase number, and ``DriverNano16.ino`` plays
+the steps in order. For OpenMPD, the driver adds half of the missing width to the number of a
+shorter pulse, which keeps the middle of the pulse in place.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ Bytes = UInt8[np.ndarray, "..."]
 
 @dataclass(frozen=True, eq=False)
 class Codec:
-    """Encoder and decoder of the messages to one kind of board.
+    """Encoder and decoder of the messages for one kind of board.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Codec:
     def channels(
         self, values: UInt8[np.ndarray, "elements"]
     ) -> UInt8[np.ndarray, "boards channels"]:
-        """Move the value of each element to its position in the board's message."""
+        """Return the values of the elements in the order of the channels in the messages."""
         boards = len(values) // len(self.board)
         channels = np.zeros((boards, self.board.message_length), dtype=np.uint8)
         channels[:, self.board.channels] = values.reshape(boards, -1)

@@ -50,8 +50,8 @@ class Emission:
     amplitude over a ramp. It silences the boards, and waits for their confirmation, when the block
     is left or this process ends for any reason. It does the same if ``patience`` seconds pass
     without a call of ``send``, ``hold``, ``play``, ``cycle``, ``modulate``, ``set_modulation``,
-    ``silence`` or ``beat``. In all these cases the emission ends; if ``resumes`` is True, it
-    continues after a late call. SIGINT, SIGTERM and SIGHUP in the main thread raise
+    ``silence`` or ``beat``. In all these cases the emission ends, except that a late call continues
+    it if ``resumes`` is True. SIGINT, SIGTERM and SIGHUP in the main thread raise
     ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
@@ -239,16 +239,17 @@ class Emission:
         return self._play(drive.amplitudes[None], np.ones(1), 0.0, wait, at)
 
     def cycle(self, sequence: Sequence, wait: bool = True) -> None:
-        """Repeat the frames of a sequence from now on.
+        """Start to play a sequence, which repeats until the next call.
 
         A sequence of the same length as the previous one continues at the same position. Any
         modulation ends. The first sequence rises over the ramp; if boards repeat it themselves,
-        only its most powerful frame is played during the ramp. ``wait`` is described in ``send``.
+        only its most powerful frame is played during the ramp. If ``wait`` is True, the method
+        returns after the ramp, otherwise at once.
 
         Raises
         ------
         InvalidInput
-            Under the conditions listed in ``play``.
+            If the boards or the link cannot play the sequence.
         LinkFailed
             If the link fails, or the emission has already ended.
         """
@@ -281,11 +282,17 @@ class Emission:
     def modulate(
         self, drive: Drive, seconds: float, modulation: AmplitudeModulation | None = None
     ) -> Played:
-        """Play a drive with amplitude modulation for a number of seconds.
+        """Play a drive with amplitude modulation for ``seconds`` after the ramp.
 
-        Only a modulated drive can be felt. By default the force varies as a cosine at 200 Hz. On
+        Skin only feels a modulated drive. By default the force varies as a cosine at 200 Hz. On
         boards without amplitude levels, the number of active elements varies instead. The drive
         rises over the ramp.
+
+        Parameters
+        ----------
+        drive : amplitude of every element.
+        seconds : duration [s].
+        modulation : frequency and depth of the modulation.
 
         Returns
         -------
@@ -297,7 +304,7 @@ class Emission:
             If the drive and the boards have different numbers of elements, or the modulation is too
             fast.
         LinkFailed
-            Under the conditions listed in ``play``.
+            If the link fails, or the emission has ended or ends during playback.
         """
         check_drive(drive, "the drive to emit")
         self.link.check_elements(len(drive))

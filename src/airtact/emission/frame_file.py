@@ -77,7 +77,7 @@ def load_drive(
 
 
 def drive_in(path: Path, board: str | None = None, elements: int | None = None) -> DriveFile:
-    """Read a drive file written by any program; raise the same errors as ``load_drive``."""
+    """Read a drive file written by any program, or raise ``InvalidInput`` if it is not valid."""
     own = path.suffix.lower() == ".h5"
     if path.suffix.lower() == ".csv":
         first = text_of(path).lstrip().partition("\n")[0].lower()
@@ -94,7 +94,8 @@ def drive_for(array: PhasedArray, path: Path, board: str | None = None) -> Drive
     Raises
     ------
     InvalidInput
-        Under the conditions listed in ``load_drive``, or if the file is for another array.
+        If the file cannot be read, contains numbers that are not valid in a drive, or is for
+        another array.
     """
     contents = drive_in(path, board, len(array))
     drive = Drive(contents.drives[0])

@@ -164,8 +164,8 @@ class Link(ABC):
         Raises
         ------
         InvalidInput
-            Under the conditions listed in ``send`` and ``check_sequence``, or if the boards cannot
-            repeat a sequence.
+            If the frames or the rate do not fit the boards, the link is not open, or the boards
+            cannot repeat a sequence.
         LinkFailed
             If the link fails.
         """
@@ -263,7 +263,7 @@ class Link(ABC):
         """Fetch data stored in the link process, which is about to end."""
 
     def zero(self) -> Frame:
-        """Return the frame in which all elements are off."""
+        """Return a frame with all elements off."""
         nothing = np.zeros(self.elements, dtype=np.uint8)
         return Frame(nothing, nothing, self.levels)
 
@@ -342,7 +342,7 @@ class Link(ABC):
         )
 
     def emission_over(self, why: str) -> LinkFailed:
-        """Return the error for a call after the end of an emission."""
+        """Return the error for a call after the emission has ended; ``why`` states the reason."""
         return LinkFailed(
             f"nothing was sent, because the emission is not running: {why} ({self.sent} frames "
             "sent).",
@@ -388,7 +388,7 @@ class RecordingLink(Link):
             self._seconds += seconds
 
     def recorded(self, first: int) -> tuple[list[Frame], list[float]]:
-        """Return up to 64 frames, starting with frame ``first``, and their times of sending [s]."""
+        """Return up to 64 frames from index ``first`` on, and the times when they were sent [s]."""
         # There are at most 64 because a long message would delay the watchdog.
         return self._frames[first : first + 64], self._seconds[first : first + 64]
 

@@ -83,7 +83,7 @@ class Channel:
         return message
 
     def close(self) -> None:
-        """Close this end, which the other end notices at once."""
+        """Close this end of the connection; the other end notices it at once."""
         self._socket.close()
 
     def _complete(self) -> tuple[Any, ...] | None:
@@ -98,7 +98,7 @@ class Channel:
 
 
 class LinkProcess:
-    """A link that runs in its own process, or if necessary in a thread of this process.
+    """A link that runs in another process, or in a thread of this process if that is impossible.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ class LinkProcess:
             self.end()
 
     def end(self) -> None:
-        """Close the connection, which ends the link process, and wait for its end."""
+        """Close the connection and wait until the link process has ended."""
         self._channel.close()
         if self._guard is not None:
             self._end_guard()
@@ -247,7 +247,7 @@ class LinkProcess:
 
 
 def why_here(link: Link) -> str | None:
-    """Return the reason why a link cannot be opened in another process, or None if it can."""
+    """Return why a link cannot be opened in another process, or None if it can."""
     if os.name != "posix":
         return f"link processes need a POSIX system, but this is {sys.platform}"
     if not sys.executable:
@@ -284,7 +284,7 @@ def _start(end: socket.socket) -> "subprocess.Popen[bytes]":
 
 
 class Tether:
-    """Connection of a link process to its guard, which silences the boards if the process dies.
+    """Connection of a link process to its guard, which silences the boards if that process ends.
 
     The methods never block.
     """
@@ -426,7 +426,10 @@ def guard(process: int, end: socket.socket, owner: int, rescue: Callable[[], boo
 
 
 def main() -> None:
-    """Guard a link process, given its connection and its owner's process id as arguments."""
+    """Start and guard a link process.
+
+    The arguments are the connection to the owner and the owner's process id.
+    """
     # All signals are ignored except SIGCHLD, which is needed to wait for child processes, and
     # hardware faults, which would repeat forever.
     needed = {

@@ -18,7 +18,7 @@ LINKS: dict[str, tuple[str, ...]] = {
 
 
 def links_of(board: str) -> Sequence[str]:
-    """Return the values of ``--link`` for a kind of board; "file" only writes frames to a file."""
+    """Return the names of the links to a kind of board, followed by "file" (no link)."""
     return [*(name for name, boards in LINKS.items() if board in boards), "file"]
 
 

@@ -30,7 +30,7 @@ def suspended() -> float:
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of the playback: times [s], log file, and whether playback resumes after silence."""
+    """Settings of the playback: durations [s], log file, and whether a late call resumes it."""
 
     ramp: float
     patience: float
@@ -41,20 +41,20 @@ class Settings:
 
 @dataclass(frozen=True)
 class Cycle:
-    """Items that repeat at a rate [1/s]: factors of a modulation, or frames and their drives."""
+    """Items that are repeated at a rate [1/s]: modulation factors, or frames with their drives."""
 
     items: Sequence[Any]
     rate: float
     begun: float
 
     def at(self, now: float) -> Any:
-        """Return the item that is due at a given time [s]."""
+        """Return the item that is due at the time ``now`` [s]."""
         # 1e-6 is added so that rounding does not select the previous frame.
         return self.items[int((now - self.begun) * self.rate + 1e-6) % len(self.items)]
 
 
 class Player:
-    """Playback on a link in small steps. Every command returns at once.
+    """Playback of drives on a link, in small steps. Every command returns at once.
 
     ``Emission`` calls the methods without an underscore by name. ``step`` does the work that is
     due. If a step fails, its error is raised by the next command that resets the watchdog.
@@ -111,7 +111,7 @@ class Player:
         cap: float,
         at: float | None = None,
     ) -> tuple[Frame, float, float]:
-        """Repeat drives, or one drive multiplied by several factors, from now on.
+        """Start to repeat several drives, or one drive multiplied by several factors.
 
         A ``rate`` above 0 ends any modulation. If the number of frames stays the same, playback
         continues at the same position.
@@ -197,7 +197,7 @@ class Player:
         return self.left()
 
     def finish(self, why: str) -> None:
-        """Silence the boards permanently, and store the reason, which later calls do not change."""
+        """Silence the boards permanently, and store the reason unless one is already stored."""
         if self.over is None:
             self.over = why
         elif self._failure is None:
@@ -206,7 +206,7 @@ class Player:
         self._silence()
 
     def ask(self, name: str, *arguments: object) -> object:
-        """Call a method of the link that does not change its playback."""
+        """Call a method of the link that does not affect the playback, such as ``recorded``."""
         return getattr(self.link, name)(*arguments)
 
     def close(self) -> str | None:
@@ -223,7 +223,7 @@ class Player:
     # --- steps ---
 
     def left(self) -> float:
-        """Return the remaining time of a ramp or fade [s], which is 0 only once it is complete."""
+        """Return the remaining time of a ramp or fade [s]; it is 0 only after the last step."""
         if self._slope == 0.0:
             return 0.0
         end = 1.0 if self._slope > 0.0 else 0.0

@@ -28,8 +28,8 @@ class SerialLink(Link):
     """Link to one or two SonicSurface boards, or one Nano16, on a serial port.
 
     A Nano16 echoes the first and the last byte of each frame, which reset and swap its buffers; a
-    frame that is not echoed is sent again. A SonicSurface never answers, so a frame counts as sent
-    once the port has sent all its bytes. Both kinds have two buffers. Each swap brings back the
+    frame that is not echoed is sent again. A SonicSurface never answers, so a frame is considered
+    sent once the port has sent all bytes. Both kinds have two buffers. Each swap brings back the
     previous buffer, so silence is sent twice.
 
     Parameters
@@ -37,8 +37,8 @@ class SerialLink(Link):
     port : name of the serial device, such as /dev/ttyUSB0 or COM3.
     board : "sonicsurface" or "nano16".
     boards : number of boards; the first is the primary and the second the secondary.
-    boot : time limit for the first answer [s]. A Nano16 answers late, because opening its port
-        restarts it.
+    boot : time limit for the first answer [s]. Opening the port restarts a Nano16, which delays
+        this answer.
     """
 
     name = "serial"

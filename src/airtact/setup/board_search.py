@@ -26,7 +26,7 @@ Points = Float64[np.ndarray, "points 3"]
 
 @dataclass(frozen=True, eq=False)
 class HandPose:
-    """One pose of the hand: bodies, foci, their motion, and the field of a source at each focus."""
+    """One pose of the hand, with the bodies, the foci, and the field of a source at each focus."""
 
     scene: Scene
     target: Target
@@ -40,7 +40,10 @@ class HandPose:
         return weights[weights > 0.0] / weights.max()
 
     def rows(self, board: PhasedArray) -> FociRows:
-        """Return the transfer matrix of a board, each row divided by the share of its focus."""
+        """Return the transfer matrix of a board, each row divided by the share of its focus.
+
+        Rows of foci with weight 0 are omitted.
+        """
         seen = board.seen_from(self.motion)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a layout in the shadow of the hand is simply weak
@@ -75,8 +78,9 @@ class Search:
     fixed : poses of boards that stay in place.
     mirror : index of the axis along which boards are mirrored in pairs, and coordinate of the
         mirror plane [m]; None without mirroring.
-    share : level of a quantile, from 0 to 1. Layouts are ranked by this quantile of the weakest
-        focus's pressure over all poses of the hand.
+    share : quantile, from 0 to 1, by which layouts are ranked. With 0, a layout is ranked by the
+        pressure at the weakest focus in the worst pose of the hand; with 0.1, by the pressure that
+        the weakest focus exceeds in 90 % of the poses.
     """
 
     hands: list[HandPose]
@@ -91,12 +95,12 @@ class Search:
 
     @cached_property
     def foci(self) -> Points:
-        """Foci in all poses of the hand [m]."""
+        """Positions of the foci in all poses of the hand [m]."""
         return np.concatenate([hand.motion.apply(hand.target.points) for hand in self.hands])
 
     @cached_property
     def skin(self) -> Points:
-        """Foci, points on the bodies a few millimetres apart, and their images in planes [m]."""
+        """Foci, points spread over the bodies, and mirror images of these points in planes [m]."""
         points = [self.foci]
         for hand in self.hands:
             surfaces = [obstacle.surface for obstacle in hand.scene.obstacles]
@@ -119,7 +123,10 @@ class Search:
     def spare(
         self, rotation: Float64[np.ndarray, "3 3"], middle: Float64[np.ndarray, "3"]
     ) -> float:
-        """Return the distance of a board from the hand minus the smallest allowed distance [m]."""
+        """Return how far a board is beyond the smallest allowed distance from the hand [m].
+
+        The value is negative if the board is too close, or part of the hand is not in front of it.
+        """
         seen = (self.skin - middle) @ rotation
         beside = np.maximum(np.abs(seen[:, :2]) - self.half, 0.0)
         gaps = np.sum(beside**2, axis=1) + seen[:, 2] ** 2
@@ -144,7 +151,7 @@ class Search:
         return bool(self.allowed(pose.apply(self.face)).all())
 
     def group(self, place: Place) -> list[Pose] | None:
-        """Return the poses of a board and of its mirror image; None if they do not fit."""
+        """Return the poses of a board and of its mirror image, or None if they do not fit."""
         turn, depth, *tilt = place
         rotation = turn @ Rotation.from_rotvec([*tilt, 0.0]).as_matrix()
         centre = self.foci.mean(axis=0)
@@ -174,11 +181,11 @@ class Search:
         return None if self.clashing(poses, self.fixed) else poses
 
     def clashing(self, poses: Sequence[Pose], others: Sequence[Pose]) -> bool:
-        """Return whether any board of one group clashes with one of the other; see ``clash``."""
+        """Return whether any board of the first group clashes with any board of the second."""
         return any(self.clash(first, second) for first in poses for second in others)
 
     def clash(self, first: Pose, second: Pose) -> bool:
-        """Return whether a board is within 10 mm of another, or between another and a focus."""
+        """Return whether two boards are within 10 mm, or one is between the other and a focus."""
         for pose, blocking in ((first, second), (second, first)):
             inverse = blocking.inverse()
             middle = middle_of(self.single)
@@ -196,12 +203,15 @@ class Search:
         return False
 
     def rows(self, pose: Pose) -> list[FociRows]:
-        """Return the matrix ``HandPose.rows`` of one board for each pose of the hand."""
+        """Return the result of ``HandPose.rows`` for one board and each pose of the hand."""
         board = self.single.moved(pose)
         return [hand.rows(board) for hand in self.hands]
 
     def weakest(self, boards: Sequence[list[FociRows]]) -> float:
-        """Return the quantile ``share`` of the weakest focus's pressure over all hands [Pa]."""
+        """Return the pressure [Pa] by which a layout is ranked (see ``share``).
+
+        Each item of ``boards`` contains the matrices of one board for all poses of the hand.
+        """
         weakest = []
         for parts in zip(*boards, strict=True):
             rows = np.concatenate(parts, axis=1)
@@ -232,7 +242,7 @@ class Search:
                 yield place, self.group(place)
 
     def candidates(self, boards: int, tries: int, seed: int) -> list[tuple[float, list[Place]]]:
-        """Return random layouts of boards, each with the pressure at its weakest focus."""
+        """Return up to ``tries`` random layouts, each after the pressure at its weakest focus."""
         found: list[tuple[float, list[Place]]] = []
         layout: list[tuple[Place, list[Pose]]] = []
         fixed = [self.rows(pose) for pose in self.fixed]
@@ -252,15 +262,15 @@ class Search:
                     break
         if not found:
             raise InvalidInput(
-                f"there is no room for {counted(boards, 'board', 'boards')} "
-                f"{1e3 * self.distance[0]:g} to {1e3 * self.distance[1]:g} mm from the hand and "
+                f"no layout of {counted(boards, 'board', 'boards')} at a distance of "
+                f"{1e3 * self.distance[0]:g} to {1e3 * self.distance[1]:g} mm from the hand fits "
                 "inside the region: allow a larger distance or region.",
                 code="out_of_range",
             )
         return found
 
     def refined(self, weakest: float, layout: list[Place]) -> tuple[float, list[Place]]:
-        """Improve a layout, one board after another; return its pressure and the new layout."""
+        """Improve a layout board by board; return the new pressure [Pa] and the new layout."""
         layout = list(layout)
         for _ in range(3):
             before = weakest
@@ -274,7 +284,7 @@ class Search:
     def refined_place(
         self, weakest: float, place: Place, others: list[Pose]
     ) -> tuple[float, Place]:
-        """Improve the position of one board; return the pressure and the new position."""
+        """Improve the position of one board; return the new pressure [Pa] and position."""
         turn, depth, *tilt = place
         rows = [self.rows(pose) for pose in others]
 
@@ -314,9 +324,9 @@ class Search:
         return [*placed, *self.fixed]
 
     def moves(self, poses: Sequence[Pose], weakest: float) -> Float64[np.ndarray, "boards 6"]:
-        """Return the relative change of the weakest focus's pressure for each move of one board.
+        """Return the relative change of the pressure at the weakest focus for each move of a board.
 
-        ``Placement.moves`` describes the moves.
+        Each board is moved by 1 cm along x, y or z, or turned by 5 degrees about one of these axes.
         """
         rows = [self.rows(pose) for pose in poses]
         centred = Pose.shift(middle_of(self.single))
@@ -336,5 +346,5 @@ class Search:
 
 
 def middle_of(single: PhasedArray) -> Float64[np.ndarray, "3"]:
-    """Return the centre of a board in its own frame [m]."""
+    """Return the centre of a board in the frame of the board [m]."""
     return 0.5 * (single.positions.min(axis=0) + single.positions.max(axis=0))

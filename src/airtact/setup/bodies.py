@@ -52,8 +52,8 @@ def bodies_of(
 
     Returns
     -------
-    The names and the obstacles in the same order, the named points, and the hands by the names
-    of their bodies.
+    The names of the bodies, the obstacles in the same order, the named points, and a mapping from
+    the names of bodies to their hands.
     """
     obstacles: list[Obstacle] = []
     names: list[str] = []
@@ -107,7 +107,7 @@ def bodies_of(
 
 
 def unsided(name: str) -> str:
-    """Return the name of a place without its side, such as "palm" for "left.palm"."""
+    """Return the name of a point on a hand without the hand's side: "palm" for "left.palm"."""
     return name.removeprefix("left.").removeprefix("right.")
 
 

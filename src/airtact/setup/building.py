@@ -64,9 +64,9 @@ def read_scene(
     ----------
     path : TOML file, or the name of an example such as "pinch". Surfaces, hands, drawings and array
         files named in it must be in the same folder.
-    changes : mapping from the path of a key to the value that replaces the one in the file,
-        such as ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``. The value None removes a key.
-        ``hand`` stands for the obstacle of this kind if there is only one.
+    changes : mapping from the path of a key to the value that replaces the one in the file, such as
+        ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``. The value None removes a key. ``hand``
+        refers to the only obstacle that is a hand; the same applies to other kinds of bodies.
 
     moving : whether the bodies will move later, so that contacts may be missing at first. A scene
         without foci and contacts then gets one focus, where the skin is nearest to an object.

@@ -72,7 +72,7 @@ class Contender:
 
     @property
     def suppression_level(self) -> float:
-        """Mean p² at the suppression points relative to the foci [dB]; NaN without such points."""
+        """Mean p² at the suppression points relative to the foci [dB]; NaN if there are none."""
         if not len(self.suppression_points):
             return float("nan")
         ratio = np.mean(self.suppression_points**2) / np.mean(self.pressures**2)
@@ -93,9 +93,10 @@ class MethodComparison:
         about the verification.
     transfer : transfer matrix from which the drives were computed.
     beacons : report of the solve for the transfer matrix.
-    bound : upper bound [Pa] on the smallest ratio of pressure to weight, for drives up to full
-        scale.
-    field : verified field, with one excitation for each contender.
+    bound : upper bound [Pa], for all drives up to full scale, on the smallest ratio of pressure to
+        weight. The weight of a focus is its requested pressure, its share (relative pressure), or
+        1.
+    field : field of the verification solve, with one excitation for each contender.
     seconds : wall time of each step [s].
     """
 
@@ -121,7 +122,7 @@ class MethodComparison:
 
     @property
     def tolerance(self) -> float:
-        """Largest relative difference between methods that are considered equally good.
+        """Relative difference of pressures up to which methods are considered equally good.
 
         It is the estimated error, but at least 1 %.
         """
@@ -260,8 +261,9 @@ def compare(
     Raises
     ------
     InvalidInput
-        If no method returns a drive for the setup, or for the reasons listed in
-        ``evaluation.compare``.
+        If no method returns a drive for the setup, if a drive is silent, if the number of elements
+        of a drive does not match the array, or if the scene, the array and the foci do not fit
+        together.
     NotConverged
         If a solver stopped before it converged.
     """

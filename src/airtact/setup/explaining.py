@@ -54,8 +54,8 @@ class Explanation:
     Attributes
     ----------
     foci : names of the F foci.
-    causes : the causes in order; the first is the reference, the largest pressure that the array
-        can produce in open air.
+    causes : the causes in the order in which they are added. The first contains the reference: the
+        largest pressure that the array can produce anywhere in open air.
     advice : sentence on the change that would increase the pressure at the weakest
         focus most.
     weakest : index of the focus that is weakest relative to its request.
@@ -70,11 +70,11 @@ class Explanation:
 
     @property
     def changes(self) -> Float64[np.ndarray, "causes foci"]:
-        """Change of the pressure by each cause [Pa]; NaN for the first, which is the reference."""
+        """(C, F) change of the pressure at each focus by each cause [Pa]; NaN for the first."""
         return np.diff([cause.pressures for cause in self.causes], axis=0, prepend=np.nan)
 
     def change_in_words(self, cause: int, focus: int) -> str:
-        """Return the relative change of the pressure by a cause as text, such as "−26 %"."""
+        """Return how much a cause changes the pressure at a focus, as text such as "−26 %"."""
         before = self.causes[cause - 1].pressures[focus] if cause else 0.0
         # A millionth of the reference is the rounding error of a silent focus.
         if before <= 1e-6 * self.causes[0].pressures[focus]:
@@ -96,8 +96,8 @@ class Explanation:
 def why(result: Rendering, kept: float | None = None) -> Explanation:
     """Explain the pressure at each focus of a rendered drive.
 
-    Causes are added one by one, and the pressure is computed after each, so that the changes
-    add up to the last pressure.
+    Causes are added one by one, and the pressure is computed after each. The pressure of the last
+    cause is therefore the first pressure plus all changes.
 
     Parameters
     ----------
@@ -108,7 +108,13 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
 
     Returns
     -------
-    The causes in order, each with the resulting pressures, and advice on what to change.
+    An ``Explanation`` with the causes in order, the pressures after each of them, and advice on
+    what to change.
+
+    Raises
+    ------
+    InvalidInput
+        If the setup has traps.
 
     Examples
     --------

@@ -252,8 +252,8 @@ def _steps(path: str, data: Mapping[str, Any]) -> tuple[str | int, ...]:
     # Split a path into keys and indices, and replace the kind of a body with its index.
     if not re.fullmatch(r"[\w-]+(\.[\w-]+|\[\d+\])*", path):
         raise InvalidInput(
-            f"{path!r} is not the path of a key: use one such as foci[0].offset, "
-            "where 0 is the first of several tables.",
+            f"{path!r} is not the path of a key: use a path such as foci[0].offset, "
+            "where [0] selects the first table.",
             code="unknown_key",
         )
     kind, *keys = (name or int(index) for name, index in re.findall(r"([\w-]+)|\[(\d+)\]", path))

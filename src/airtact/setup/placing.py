@@ -1,10 +1,10 @@
 """Search for board positions that maximise the pressure at the weakest focus over all hand poses.
 
-For each pose of the hand, one solve computes the field of a beacon at each focus, and
-this field is expanded in outgoing waves. For each candidate layout it is then enough
-to evaluate the field at the transducers and to compute a drive. Candidates face the
-foci and come from a low-discrepancy sequence. The best ones are refined board by
-board (Nelder-Mead), which also tilts the boards.
+For each pose of the hand, one solve computes the field of a source (beacon) at each focus, and this
+field is expanded in outgoing waves. For each candidate layout it is then enough to evaluate the
+field at the transducers and to compute a drive. The boards of a candidate face the foci, and their
+positions come from a low-discrepancy sequence. The best ones are refined board by board
+(Nelder-Mead), which also tilts the boards.
 """
 
 import re
@@ -60,9 +60,10 @@ class Layout:
     Attributes
     ----------
     poses : pose of each board in the frame of the obstacles.
-    weakest : peak pressure at the weakest focus with all elements at full scale [Pa]: the smallest
-        over all poses of the hand, or the value exceeded for nine poses out of ten. If the foci
-        have shares, it is the smallest ratio of pressure to share.
+    weakest : peak pressure at the weakest focus [Pa], with all elements at full scale, in the worst
+        pose of the hand. With the objective "lowest_tenth", it is the pressure that the weakest
+        focus exceeds in nine poses out of ten. If the foci have shares (relative pressures),
+        pressures are divided by them.
     single : a single board in its own frame.
     """
 
@@ -95,14 +96,14 @@ class Placement:
     setup : setup that was searched, with its present array.
     board : kind of the boards.
     layouts : all layouts that were tried, best first. The best few were refined.
-    present : pressure at the weakest focus with the setup's present array [Pa], over the same poses
-        of the hand; NaN if a pose does not fit the array.
+    present : pressure at the weakest focus with the setup's present array [Pa], for the same poses
+        of the hand; NaN if the array overlaps the hand in one of them.
     verified : pressure at the weakest focus with the best layout [Pa], verified by a more
         accurate solve.
-    moves : (B, 6) relative change of the pressure at the weakest focus of the best layout if
-        one board is moved by 1 cm along x, y or z, or turned by 5 degrees about one of these
-        axes through its centre. The drive is recomputed, and the value is for the worse of the
-        two directions.
+    moves : (B, 6) relative change of the pressure at the weakest focus of the best layout if one
+        board is moved by 1 cm along x, y or z, or turned by 5 degrees about one of these axes
+        through its centre. The drive is recomputed after each move. Each value is for the worse of
+        the two directions.
     """
 
     setup: Setup
@@ -124,18 +125,18 @@ class Placement:
 
     @property
     def median(self) -> float:
-        """Pressure at the weakest focus of the median layout [Pa]."""
+        """Median, over all layouts, of the pressure at the weakest focus [Pa]."""
         return float(np.median([layout.weakest for layout in self.layouts]))
 
     def save(self, folder: str | Path, count: int = 3) -> tuple[Path, ...]:
-        """Write the best layouts as scene files layout_1.toml and so on; return their paths.
+        """Write the best ``count`` layouts as scene files layout_1.toml, ...; return their paths.
 
         Existing files are replaced.
 
         Raises
         ------
         InvalidInput
-            If the setup was not read from a scene file.
+            If the setup was not read from a scene file, or a file cannot be written.
         """
         if self.setup.path is None:
             raise InvalidInput(
@@ -226,11 +227,12 @@ def place(
     board : kind of the boards; see ``airtact boards``.
     distance : smallest distance of any part of a board from the bodies and foci, and largest
         distance of a board's centre from the centre of the foci [m].
-    region : two opposite corners of a box in which all boards must be [m], or a function that
-        returns for points (N, 3) whether boards may be there (N,); by default, anywhere.
+    region : two opposite corners of a box that must contain all boards [m], or a function that
+        takes points (N, 3) [m] and returns (N,) whether a board may be at each point. By default,
+        boards may be anywhere.
     hands : poses of the hand for which the layouts are optimised, instead of the setup's pose. Each
-        is either a hand, which replaces the only body and has all foci at its named points, or a
-        motion of all bodies.
+        is either a hand or a ``Pose``. A hand replaces the only body of the scene, and its named
+        points are the foci. A pose moves all bodies and foci.
     tries : number of layouts to try before refinement; in a small region, fewer may fit.
     seed : seed of the search. The same arguments lead to the same result.
     refine : number of layouts to refine, 0 or more. The best layouts are refined, except those
@@ -239,9 +241,8 @@ def place(
     keep_out : boxes that must not contain any board, each given by two opposite corners [m].
     fixed : indices of boards of the setup's array that are part of every layout. In the results,
         they come after the placed boards.
-    symmetric : axis along which boards are mirrored to form pairs.
-        The mirror plane passes through the centre of the region if it is a box,
-        otherwise through that of the foci.
+    symmetric : axis along which boards are mirrored to form pairs. The mirror plane passes through
+        the centre of the region if it is a box, and otherwise through the centre of the foci.
     tilted : whether boards may be tilted; otherwise each faces the centre of the
         foci.
     objective : "weakest" for the pressure at the weakest focus over all hands; "lowest_tenth"
@@ -249,13 +250,14 @@ def place(
 
     Returns
     -------
-    The layouts that were tried, best first.
+    A ``Placement`` with the layouts, best first, and their pressures.
 
     Raises
     ------
     InvalidInput
-        If no layout fits, a number is not above zero, the board is unknown, the boards of the scene
-        reflect sound, there is a plane behind them, or a hand cannot replace the setup's body.
+        If no layout fits, a number is not above zero, or the board is unknown. The error is also
+        raised if the boards of the scene reflect sound, a plane is behind them, the setup has
+        traps, or a hand cannot replace the setup's body.
 
     Examples
     --------
@@ -388,7 +390,7 @@ def _hand_poses(
         of_kind(hand, at.Hand, "a hand", "hand_from_joints(joints) or a Pose")
         if len(scene.obstacles) != 1 or None in setup.riding:
             raise InvalidInput(
-                "hands require a scene with a single body and with foci at named points: "
+                "hands require a scene with a single body and with all foci at named points: "
                 'set at = "thumb.pad" in [[foci]].',
                 code="not_supported",
             )
@@ -415,14 +417,14 @@ def _fixed(setup: Setup, board: str, indices: Sequence[int]) -> list[Pose]:
     kind = kind_of_array(array.positions, array.normals)
     poses = kind[1] if kind is not None and kind[0].name == board else []
     if not set(indices) <= set(range(len(poses))) or len(set(indices)) < len(indices):
-        words = "fixed board" if len(indices) == 1 else "fixed boards"
+        words = "board" if len(indices) == 1 else "boards"
         count = counted(len(poses), "board", "boards")
-        fault = f"it has {count}. Name each board once, counting from 0."
+        fault = f"the scene has {count}. Name each of them once, counting from 0."
         if kind is None or kind[0].name != board:
             made = "of different or unknown kinds" if kind is None else kind[0].name
-            fault = f"its boards are {made}, not {board}. Place boards of the scene's kind."
+            fault = f"the scene's boards are {made}, not {board}. Place boards of the same kind."
         raise InvalidInput(
-            f"the scene has no {words} {', '.join(map(str, indices))}: {fault}",
+            f"{words} {', '.join(map(str, indices))} cannot stay in place: {fault}",
             code="unknown_name",
         )
     if np.any(array.gains != 1.0):
@@ -496,7 +498,9 @@ def _verified(setup: Setup, search: Search, array: PhasedArray) -> float:
 
 
 def hands_of(setup: Setup, recording: Path, count: int) -> "list[at.Hand]":
-    """Return hands from a recording, evenly spaced in time, with the radii of the setup's hand.
+    """Return up to ``count`` hands of a recording, evenly spaced in time.
+
+    Their radii are those of the setup's hand.
 
     Raises
     ------

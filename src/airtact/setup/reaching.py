@@ -70,7 +70,7 @@ class ReachMap:
 
     @cached_property
     def bounds(self) -> Float64[np.ndarray, "points"]:
-        """(P,) largest peak pressure [Pa] at each point, with all elements in phase there."""
+        """(P,) largest peak pressure [Pa] that any drive can produce at each point."""
         return np.abs(self.transfer.matrix).sum(axis=1)
 
     def drive(self, point: int) -> Drive:
@@ -86,7 +86,7 @@ class ReachMap:
     def extremes(self) -> list[tuple[str, int, int]]:
         """Name of each part of the skin, and the indices of its weakest and strongest points.
 
-        The parts are sorted by the bound at their strongest point, highest first.
+        The parts are sorted by the pressure at their strongest point, highest first.
         """
         names = np.array(self.places)
         parts = [(name, np.flatnonzero(names == name)) for name in dict.fromkeys(self.places)]
@@ -98,7 +98,7 @@ class ReachMap:
 
     @cached_property
     def on_skin(self) -> Float64[np.ndarray, "vertices"]:
-        """(V,) bound [Pa] at all vertices of the skin, interpolated from the nearest points."""
+        """(V,) largest peak pressure [Pa] at all vertices, interpolated from the nearest points."""
         # Opposite normals count as 16 mm apart, so that the two sides of a finger do not mix.
         sides = np.column_stack([self.vertices, 8e-3 * self.vertex_normals])
         count = min(6, len(self.chosen))
@@ -108,7 +108,7 @@ class ReachMap:
         return (weights * self.bounds[nearest]).sum(axis=1) / weights.sum(axis=1)
 
     def table(self) -> list[dict[str, str | float]]:
-        """Return one row per point: its place, x, y, z [m], unit normal and bound [Pa]."""
+        """Return one row per point: part of the skin, x, y, z [m], unit normal, and bound [Pa]."""
         columns = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "bound_Pa")
         numbers = np.column_stack([self.points, self.normals, self.bounds])
         return [
@@ -157,7 +157,7 @@ def reach(
 
     Returns
     -------
-    The largest pressure (the bound) at each point, with the points and the skin.
+    A ``ReachMap`` with the skin, the points, and the largest pressure at each point.
 
     Raises
     ------

@@ -63,19 +63,19 @@ class Rendering:
     ----------
     setup : scene, array, target and settings.
     transfer : transfer matrix from which the drive was computed.
-    beacons : report of the solve with a source (beacon) at each focus, which gave ``transfer``. If
-        the solver did not estimate the error, its ``estimated_error`` is the largest relative
-        difference at a focus between this solve and the verification.
+    beacons : report of the solve for ``transfer``, which has a source (beacon) at each focus. If
+        the solver did not estimate its error, ``beacons.estimated_error`` is the largest relative
+        difference, at any focus, between this solve and the verification.
     drive : amplitude and phase of each transducer.
     pressures : (F,) verified peak pressure at each focus [Pa]. If one focus runs through the points
         in turn, each value applies while the focus is at that point; such values come from the
         transfer matrix and are not verified.
     steepening : effect of nonlinear steepening on ``pressures``.
-    verification : the pressures of ``drive`` and of the control, by the verifying solve. The
-        control is the drive that the same method computes without the bodies; in open air there
+    verification : pressures of ``drive`` and of the control, computed by the verification solve.
+        The control is the drive that the same method computes without the bodies; in open air there
         is none.
-    felt : like ``verification``; but if the focus runs through the points in turn, with the
-        pressures while it is at each point.
+    felt : the same as ``verification``, unless one focus runs through the points in turn. In that
+        case, the pressures at each point while the focus is there.
     drives : ``drive`` and the control by name, each with its strongest element at full scale.
     sequence : drives for moving foci; None if the foci do not move.
     robustness : pressures of the drive for samples of the setup's ``uncertainty`` that were not
@@ -132,7 +132,7 @@ class Rendering:
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """Evaluation of the emitted drive or sequence at the foci, without its field."""
+        """Evaluation of the drive or sequence at the foci; it does not contain the field."""
         phases = np.exp(1j * np.angle(self.felt.at_foci[:, 0]))
         return Evaluation(
             self.setup.target,
@@ -143,7 +143,7 @@ class Rendering:
 
     @property
     def control_pressures(self) -> Float64[np.ndarray, "foci"] | None:
-        """(F,) peak pressure [Pa] at each focus for the control, scaled to the drive's energy.
+        """(F,) peak pressure [Pa] of the control at each focus, at the same energy as the drive.
 
         The value is None in open air.
         """
@@ -234,12 +234,13 @@ def focus(
 
     Returns
     -------
-    The drive and the pressures at the foci, verified as in ``render``.
+    A ``Rendering`` with the drive and the verified pressures at the foci.
 
     Raises
     ------
     InvalidInput
-        For the reasons listed in ``render``.
+        If an argument has the wrong type or shape, a focus is inside a body, an element is too
+        close to a body, or no drive can produce sound at the foci.
 
     Examples
     --------
@@ -268,7 +269,7 @@ def render(
 
     Returns
     -------
-    The drive and its verified pressures.
+    A ``Rendering`` with the drive and its verified pressures.
 
     Raises
     ------
@@ -292,7 +293,7 @@ def render(
 
 
 def compute(setup: Setup, clock: Clock, store: Path | None = None) -> ComputedDrive:
-    """Compute the drive of a setup; the first half of ``render``."""
+    """Compute the drive of a setup without verifying it."""
     field = solve_beacons(setup, clock, store, estimate=False)
     transfer, beacons = transfer_to_array(setup, field, clock)
     with clock.step("drive", f"computing the drive by {method_words(setup)}"):
@@ -320,11 +321,11 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     ----------
     computed : drive and setup, as returned by ``compute``.
     clock : clock that records how long each step takes.
-    store : folder in which solved fields are stored and looked up; None stores nothing.
+    store : folder in which solved fields are stored and reused; by default, fields are not stored.
 
     Returns
     -------
-    The drive, its pressures with and without the bodies, and their errors.
+    A ``Rendering`` with the drive, its verified pressures and their estimated error.
     """
     setup = computed.setup
     transfer = computed.transfer

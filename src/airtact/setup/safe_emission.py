@@ -41,7 +41,7 @@ class Plan:
     modulation : amplitude modulation of a drive; None for a sequence or a constant
         drive.
     cap : largest amplitude of an element, as a fraction of full scale.
-    limited : whether the cap was chosen to keep the level at a head under the limit.
+    limited : whether ``cap`` was chosen so that the level at a head stays below ``MAX_HEAD_LEVEL``.
     """
 
     stored: DriveFile
@@ -70,7 +70,7 @@ class Plan:
 
     @cached_property
     def head(self) -> HeadLevel:
-        """Largest level at a head 0.5 m from the array, in any direction."""
+        """Sound pressure level at a head 0.5 m from the array, in the loudest direction."""
         stored = self.stored
         assert stored.positions is not None
         factors = (1.0,)
@@ -88,7 +88,7 @@ class Plan:
 
     @cached_property
     def emitted(self) -> Complex128[np.ndarray, "frames elements"]:
-        """(N, E) amplitudes of the elements as emitted: under the cap, and rounded to levels."""
+        """(N, E) emitted amplitudes of the elements: limited by the cap, and rounded to levels."""
         levels = codec_of(self.board).levels
         drives = self.stored.drives
         share = share_under_cap(drives, levels, self.cap)
@@ -171,17 +171,18 @@ def plan(
     ----------
     path : file with a drive or a sequence.
     board : name of the kind of board.
-    cap : largest amplitude of an element, as a fraction of full scale. By default, the largest
-        cap that keeps the level at a head under the limit.
+    cap : largest amplitude of an element, as a fraction of full scale. By default, the largest cap
+        that keeps the level at a head below ``MAX_HEAD_LEVEL``.
     modulation : modulation to use instead of that in the file.
     constant : whether to play the drive without any modulation.
 
     Raises
     ------
     InvalidInput
-        If the file contains no drive for such boards, a modulation is given for a sequence, or the
-        cap silences all elements or is not in the interval (0, 1]. The error is also raised
-        if the boards can only switch elements on and off, and full scale exceeds the limit.
+        If the file contains no drive for such boards, a modulation is given for a sequence, the cap
+        is not in the interval (0, 1], or the cap silences all elements. Without a cap, the error is
+        also raised if the boards can only switch elements on and off, and the level at full scale
+        exceeds ``MAX_HEAD_LEVEL``.
     """
     kind = board_named(board)
     stored = read_drive_file(path)
@@ -220,7 +221,7 @@ def plan(
 
 
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
-    """Return the largest cap that respects the limit, and the level [dB] at full scale.
+    """Return the largest cap that respects ``MAX_HEAD_LEVEL``, and the level [dB] at full scale.
 
     The function raises ``InvalidInput`` if the boards cannot reduce the level below the limit.
     """
@@ -229,7 +230,7 @@ def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
 
 
 def sound_speed_of(stored: DriveFile) -> float:
-    """Return the speed of sound for a drive; that of air at 20 °C if the file contains none."""
+    """Return the speed of sound [m/s] for a drive, by default that of air at 20 °C."""
     if stored.frequency is not None and abs(stored.frequency - FREQUENCY) > 1.0:
         raise InvalidInput(
             f"the drive is for {stored.frequency:g} Hz, but the boards emit {FREQUENCY:g} Hz: "
@@ -240,7 +241,10 @@ def sound_speed_of(stored: DriveFile) -> float:
 
 
 def write(made: Plan, file: Path, seconds: float | None) -> tuple[int, float | None]:
-    """Write frames that play a plan for a number of seconds to a file; see ``write_frames``."""
+    """Write the frames of a plan to a file; return their number and their rate [frames/s].
+
+    ``seconds`` is the duration; None stands for one repetition (see ``write_frames``).
+    """
     drives = made.stored.drives
     sound = Drive(drives[0]) if made.rate is None else Sequence(drives, made.rate)
     return write_frames(
@@ -255,7 +259,7 @@ def emit(
     progress: Progress = no_progress,
     log: Path | None = None,
 ) -> Played | None:
-    """Play a plan for some time [s], then silence the boards.
+    """Play a plan for a number of seconds, then silence the boards.
 
     Parameters
     ----------

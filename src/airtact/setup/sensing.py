@@ -58,7 +58,7 @@ class Simulation:
     position : distance by which the hand is displaced [m].
     degrees : angle by which the hand is rotated [°].
     seed : seed of the noise and of the directions.
-    opened : difference of the pinch's gap from that in the scene file [m].
+    opened : amount by which the gap of the simulated pinch exceeds the gap in the scene file [m].
     """
 
     noise: float
@@ -86,8 +86,9 @@ class Sensed:
         for the scene file's pose and for the estimated pose.
     unexplained : (2, R) ratio of the residual to the echoes (both rms) at each receiver, for the
         scene file's pose and for the estimated pose.
-    gap, true_gap : gap of the pinch in the scene file and of the simulated pinch [m]; None without
-        a pinch or a simulation. The estimated gap is ``located.opening``.
+    gap, true_gap : gap of the pinch in the scene file, and of the simulated pinch [m]. Both are
+        None if the scene has no pinch; ``true_gap`` is also None for measured echoes. The estimated
+        gap is ``located.opening``.
     seconds : wall time of each step [s].
     """
 
@@ -105,12 +106,12 @@ class Sensed:
 
     @property
     def sizes(self) -> list[tuple[float, float]]:
-        """Distance [m] and angle [rad] of each row of ``shifts``."""
+        """Length [m] and angle [rad] of the translation and rotation in each row of ``shifts``."""
         norms = np.linalg.norm(self.shifts.reshape(-1, 2, 3), axis=2)
         return [(float(distance), float(angle)) for distance, angle in norms]
 
     def record(self) -> dict[str, Any]:
-        """Return the pose, its uncertainty and the pressures for JSON, in SI units."""
+        """Return a dict for JSON with the pose, its uncertainty and the pressures, in SI units."""
         located = self.located
         return {
             "rotation": located.pose.rotation.tolist(),
@@ -135,7 +136,7 @@ def sense(
     progress: Progress = no_progress,
     store: Path | None = None,
 ) -> Sensed:
-    """Estimate a hand's pose from echoes, and compare the drives for the old and new poses.
+    """Estimate a hand's pose from echoes, and compare drives for the assumed and estimated pose.
 
     The search starts from the pose in the scene file. For a pinch, the gap is fitted as well.
 
@@ -279,14 +280,14 @@ def calibrate_array(
 
     Returns
     -------
-    The calibration, and two errors: that of the worst board [m] and that of the speed of sound
-    [m/s]. The errors are None for measured transmissions.
+    The calibration, and the errors of the worst board's position [m] and of the speed of sound
+    [m/s]. For measured transmissions, None replaces the errors, because they are unknown.
 
     Raises
     ------
     InvalidInput
-        If a file is invalid, if neither or both of the file and the noise are given, or for the
-        reasons listed in ``calibrate``.
+        If the file is invalid or does not match the array, if neither or both of the file and the
+        noise are given, or if the transmissions do not determine all poses and the speed of sound.
     NotConverged
         If no positions of the boards explain the transmissions.
     """
@@ -361,11 +362,11 @@ def calibrate_from_files(
     Raises
     ------
     InvalidInput
-        If both elements and drives are given, their number differs from the number of scans, or an
-        element does not exist. The error is also raised for the reasons listed in ``load_scan``,
-        ``read_drive_file`` and ``calibrate_from_scans``.
+        If both elements and drives are given, their number differs from the number of scans, an
+        element does not exist, a file is invalid, or the scans fit far better after negating their
+        phases.
     NotConverged
-        For the reasons listed in ``calibrate_from_scans``.
+        If no small misalignment explains a scan to within 50 %.
     """
     if elements and drive_files:
         raise InvalidInput(

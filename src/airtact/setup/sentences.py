@@ -61,7 +61,7 @@ def touches(setup: Setup) -> tuple[str, ...]:
 
 
 def trap_sentences(setup: Setup, verdicts: "Sequence[at.traps.Verdict]") -> Iterator[str]:
-    """State the verdict on each trap, and its distance from the requested point if large."""
+    """State the verdict on each trap, and how far it is from the requested point if it is far."""
     for index, (trap, verdict) in enumerate(zip(setup.traps, verdicts, strict=True), 1):
         away = float(np.linalg.norm(verdict.point - trap.point))
         moved = ""
@@ -253,7 +253,7 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
 
 
 def too_strong(setup: Setup, emitted: Float64[np.ndarray, "foci"]) -> tuple[str, ...]:
-    """Warn if the drive rounded to levels makes a focus over a tenth stronger than requested."""
+    """Warn if rounding makes the pressure at a focus over 10 % higher than requested."""
     excess = np.nan_to_num(fraction(emitted, setup.target))
     strongest = int(excess.argmax())
     times = float(excess[strongest])
@@ -301,7 +301,7 @@ def disagreement(
     worst = int(np.argmax(apart))
     if apart[worst] > 1.5 * setup.accuracy:
         yield (
-            "the pressures from the solution for the drive and from its verification differ by "
-            f"{apart[worst]:.1%} at {setup.foci[worst]}, more than the accuracy of "
-            f"{setup.accuracy:.1%}: set a smaller accuracy under [solver]."
+            f"the solution for the drive and its verification differ by {apart[worst]:.1%} in the "
+            f"pressure at {setup.foci[worst]}, more than the accuracy of {setup.accuracy:.1%}: set "
+            f"accuracy = {setup.accuracy / 2.0:.2g} or less under [solver]."
         )

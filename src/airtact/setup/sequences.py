@@ -141,7 +141,10 @@ def moving_drive(
 def drives_at_foci(
     setup: Setup, transfer: TransferMatrix, target: Target
 ) -> Complex128[np.ndarray, "foci elements"]:
-    """Return the drive at each focus: the same for all, unless one focus moves through them."""
+    """Return the drive (F, E) with which each focus is produced.
+
+    The drive is the same for all foci, unless one focus moves through all points.
+    """
     if not setup.in_turn:
         drive = setup.synthesise(transfer, target)
         return np.tile(drive.amplitudes, (len(target.points), 1))
@@ -153,10 +156,10 @@ def drives_at_foci(
 def pressures_of(
     transfer: TransferMatrix, drives: list[Complex128[np.ndarray, "foci elements"]]
 ) -> dict[str, Float64[np.ndarray, "drives foci"]]:
-    """Return the pressure at each focus from its drive, for each normalisation in ``HELD_EQUAL``.
+    """Return the pressure [Pa] at each focus, for each normalisation in ``HELD_EQUAL``.
 
-    Each item of ``drives`` is a result of ``drives_at_foci``. For equal peak or energy, all drives
-    of an item are scaled by the same factor.
+    Each item of ``drives`` contains one drive per focus (see ``drives_at_foci``). For equal peak or
+    energy, all drives of an item are scaled by the same factor.
     """
     rows = transfer.matrix[: len(drives[0])]
 
@@ -191,7 +194,7 @@ def _steepening(
 
 
 def paths_of(setup: Setup) -> Float64[np.ndarray, "paths frames 3"]:
-    """Return the paths of the moving foci [m]; an empty list if they do not move."""
+    """Return the paths of the moving foci [m]; an empty array if the foci do not move."""
     motion = setup.motion
     foci = setup.target.points
     if motion is None:

@@ -43,14 +43,14 @@ class Setup:
     modulation : modulation that makes the drive perceptible; None for a constant
         drive.
     uncertainty : uncertainty of the hand, the air and the transducers; None to ignore it.
-    samples, seed : number of samples of the uncertainty from which the drive is computed, and
-        their seed.
+    samples, seed : number of random samples of the uncertainty from which the drive is computed,
+        and the seed of the random numbers.
     bodies, foci : a name for each body and each focus.
     traps : traps, whose lobes are the first points of the target.
     board : kind of the boards that make up the array; None for any other array.
     hands : hands that are bodies or provide named points, in the frame of the obstacles.
-    riding : for each focus, the named point at which it lies and its distance from the surface [m];
-        None for all other foci.
+    riding : for each focus at a named point, the point's name and the distance of the focus from
+        the surface [m]; None for all other foci.
     objects : virtual objects.
     contacts : contacts of the bodies with the objects if the contacts define the foci, else
         None.

@@ -108,12 +108,12 @@ def transfer_to_array(
 def solve_foci(
     setup: Setup, clock: Clock, store: Path | None = None
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Return the transfer matrix of a setup, and the report of its solve."""
+    """Compute the transfer matrix of a setup; return it with the report of the solve."""
     return transfer_to_array(setup, solve_beacons(setup, clock, store), clock)
 
 
 def solver_of_samples(setup: Setup) -> Solver | None:
-    """Return the solver with which to solve each sample; None if no sample needs a solve."""
+    """Return the solver for samples of the uncertainty, or None if they need no solve."""
     if not (setup.scene.planes and isinstance(setup.solver, BoundaryElement)):
         return None
     return replace(setup.solver, estimate=False)
@@ -150,7 +150,7 @@ def synthesise(
 
 
 def emitted_drive(setup: Setup, clock: Clock) -> tuple[Drive, tuple[str, ...]]:
-    """Return the drive of a setup, rounded as boards emit it, and its warnings."""
+    """Return the drive of a setup, rounded to the levels of the boards, and its warnings."""
     transfer, _ = solve_foci(setup, clock)
     drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
     return quantise(drive, setup.levels).drive(), stalled
@@ -275,7 +275,7 @@ def _verification_accuracy(setup: Setup) -> float:
 def unknowns_of(
     solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]
 ) -> int:
-    """Return the number of unknowns for sources at points [m]; above 50,000 it is an estimate."""
+    """Return the number of unknowns for sources at points [m]; above 50,000, only an estimate."""
     area = sum(obstacle.surface.area for obstacle in scene.obstacles)
     estimate = round(solver.nodes_per_square_wavelength * area / scene.wavelength**2)
     if estimate > 50_000:  # meshing so many panels would take too long

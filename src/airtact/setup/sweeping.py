@@ -95,9 +95,9 @@ def sweep(
 
     Returns
     -------
-    A row for each point, in the same order, with its values followed by the results.
-    ``"error"`` and ``"sentence"`` are empty, or contain the code and the message of an
-    exception.
+    A row for each point, in the same order, with its values followed by the results. If a point
+    raises an exception, ``"error"`` and ``"sentence"`` contain its code and message; otherwise they
+    are empty.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def process_count(points: int, limit: int | None = None, memory: float = 0.0) ->
     if memory > free:
         raise InvalidInput(
             f"one point requires about {memory / 1e9:.2g} GB, but only {free / 1e9:.2g} GB are "
-            "available: close other programs, or request less accuracy.",
+            "available: close other programs, or allow a larger error (accuracy in [solver]).",
             code="too_little_memory",
         )
     fitting = 0.8 * free / memory if memory else np.inf
@@ -307,7 +307,7 @@ def _begin_process(environment: dict[str, str]) -> None:
 
 
 def names_of(function: Function, points: Iterable[Row]) -> list[str]:
-    """Name points by hashes of their values and the function, with 40 hexadecimal digits each.
+    """Return a name for each point: a hash of its values and of the function, with 40 digits.
 
     A function is identified by its name and the content of its module. A
     ``functools.partial`` is also identified by its arguments, and a dataclass object by
@@ -433,7 +433,7 @@ def scene_points(scene: Setup | str | Path) -> ScenePoints:
 
 
 def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
-    """Write the hand of each frame of a recording to a file; return a point for each frame.
+    """Write the hand of each frame of a recording to a file; return a sweep point for each frame.
 
     Each point sets the scene's hand to the file of one frame, and removes the gap and the pose of
     the hand. The radii are those of the scene's hand.

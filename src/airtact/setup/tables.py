@@ -117,7 +117,7 @@ class ArrayTable(Table, frozen=True):
     layout : "surrounding_box" is the box of Inoue, Makino and Shinoda (2014) around the origin, or
         one of four boards of kind ``board``; "flat_boards" places AUTD3 boards edge to edge in the
         plane z = 0; "boards" places each board in its pose; "tinylev", "biglev", "flat_8x8" and
-        "opposed_sonicsurfaces" are known arrays; a .csv file in the scene's folder contains a
+        "opposed_sonicsurfaces" are built-in arrays; a .csv file in the scene's folder contains a
         custom array.
     board : kind of board: "autd3", "sonicsurface", "nano16" or "openmpd"; by default
         "autd3".
@@ -202,7 +202,7 @@ class ObstacleTable(Table, frozen=True):
     pinch, capsule, sphere : body of a built-in shape.
     surface : mesh file in the folder of the scene.
     joints : pose file of a scanned hand, in the frame of the mesh; it defines the named
-        places.
+        points.
     scale : length of one unit of the mesh file [m]; by default 1.
     largest_hole : widest hole that is filled [m]; by default 0.002.
     sharp_degrees : angle above which edges stay sharp [°]; by default 75.
@@ -518,7 +518,7 @@ class FocusTable(Shape, frozen=True):
     onto : name of a body; the points are projected onto its surface.
     offset : distance from the body's surface [m]; by default 0.0005.
     pressure : peak pressure at every point [Pa]; by default as high as possible.
-    share : pressure relative to the other foci.
+    share : requested pressure relative to other foci.
     phase_degrees : phase of the pressure [°]; by default free.
     name : name of the focus in results.
     """
@@ -573,7 +573,7 @@ class SolverTable(Table, frozen=True):
     Attributes
     ----------
     name : name of the solver; by default one that supports the bodies.
-    accuracy : largest relative error of the field.
+    accuracy : requested relative error of the field.
     """
 
     name: Literal["boundary_element", "finite_element", "free_field"] | None = None
@@ -690,7 +690,7 @@ class SceneFile(Table, frozen=True):
     medium : fluid around the bodies; by default air at 20 °C.
     suppression : points at which the sound is suppressed.
     obstacles : bodies.
-    planes : rigid plane; at most one.
+    planes : rigid planes; at most one.
     frequency : frequency of the sound [Hz].
     merge_bodies : whether to merge sound-hard bodies that overlap or are less than 0.3
         mm apart.

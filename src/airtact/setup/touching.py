@@ -38,8 +38,8 @@ def touched(
     Raises
     ------
     InvalidInput
-        If there are neither foci nor contacts and the bodies will not move, or for the reasons
-        listed in ``at.contact``.
+        If there are neither foci nor contacts and the bodies will not move, if there are more than
+        64 objects, or if two objects have the same name.
     """
     # An application may request foci on a hand later.
     if not file.objects and (file.foci or not (moving and hands)):
@@ -66,7 +66,7 @@ def touched(
             near = {thing.name: -float(thing.exact_depth(points).max()) for thing in things}
             name = min(near, key=lambda name: near[name])
             raise InvalidInput(
-                f"no body touches an object: the nearest, {name}, is {millimetres(near[name])} "
+                f"no body touches an object: the nearest one, {name}, is {millimetres(near[name])} "
                 "from the skin. Move one of them, or add [[foci]].",
                 code="empty",
             )
@@ -98,7 +98,7 @@ def _object(table: ObjectTable, folder: Path) -> "at.VirtualObject":
 def object_of(
     keys: ObjectKeys, name: str, pose: "at.Pose | None", shape: Surface | None
 ) -> "at.VirtualObject":
-    """Build a virtual object from its keys, which define one of ``SOLIDS`` if ``shape`` is None."""
+    """Build a virtual object from its keys; if ``shape`` is None, they define a built-in shape."""
     solid = shape
     if solid is None:
         key = next(key for key in SOLIDS if getattr(keys, key) is not None)

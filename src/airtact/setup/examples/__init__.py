@@ -15,7 +15,7 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
     ----------
     name : name of a scene, such as "pinch", or of another file including its ending, such as
         "relaxed.json".
-    endings : file name endings that are accepted.
+    endings : accepted endings of the file name.
 
     Raises
     ------
@@ -46,8 +46,8 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
 def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Path:
     """Return the path of a file or, if it does not exist, of the example with the same name.
 
-    A path that contains a folder never refers to an example. The function raises the same errors as
-    ``example``.
+    A path that contains a folder never refers to an example. The function raises ``InvalidInput``
+    if neither the file nor the example exists.
     """
     file = Path(path)
     if file.exists() or file.name != str(path):
