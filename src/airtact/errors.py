@@ -99,7 +99,7 @@ class NotConverged(RuntimeError):  # noqa: N818
 
     Attributes
     ----------
-    code : kind of error; see ``InvalidInput``.
+    code : kind of error, such as "not_converged"; ``docs/errors.md`` lists all codes.
     """
 
     def __init__(self, sentence: str, *, code: str) -> None:
@@ -109,7 +109,7 @@ class NotConverged(RuntimeError):  # noqa: N818
 
 @contextmanager
 def about(name: str) -> Iterator[None]:
-    """Add the name of a file or table to the messages of ``InvalidInput`` raised inside the block.
+    """Put a name before the messages of ``InvalidInput`` errors raised in the ``with`` block.
 
     Examples
     --------

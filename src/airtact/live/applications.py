@@ -111,12 +111,12 @@ class ApplicationServer(WebSocketReceiver):
 
 
 def take_text(text: bytes | str, source: str, stream: HandStream, world: World) -> None:
-    """Process an application's message: pass hands to ``stream``, and all else to ``world``.
+    """Process an application's message: pass hands to ``stream``, everything else to ``world``.
 
     Raises
     ------
     InvalidInput
-        If the message, or a frame of a hand, is rejected.
+        If the message or a frame of a hand is invalid.
     """
     message = read_message(text)
     if isinstance(message, HandsMessage):

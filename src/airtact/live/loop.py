@@ -46,7 +46,7 @@ class Status:
     ----------
     state : state of the loop in words, such as "playing" or "waiting for a hand", with the
         reasons for silence and for rejected frames.
-    processes : names of processes that have ended; empty if all are running.
+    processes : text about processes that have ended; empty if all are running.
     rate : drives sent to the boards per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without
         drives.
@@ -100,7 +100,7 @@ class Followed:
     health : numbers of received frames and of frames with each kind of fault.
     stopped : whether the emergency stop was pressed.
     state : final state, with the reason for silence.
-    processes : processes that ended during the run; empty if none.
+    processes : text about processes that ended during the run; empty if none did.
     unrecorded : data missing from the session, with the reason; None if it is
         complete.
     """

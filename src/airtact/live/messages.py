@@ -167,7 +167,7 @@ class FocusMessage(msgspec.Struct, frozen=True, omit_defaults=True):
     place : place on a hand, such as "index.pad" or "right.palm".
     on : name of the object that the point moves with.
     offset : distance from the skin [m]; only used with ``place``.
-    strength : strength of the touch, from 0 to 1.
+    strength : strength of the focus, from 0 to 1; pressures are proportional to it.
     modulation : frequency at which the strength varies between 0 and its full value [Hz], at most
         20; 0 keeps it constant.
     """
@@ -187,7 +187,7 @@ class HandsMessage(msgspec.Struct, frozen=True, tag="hands"):
     Attributes
     ----------
     version : version of the message format, 1.
-    hands : frames in the format that trackers send.
+    hands : frames in the JSON format that trackers send.
     """
 
     version: Version
@@ -261,7 +261,7 @@ class FocusState(msgspec.Struct, frozen=True):
         contact.
     point : predicted position [m], or null if unknown.
     strength : current strength, from 0 to 1.
-    pressure : predicted pressure [Pa]; null while no solution for the hand fits its pose.
+    pressure : predicted pressure [Pa]; null while the effect of the hand is unknown.
     reason : why the focus receives no sound, for example because it is inside the hand;
         null if it receives sound.
     """
@@ -298,7 +298,7 @@ class RejectedMessage(msgspec.Struct, frozen=True, tag="rejected"):
     Attributes
     ----------
     version : version of the message format, 1.
-    code : kind of error; see errors.md.
+    code : kind of error, as listed in docs/errors.md.
     reason : description of the error and its remedy.
     """
 

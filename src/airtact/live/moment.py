@@ -42,9 +42,9 @@ class Moment:
     foci : (F, 3) predicted foci at ``time`` [m]; None if no hand is seen.
     amplitudes : (E,) complex amplitudes, as fractions of full scale; zeros for silence.
     pressures : (F,) predicted pressures at the foci [Pa]; None if unknown.
-    rule : what the drive accounts for: only "distances", or also scattering by the last
-        "phalanges", by the whole "hand" ("carried" if the solution was moved from another pose), or
-        by the skin near "contacts".
+    rule : scattering that the drive accounts for: none ("distances"), by the last phalanges
+        ("phalanges"), by the whole hand ("hand", or "carried" if the solution was moved from
+        another pose), or by the skin near contacts ("contacts").
     shape_age : age at ``time`` of the pose for which the scattering was solved [s]; None if no
         solution was used.
     kept : expected pressure at the weakest focus, divided by the attainable pressure, which a drive
@@ -153,7 +153,7 @@ class DriveMaker(ABC):
 
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:
-        """Return the drive whose sound will be in the air at ``time`` [s] (tracker's clock)."""
+        """Return a ``Moment`` whose sound is in the air at ``time`` [s] on the tracker's clock."""
 
     def feel(  # noqa: B027 (some makers have fixed foci)
         self, objects: Sequence[VirtualObject], foci: "Sequence[at.live.WantedFocus]"

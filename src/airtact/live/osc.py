@@ -43,7 +43,7 @@ REPLY_TIME = 5.0
 class OscServer:
     """OSC server for trackers and applications; each sender receives the newest state in return.
 
-    Use it in a ``with`` block. It listens from its construction to the end of the block.
+    Use it in a ``with`` block. The server listens from its construction to the end of the block.
 
     Parameters
     ----------

@@ -16,9 +16,9 @@ from airtact.transducers.levels import AmplitudeModulation, Levels
 class Output:
     """Output of the live loop: boards that are connected by a link, or no boards.
 
-    Use it in a ``with`` block, at whose end the output is silenced. Drives above the cap, which is
-    full scale by default, are scaled down. After silence, the sound rises within 0.2 s. The methods
-    raise ``LinkFailed`` if the boards fail.
+    Use it in a ``with`` block; the output is silenced at the end of the block. Drives above the cap
+    (full scale by default) are scaled down. After silence, the sound rises within 0.2 s. The
+    methods raise ``LinkFailed`` if the boards fail.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Output:
         return True
 
     def cycle(self, frames: Frames, rate: float) -> None:
-        """Repeat frames at a rate [1/s], continuing at the current position in the sequence."""
+        """Play frames repeatedly at a rate [1/s], from the current position in the sequence."""
         if self._emission is not None:
             self._emission.cycle(Sequence(frames, rate), wait=False)
 

@@ -117,9 +117,8 @@ def register_tracker(
 ) -> RegisteredTracker:
     """Determine the pose of a tracker from touches of transducers with an index fingertip.
 
-    The user touches the transducers in order, each for a second, and moves the
-    finger away in between. A touch that contradicts the others must be repeated, up
-    to three times.
+    The user touches the transducers in order, each for a second, and moves the finger away in
+    between. A touch that contradicts the others must be repeated, at most twice.
 
     Parameters
     ----------
@@ -140,9 +139,9 @@ def register_tracker(
     Raises
     ------
     InvalidInput
-        If an element does not exist, if there are fewer than 3 touches or a recording contains too
-        few, if the transducers are in one line, if the offset is not between 0 and 50 mm or cannot
-        be determined, or if the touches contradict each other by more than 10 mm.
+        If an element does not exist, there are fewer than 3, or they are in one line. If a
+        recording contains too few touches, or touches contradict each other by more than 10 mm. If
+        the offset is not between 0 and 50 mm or cannot be determined.
     """
     chosen = elements_to_touch(setup.array) if elements is None else tuple(elements)
     wrong = [element for element in chosen if not 0 <= element < len(setup.array)]

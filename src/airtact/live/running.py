@@ -279,7 +279,7 @@ def output_to(
     folder : folder for files that the link writes.
     board, link : names of the kind of board and of the link, such as "autd3" and "udp"; None
         without boards.
-    settings : ``address`` of the boards or serial ``port``, where the link needs one.
+    settings : further options of the link: the ``address`` of the boards or the serial ``port``.
 
     Raises
     ------

@@ -108,7 +108,7 @@ class WithImages:
     def folded(
         self, rows: Complex[np.ndarray, "*any sources"]
     ) -> Complex[np.ndarray, "*any elements"]:
-        """Add the pressures (..., R) of images to those of their elements, and return (..., E)."""
+        """Combine pressures (..., R) of elements and images into pressures (..., E) of elements."""
         count = len(self.strengths)
         if rows.shape[-1] == count and (self.strengths == 1.0).all():
             return rows

@@ -486,7 +486,7 @@ def recording_of(path: str | Path) -> Recording:
 
     Returns
     -------
-    The frames of the hand, which ``live`` can follow again.
+    The frames of the hand, which ``RecordedHands`` can play to the live loop.
 
     Raises
     ------

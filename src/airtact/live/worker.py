@@ -145,7 +145,7 @@ def dump(message: object, pipe: IO[bytes]) -> None:
 
 
 def main() -> None:
-    """Run the function that arrives first on standard input, and pass all later messages to it."""
+    """Read a function from standard input and run it; pass all later messages to it."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     # Output of libraries must not be mixed with the messages.
     with open(os.devnull, "wb") as nothing:

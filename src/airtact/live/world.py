@@ -53,7 +53,7 @@ class WantedFocus:
     Attributes
     ----------
     name : name of the focus, unique in its application.
-    strength : strength of the touch, from 0 to 1.
+    strength : strength of the focus, from 0 to 1; pressures are proportional to it.
     point : (3,) position in scene coordinates, or in those of the object named in
         ``on`` [m].
     place : place on a hand, such as ``"right.index.pad"``; if no side is given, the
@@ -220,7 +220,7 @@ class World:
         return sentence if self._clock() - when < 3.0 else ""
 
     def show(self, moment: Moment | None, reason: str | None, scale: float = 1.0) -> None:
-        """Record the state of the loop, which calls this method on every pass.
+        """Record the state of the loop; the loop calls this method in every iteration.
 
         Parameters
         ----------

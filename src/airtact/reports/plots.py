@@ -44,7 +44,7 @@ def draw_shares(
 ) -> Figure:
     """Draw the cumulative distribution of the pressures [Pa] of each drive over the samples.
 
-    A dot at the top marks the pressure of the drive without deviations, ``expected``.
+    ``expected`` is the pressure of each drive without deviations; a dot at the top marks it.
     """
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()

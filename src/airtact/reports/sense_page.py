@@ -161,8 +161,8 @@ def draw_moved(
 ) -> Figure:
     """Draw cross-sections of the bodies of two scenes, before and after a correction.
 
-    The second plane is perpendicular to the window and passes through its centre. Foci are
-    projected onto the planes.
+    The first plane is that of ``window``; the second is perpendicular and passes through its
+    centre. Foci are projected onto the planes.
     """
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")
     up = window.normal * np.sign(window.normal[np.argmax(np.abs(window.normal))])

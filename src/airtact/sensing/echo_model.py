@@ -80,7 +80,7 @@ class EchoModel:
         return cls(scattering, emitted, waves[:, receivers], valid)
 
     def part(self, receivers: Int64[np.ndarray, "chosen"], transmissions: int) -> "EchoModel":
-        """Return the model for selected receivers and the given number of first transmissions."""
+        """Return the model restricted to selected receivers and the first few ``transmissions``."""
         return replace(
             self,
             emitted=np.ascontiguousarray(self.emitted[:, :transmissions]),
@@ -89,11 +89,11 @@ class EchoModel:
         )
 
     def echoes(self, twist: Twist = STILL) -> Received:
-        """Return the scattered pressure (R, M) of the moved bodies [Pa]."""
+        """Return the pressures (R, M) that the moved bodies scatter to the receivers [Pa]."""
         return self._received(twist, self._scattered(self._incident(twist)))[0]
 
     def derivatives(self, twist: Twist) -> Complex[np.ndarray, "6 receivers transmissions"]:
-        """Return derivatives with respect to a further translation [Pa/m] and rotation [Pa/rad]."""
+        """Differentiate the echoes by a further translation [Pa/m] and rotation [Pa/rad]."""
         incident = self._incident(twist)
         # One large matrix product is faster than seven.
         along = np.concatenate([incident, *along_motions(incident, self._wavenumber)], axis=1)

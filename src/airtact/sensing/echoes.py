@@ -136,7 +136,7 @@ class Echoes:
         return np.asarray(self.receivers, dtype=np.int64)
 
     def save(self, path: str | Path) -> None:
-        """Write an HDF5 file for ``load_echoes``. An existing file is replaced.
+        """Write the echoes to an HDF5 file for ``load_echoes``, replacing an existing file.
 
         Raises
         ------

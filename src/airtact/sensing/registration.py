@@ -58,7 +58,8 @@ class Located:
         a wrong shape.
     bound : Cramér-Rao lower bound of the covariance, with the same shape and units as
         ``covariance``; NaN if the noise is unknown.
-    residual : rms of the residual, including noise, divided by the rms of the echoes.
+    residual : rms of the difference between modelled and measured echoes, including noise, divided
+        by the rms of the echoes.
     misfit : like ``residual``, but without the contribution of noise. A value of 0.2 or more
         indicates a wrong model, such as another hand.
     converged : whether the iteration converged with a misfit of at most 0.1. If False, do not
@@ -155,8 +156,8 @@ def locate(
         array. If the echoes are too weak or clipped. If transducers overlap bodies in the initial
         pose. If the scattering matrix belongs to another scene, or is given in addition to a
         family. If the scene has no bodies, or the solver does not support them. If the echoes do
-        not determine the pose or the opening; for example, they do not determine the rotation of a
-        ball.
+        not determine the pose or the opening; for example, the echoes of a ball do not determine
+        its rotation.
 
     Examples
     --------
@@ -477,12 +478,12 @@ def disagreement(
     inverse: Squares,
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
-    """Compare the variance estimated from groups of receivers with that from single receivers.
+    """Compare the pose variance estimated from groups of receivers with that from single receivers.
 
-    The function returns the ratio of the two variances of the pose, averaged over all unknowns. The
-    ratio is 1 if the residual is noise. If the shape is wrong, the residuals of neighbouring
-    receivers are correlated, so more receivers do not improve the pose. Therefore only groups of
-    neighbours are treated as independent (K.-Y. Liang, S. L. Zeger, Biometrika 73, 13 (1986)).
+    The function returns the ratio of the two variances, averaged over all unknowns. The ratio is 1
+    if the residual is noise. If the shape is wrong, the residuals of neighbouring receivers are
+    correlated, so more receivers do not improve the pose. Therefore only groups of neighbours are
+    treated as independent (K.-Y. Liang, S. L. Zeger, Biometrika 73, 13 (1986)).
     """
     count = min(16, len(places) // 4)
     if count < 2:

@@ -284,7 +284,7 @@ class ScatteringFamily:
 
     @property
     def scene(self) -> Scene:
-        """Scene for the first value; all values have the same medium and frequency."""
+        """Scene for the first solved value; all values have the same medium and frequency."""
         return self.matrices[0].scene
 
     def at(self, value: float) -> ScatteringMatrix:

@@ -64,7 +64,8 @@ class Calibrated:
         small rotation about the centre [rad], along the array's axes.
     gain_deviation : rms of the relative standard deviations of the gains, which equals the rms of
         the standard deviations of their phases [rad].
-    residual : rms of the residual, including noise, divided by the rms of the direct sound.
+    residual : rms of the difference between modelled and measured pressures, including noise,
+        divided by the rms of the direct sound.
     misfit : like ``residual``, but without the contribution of noise.
     converged : whether the iteration converged with a misfit of at most 0.1. If False, do not
         use the result.
@@ -192,7 +193,7 @@ class ArrayFit:
 
     @cached_property
     def groups(self) -> Int32[np.ndarray, "2 elements"]:
-        """(2, E) group of each receiver and emitter; gains of different groups are independent.
+        """(2, E) group number of each receiver and emitter; the gains of groups are independent.
 
         Two boards form two groups: emission of the first with reception of the second, and the
         reverse.
@@ -368,7 +369,8 @@ def calibrate(
 
     Parameters
     ----------
-    echoes : transmissions of the empty array, with codes that separate all elements.
+    echoes : transmissions of the empty array. Their codes must separate all elements, as
+        those of ``hadamard_codes`` do.
     array : array with the assumed poses of its boards; its gains are ignored.
     medium : the assumed air; its absorption is not corrected.
     boards : number of boards, all with the same number of elements. The array must contain the
@@ -384,9 +386,9 @@ def calibrate(
     ------
     InvalidInput
         If the echoes and the array have different numbers of elements, or the number of boards is
-        unknown. If the codes do not separate the elements. If an element or board does not face any
-        on another board. If the signal is too weak or clipped. If the transmissions do not
-        determine all poses and the sound speed.
+        unknown. If the codes do not separate the elements. If an element, or a whole board, does
+        not face any element of another board. If the signal is too weak or clipped. If the
+        transmissions do not determine all poses and the sound speed.
 
     Examples
     --------
@@ -544,9 +546,9 @@ def _check_determined(squares: Squares, variance: float, echoes: Echoes) -> None
     involved = [name for name, share in zip(names, shares, strict=True) if share > 0.3]
     deviation = 1e3 * np.sqrt(variance / max(values[0], 1e-12 * values[-1]))
     raise InvalidInput(
-        f"{counted(len(echoes.pressures), 'receiver', 'receivers')} of {len(echoes.codes)} "
-        f"elements do not determine {' together with '.join(involved)}: the standard deviation is "
-        f"{deviation:.2g} mm. Use more receivers, reduce the noise, or remove boards.",
+        f"the pressures at {counted(len(echoes.pressures), 'receiver', 'receivers')} do not "
+        f"determine {' together with '.join(involved)}: the standard deviation is {deviation:.2g} "
+        "mm, but at most 1 mm is allowed. Use more receivers, reduce the noise, or remove boards.",
         code="pose_not_found",
     )
 

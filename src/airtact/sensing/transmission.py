@@ -90,8 +90,8 @@ def facing(
     """Return a mask (R, E) of the pairs of elements on two boards that face each other.
 
     By default, the connecting line is at most 60 degrees from the axis of each element, because
-    real transducers deviate from pistons at larger angles. The distance is more than ``nearest``
-    [m], which excludes neighbours where the boards meet at an edge.
+    real transducers deviate from pistons at larger angles. The elements are more than ``nearest``
+    [m] apart, which excludes neighbours where the boards meet at an edge.
     """
     away = receiving.positions[:, None, :] - emitting.positions
     distance = np.linalg.norm(away, axis=2)
@@ -119,8 +119,8 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
         )
     if len(array) % count:
         raise InvalidInput(
-            f"{len(array)} elements cannot be divided into {count} equal boards; pass the number "
-            "of boards.",
+            f"{len(array)} elements cannot be divided into {count} equal boards; pass the correct "
+            "number of boards.",
             code="unknown_name",
         )
     return [elements_of(array, rows) for rows in np.split(np.arange(len(array)), count)]
@@ -153,7 +153,8 @@ def simulate_transmissions(
     ----------
     array : the array of boards; its gains apply to emission.
     medium : the air.
-    codes : (E, M) codes, as in ``Echoes``.
+    codes : (E, M) complex amplitude that each element emits in each transmission, of magnitude at
+        most 1 (full scale).
     boards : number of boards, all with the same number of elements. The array must contain the
         elements board by board. By default, the number is inferred, which requires boards of a
         known kind.
@@ -206,7 +207,7 @@ def simulate_transmissions(
 
 
 def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
-    """Return the signs of a Hadamard matrix as codes; all elements emit in every transmission.
+    """Return the signs of a Hadamard matrix as codes. All elements emit in every transmission.
 
     Parameters
     ----------
@@ -217,7 +218,7 @@ def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
 
     Returns
     -------
-    (E, M) codes of 1 and −1.
+    (E, M) amplitude of each element in each transmission, 1 or −1.
 
     Raises
     ------
@@ -235,7 +236,7 @@ def random_codes(
     transmissions: int,
     seed: int = 0,
 ) -> Codes:
-    """Return codes of random phases at full scale for all elements.
+    """Return codes with random phases, at full scale for all elements.
 
     Parameters
     ----------
@@ -244,7 +245,7 @@ def random_codes(
 
     Returns
     -------
-    (E, M) codes of magnitude 1.
+    (E, M) complex amplitude of each element in each transmission, of magnitude 1.
 
     Raises
     ------
@@ -291,7 +292,8 @@ def simulate_echoes(
         scene, with which the computation only takes milliseconds.
     scene : the bodies.
     array : the E transducers in the frame of the bodies; see ``PhasedArray.seen_from``.
-    codes : (E, M) codes, as in ``Echoes``.
+    codes : (E, M) complex amplitude that each element emits in each transmission, of magnitude at
+        most 1 (full scale).
     receivers : indices of the receiving elements; by default all elements.
     noise : signal-to-noise ratio, the rms of the echoes relative to the rms of the added complex
         noise [dB]. None adds no noise.

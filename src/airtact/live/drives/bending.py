@@ -57,7 +57,10 @@ class Bones:
     def motions_to(
         self, now: "Bones"
     ) -> tuple[Float64[np.ndarray, "hulls 3 3"], Float64[np.ndarray, "hulls 3"]]:
-        """Return each bone's motion to a new pose: x becomes x @ rotation + translation [m]."""
+        """Return the rotations and translations [m] of all bones to a new pose.
+
+        A point x of a bone moves to x @ rotation + translation.
+        """
         turns = np.einsum("hij,hik->hjk", self.axes, now.axes)
         return turns, now.starts - np.einsum("hj,hjk->hk", self.starts, turns)
 
@@ -109,7 +112,7 @@ class ElementSubset:
 
     @classmethod
     def of(cls, positions: Points, count: int) -> "ElementSubset":
-        """Choose ``count`` elements at positions (E, 3), each far from those chosen before."""
+        """Choose ``count`` of the elements at positions (E, 3) so that they are far apart."""
         chosen = [0]
         away = np.linalg.norm(positions - positions[0], axis=1)
         while len(chosen) < count:

@@ -88,8 +88,8 @@ class PageProcess:
     """Low-priority process that serves the page; the loop never waits for it.
 
     Use it in a ``with`` block. A separate thread sends only the newest ``Moment`` to the page, so
-    slow pages, or many of them, do not delay the loop. If the process dies, the loop continues
-    without a page.
+    slow or numerous pages do not delay the loop. If the process dies, the loop continues without a
+    page.
 
     Parameters
     ----------
@@ -100,9 +100,9 @@ class PageProcess:
         request must include.
     hand : (25, 3) initial joints of a hand that can be dragged on the page [m]; none by
         default.
-    stream : stream to which the page adds frames while it is open: those of the dragged hand, with
-        times of the clock ``time.monotonic``, and those of hands tracked by a headset. Closing
-        the page counts as losing these hands.
+    stream : stream to which the page adds frames while it is open: those of the dragged hand, timed
+        by ``time.monotonic``, and those of hands tracked by a headset. Closing the page counts as
+        losing these hands.
     controls : initial settings.
     on_emergency : function called in a separate thread when the emergency stop is pressed.
     world : virtual objects, which the page can move; by default, the page shows those of each
@@ -173,7 +173,7 @@ class PageProcess:
         self.close()
 
     def show(self, moment: Moment) -> None:
-        """Show a drive unless a newer one has arrived; the loop calls this method on every pass."""
+        """Show a drive unless a newer one has arrived; the loop calls this in every iteration."""
         self._shown = replace(self._shown, moment=moment, drives=self._shown.drives + 1)
         self._put()
 
