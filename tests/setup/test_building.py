@@ -162,8 +162,8 @@ def test_an_array_file_may_number_its_rows_in_any_order(read, tmp_path):
         (
             "out_of_range",
             "element,x,y,z,nx,ny,nz\n1,0.1,0,0,-1,0,0\n1,0,0.1,0,0,-1,0\n",
-            "array: element is 1 in line 2 of ring.csv, but it must number the lines from 0 to "
-            "1, each once.",
+            "array: element is 1 in line 2 of ring.csv, but this column must contain each "
+            "number from 0 to 1 once.",
         ),
         (
             "data_missing",

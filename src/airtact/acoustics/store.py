@@ -61,7 +61,7 @@ def program(package: Path = Path(errors.__file__).parent) -> str:
 
 
 def packed(field: RadiatedField, key: str) -> bytes:
-    """Return the content of the file in which a field is stored.
+    """Return the bytes of the file in which a field is stored.
 
     The function raises an error if the field contains objects of other libraries.
     """
@@ -74,7 +74,7 @@ def packed(field: RadiatedField, key: str) -> bytes:
 
 
 def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField | None:
-    """Restore a field from such content, or return None if it is damaged or the key differs."""
+    """Restore a field from a file's bytes, or return None if they are damaged or of another key."""
     archive = content[64:]
     if content[:64] != _checksum(key, archive):
         return None
@@ -207,7 +207,7 @@ class Stored(Solver):
         self.most_bytes = int(most_bytes)
 
     def reporting(self, progress: Progress | None) -> "Stored":
-        """Return a copy with a callback that receives the name of each step of the solver."""
+        """Return a copy whose solver passes the name of each step to a callback."""
         return Stored(self.solver.reporting(progress), self.folder, self.most_bytes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:

@@ -167,8 +167,9 @@ class Target:
     def weakest(self, pressures: Float64[np.ndarray, "foci"]) -> int:
         """Return the index of the focus with the least pressure relative to its weight.
 
-        Foci of weight 0 are ignored. Most drive methods make these ratios nearly equal. If several
-        foci are weakest to within 1 %, the one with the lowest pressure is returned.
+        Foci of weight 0 are ignored. Most drive methods make the ratio of pressure to weight nearly
+        equal at all foci. If several foci are weakest to within 1 %, the one with the lowest
+        pressure is returned.
 
         Parameters
         ----------
@@ -191,12 +192,12 @@ class Target:
 
         Parameters
         ----------
-        suppression : whether to append the suppression points as beacons; the strengths are then
+        suppression : whether to append the Q suppression points; the strengths then have the shape
             (F + Q, F + Q).
 
         Returns
         -------
-        Monopoles with one excitation per focus, for ``solver.radiate``.
+        Monopoles with one excitation per point, for ``solver.radiate``.
         """
         # Each beacon is a separate excitation, whose field is one row of the transfer matrix.
         points = self.points

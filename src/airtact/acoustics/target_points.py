@@ -97,8 +97,7 @@ def polyline(
     lengths = np.linalg.norm(steps, axis=1)
     if lengths.min() == 0.0:
         raise InvalidInput(
-            f"line {int(lengths.argmin())} of a polyline has no length: its ends coincide. Remove "
-            "one of these corners.",
+            f"the ends of line {int(lengths.argmin())} of a polyline coincide. Remove one of them.",
             code="all_zero",
         )
     # Rounding must not add a point if the length is a multiple of the spacing.
@@ -336,7 +335,7 @@ def outward(
     depth: Callable[[Float64[np.ndarray, "positions 3"]], Float64[np.ndarray, "positions"]],
     points: Real[np.ndarray, "points 3"],
 ) -> Float64[np.ndarray, "points 3"]:
-    """Return unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest."""
+    """Return unit directions (P, 3) in which a depth such as ``Surface.depth`` falls fastest."""
     step = 1e-4  # [m]
     shifts = step * np.concatenate([np.eye(3), -np.eye(3)])
     # The gradient is by central differences; the direction is z if the depth is constant.

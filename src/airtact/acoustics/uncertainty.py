@@ -131,7 +131,7 @@ class Draw:
     hand : motion of the whole hand in the obstacles' frame.
     groups : motion of each group of foci, and of the body that carries it, applied before the
         motion of the whole hand.
-    skin : (F, 2) shift of each focus along its surface, in two tangential directions [m].
+    skin : (F, 2) shift of each focus along the surface, in two tangential directions [m].
     slower : ratio of the wavenumber to the nominal wavenumber; below 1 in warmer air.
     """
 

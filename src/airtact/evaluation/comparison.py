@@ -101,12 +101,12 @@ class Comparison:
     def at(
         self, points: Real[np.ndarray, "points 3"]
     ) -> dict[str, Complex128[np.ndarray, "points"]]:
-        """Evaluate each drive at points (P, 3), with its strongest element at full scale.
+        """Return each drive's pressure at points (P, 3), with its strongest element at full scale.
 
         Returns
         -------
-        A dict from the name of each drive to its complex total pressure (P,) [Pa]; NaN inside
-        bodies.
+        A dict from the name of each drive to its complex total pressure (P,) [Pa], which is NaN
+        inside bodies.
         """
         pressures = self.field.at(points)
         return {name: pressures[:, self.column(name)] for name in self.names}
@@ -342,11 +342,14 @@ class HeldOut:
 def held_out(
     samples: "at.drives.TransferEnsemble", target: Target, drives: Mapping[str, Drive]
 ) -> HeldOut:
-    """Evaluate drives on samples, with every drive scaled to the energy of the first.
+    """Compute the pressure at the weakest focus in each sample, for drives of equal energy.
+
+    Every drive is scaled to the energy of the first drive.
 
     Parameters
     ----------
-    samples : samples drawn with a different seed from those used to compute the drives.
+    samples : samples of the transfer matrix, drawn with a different seed from those used to compute
+        the drives.
     target : the foci; those whose requested pressure or share is 0 are ignored.
     drives : drives to compare, by name.
 
@@ -378,7 +381,7 @@ def body_word(bodies: Sequence[str]) -> str:
 def headline(
     comparison: Comparison, drive: Drive, word: str = "hand", foci: Sequence[str] = ()
 ) -> str:
-    """State the pressure at the weakest focus, and the gain from considering the bodies.
+    """Return a text on the pressure at the weakest focus and the gain from considering the bodies.
 
     Parameters
     ----------
@@ -434,7 +437,7 @@ def headline(
 def shortfalls(
     target: Target, foci: Sequence[str], reached: Float64[np.ndarray, "foci"], drive: Drive
 ) -> tuple[str, ...]:
-    """State in one sentence which foci do not reach 98 % of their requested pressure, if any.
+    """Return a sentence that names the foci below 98 % of their requested pressure, if any.
 
     Parameters
     ----------

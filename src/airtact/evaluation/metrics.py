@@ -77,7 +77,7 @@ def radiate_drives(
     points: Mapping[str, Float64[np.ndarray, "points 3"]] | None = None,
     progress: Progress | None = None,
 ) -> RadiatedField:
-    """Solve for several drives at once, with one right-hand side per drive.
+    """Solve for the fields of several drives at once, with one right-hand side per drive.
 
     The function also checks the placement: the foci and other ``points`` must lie outside the
     bodies and away from the elements. In messages, a misplaced point is named by its key in
@@ -110,8 +110,8 @@ def field_map(
 ) -> Complex128[np.ndarray, "points"]:
     """Return the complex pressure of a drive at any points, including scattering by all bodies.
 
-    A single solve uses the face points of all elements as its sources. It uses no transfer matrix,
-    so the result can verify a drive that was computed from one.
+    A single solve has the face points of all elements as its sources. No transfer matrix is used,
+    so the result can verify a drive that was computed from a transfer matrix.
 
     Parameters
     ----------
@@ -434,7 +434,7 @@ def sensation(
     depth: float = 1.0,
     fastest: float = np.inf,
 ) -> str:
-    """Return a sentence that compares a focus with the threshold of perception, with its source.
+    """Return a sentence that compares the weakest focus with the threshold of perception.
 
     Parameters
     ----------

@@ -114,7 +114,7 @@ def load_scan(path: str | Path) -> Scan:
 
     Returns
     -------
-    The scan; phases are those of Re[p e^{−iωt}].
+    The scan, whose phases are those of the phasor p in Re[p e^{−iωt}].
 
     Raises
     ------
@@ -145,13 +145,13 @@ def load_scan(path: str | Path) -> Scan:
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """A scan and its prediction.
+    """A scan and the pressures predicted at its positions, with a common scale factor.
 
     Attributes
     ----------
     scan : the measurement.
     predicted : (N,) pressures [Pa], NaN where the prediction is not defined.
-    used : (N,) whether the prediction is defined at a position.
+    used : (N,) mask of the positions at which the prediction is defined.
     scale : least-squares ratio of measured to predicted pressure; real and positive if no phase was
         measured.
     error : rms of the measured minus the scaled predicted pressure, divided by the measured rms.
@@ -335,7 +335,7 @@ class Microphone:
         axis = real_numbers(np.asarray(self.axis), "the axis of a microphone")
         if axis.shape != (3,) or not np.linalg.norm(axis) > 0.0:
             raise InvalidInput(
-                f"the axis of a microphone is {axis.tolist()}. Use a direction of three numbers.",
+                f"the axis of a microphone is {axis.tolist()}. Use three numbers, not all 0.",
                 code="wrong_shape",
             )
 

@@ -52,8 +52,8 @@ class ScanCalibration:
         uncertainty.
     gain_deviations : (E,) standard deviation of each gain relative to its magnitude, or of its
         phase [rad] if that is larger.
-    determined : (E,) whether the scans determine an element's gain: its uncertainty is then
-        less than half of the spread of the gains. Without phases, no gain is determined.
+    determined : (E,) mask of the elements whose gain is determined by the scans: its uncertainty is
+        less than half of the spread of all gains. Without phases, no gain is determined.
     pose : rigid motion that maps the positions in the scans to the true positions of the
         microphone.
     misalignment : (6,) rotation vector of ``pose`` [rad], and shift of the middle of the scans [m].

@@ -64,7 +64,7 @@ class SelfCheck:
 
 
 def self_check(report_step: Progress = no_progress) -> SelfCheck:
-    """Compare solutions for one and two spheres with reference fields, near and far away."""
+    """Compare solutions for one and two spheres with references, near and far from the spheres."""
     report_step("solving one sphere")
     air = Medium(sound_speed=343.1, density=1.293)
     first = sound_hard(sphere(8e-3, 4e-3))

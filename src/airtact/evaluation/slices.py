@@ -55,13 +55,13 @@ class Slices:
 def slices_around(
     field: RadiatedField, columns: Sequence[int], foci: Real[np.ndarray, "foci 3"], window: Window
 ) -> Slices:
-    """Evaluate a field in planes perpendicular to the axis closest to a window's normal.
+    """Evaluate a field in planes perpendicular to the frame axis closest to a window's normal.
 
     The complex pressure is evaluated at four to five points per wavelength and interpolated by
-    cubic splines. At a sound-hard surface its normal derivative vanishes. Near the surface the
-    pressure is therefore approximated by a parabola between the solved pressure on the surface and
-    the pressure at a height of ``WALL`` wavelengths. The error is about 2 % on average, and at
-    worst 7 % of the largest pressure.
+    cubic splines. At a sound-hard surface, the normal derivative of the pressure vanishes. Near the
+    surface the pressure is therefore approximated by a parabola between the solved pressure on the
+    surface and the pressure at a height of ``WALL`` wavelengths. The error is about 2 % on average,
+    and at worst 7 % of the largest pressure.
 
     Parameters
     ----------
@@ -142,11 +142,11 @@ def box_pressure(
 
     Parameters
     ----------
-    field : the field of the slices.
+    field : the field from which the slices were computed.
     slices : slices of the field.
     excitation : index of the excitation in the field and the slices.
-    box : a box inside the slices. It must be ``slices.box`` if ``any_axis`` is False, because the
-        planes are then too far apart to interpolate between them.
+    box : a box inside the slices. It must be ``slices.box`` if ``slices.any_axis`` is False,
+        because the planes are then too far apart to interpolate between them.
 
     Returns
     -------

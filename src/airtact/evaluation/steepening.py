@@ -78,7 +78,7 @@ class Steepening:
     def second_harmonic(self) -> Float64[np.ndarray, "points"]:
         """(F,) ratio of the second harmonic to the fundamental, or NaN where ``kept`` is NaN.
 
-        The ratio is accurate to 15 % up to a ratio of 1.
+        For ratios up to 1, the relative error is at most 15 %.
         """
         # It feeds the third and higher harmonics. The factor 0.4 fits the computed foci.
         saturated = self.second / (1.0 + 0.4 * self.second**2)
@@ -101,7 +101,7 @@ def steepening(
     points : (F, 3) foci [m]. The estimate is valid only within about a wavelength of a focus.
         Beyond a focus, it overestimates the loss by up to 10 % of the pressure.
     pressures : (F,) linear pressure at the foci [Pa].
-    excitation : index of the excitation of the sources.
+    excitation : index of the excitation for which the steepening is estimated.
     """
     points = points_of(points, "points", least=0)
     medium = scene.medium

@@ -86,7 +86,7 @@ class RadiationMap:
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
 
     def pad_force(self, focus: Real[np.ndarray, "3"]) -> float:
-        """Return the force [N] on the skin within 5 mm of a focus, about the area of a fingertip.
+        """Return the force [N] on the skin within 5 mm of a focus, an area similar to a fingertip.
 
         The force is positive inward, and NaN if the skin is more than 2 mm from the focus.
         """
@@ -228,7 +228,7 @@ class Verification:
 
     @property
     def contrast(self) -> float:
-        """Level of the weakest focus above the side lobe [dB]."""
+        """Level of the weakest focus relative to the strongest side lobe [dB]."""
         weakest = self.evaluation.magnitudes[self.evaluation.target.weights > 0.0].min()
         return float(20.0 * np.log10(weakest / self.side_lobe.pressure))
 
@@ -306,7 +306,7 @@ def verify(
 
     Returns
     -------
-    The results listed in ``Verification``.
+    All results of the verification.
 
     Raises
     ------

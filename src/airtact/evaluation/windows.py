@@ -19,7 +19,7 @@ class Window:
     Attributes
     ----------
     centre : (3,) centre of the rectangle [m].
-    right, up : (3,) unit vectors along its sides.
+    right, up : (3,) unit vectors along the sides of the rectangle.
     width, height : lengths of the sides along ``right`` and ``up`` [m].
     step : distance between neighbouring points [m].
     """
@@ -54,8 +54,8 @@ class Window:
     def origin(self) -> Float64[np.ndarray, "3"]:
         """Origin of the picture's axes [m].
 
-        The picture's coordinates are relative to the origin of the frame if its sides are parallel
-        to the frame's axes, and otherwise relative to the centre of the window.
+        The picture's coordinates are relative to the origin of the frame if the sides of the window
+        are parallel to the frame's axes. Otherwise, they are relative to the centre of the window.
         """
         aligned = [axis for axis in (self.right, self.up) if _axis_name(axis)]
         return self.centre - sum((self.centre @ axis * axis for axis in aligned), np.zeros(3))
@@ -158,7 +158,7 @@ def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A grid of points in a cuboid whose edges are parallel to the axes.
+    """A grid of points in a cuboid whose edges are parallel to the axes of the frame.
 
     Attributes
     ----------

@@ -14,10 +14,10 @@ from airtact.errors import InvalidInput
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path in the same folder, and then rename the file to its final path.
+    """Yield a temporary path in the folder of ``path``, and then rename the file to ``path``.
 
-    The file appears only once it is complete, even if several processes write it, and replaces
-    an existing file. If it cannot be written, the error names the path.
+    The file appears at ``path`` when it is complete, even if several processes write it, and
+    replaces an existing file. If the file cannot be written, the error names the path.
     """
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:

@@ -92,7 +92,7 @@ def datasets_of(
 ) -> dict[str, Any]:
     """Read the datasets and attributes of an HDF5 file that a layout lists.
 
-    If another process has locked the file, wait for up to 10 s.
+    If another process has locked the file, the function waits for up to 10 s.
 
     Parameters
     ----------
@@ -134,9 +134,9 @@ def datasets_of(
                     "amplitude": "a drive: use airtact emit or export.",
                     "pressures_real": "echoes: use airtact sense or calibrate.",
                 }
-                missing = f"it does not contain {name}; write the file in airtact's format."
+                missing = f"the file does not contain {name}; write it in airtact's format."
                 own = (
-                    f"it is {words}"
+                    f"the file is {words}"
                     for entry, words in kinds.items()
                     if entry not in layout and _item(file, entry) is not None
                 )
@@ -156,16 +156,16 @@ def datasets_of(
             size += item.dtype.itemsize * max(math.prod(shape), chunk)
             if size > largest:
                 raise InvalidInput(
-                    f"its arrays take {size:,} bytes, but at most {largest:,} are allowed; "
-                    "store fewer or smaller arrays.",
+                    f"the arrays of the file take {size:,} bytes, but at most {largest:,} are "
+                    "allowed; store fewer or smaller arrays.",
                     code="file_too_large",
                 )
             raw = file.attrs[name] if entry.startswith("@") else item[()]
             values[name] = _converted(raw, kind, shape)
             if is_version and not 1 <= values[name] <= newest:
                 raise InvalidInput(
-                    f"its format_version is {values[name]}, but only versions 1 to {newest} can "
-                    "be read: update airtact.",
+                    f"the file's format_version is {values[name]}, but only versions 1 to "
+                    f"{newest} can be read: update airtact.",
                     code="unsupported_version",
                 )
     return values
@@ -195,7 +195,7 @@ def _open_file(path: Path) -> Iterator[Any]:
         if isinstance(error, OSError) and error.errno is not None:
             raise file_fault(path, error) from None
         raise InvalidInput(
-            f"it is not a complete HDF5 file ({type(error).__name__}); write it again.",
+            f"the file is not a complete HDF5 file ({type(error).__name__}); write it again.",
             code="file_unreadable",
         ) from None
 

@@ -47,12 +47,12 @@ def read_mesh(
     with about(path.name):
         if len(mesh.faces) == 0:
             raise InvalidInput(
-                "it contains no triangles; use a file with a closed triangle surface.",
+                "the file contains no triangles; use one with a closed triangle surface.",
                 code="empty",
             )
         if mesh.vertices.shape[1:] != (3,):
             raise InvalidInput(
-                "its vertices do not have 3 coordinates; export it as a 3-D mesh.",
+                "the vertices do not have 3 coordinates; export the file as a 3-D mesh.",
                 code="file_unreadable",
             )
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
@@ -130,8 +130,8 @@ def _describing_damage(path: Path) -> Iterator[None]:
 def _check_triangles(count: int) -> None:
     if count > MAX_FILE_TRIANGLES:
         raise InvalidInput(
-            f"it has {count:,} triangles, but at most {MAX_FILE_TRIANGLES:,} are allowed; simplify "
-            "it, for example with MeshLab: edges of 1 mm are fine enough for 40 kHz.",
+            f"the mesh has {count:,} triangles, but at most {MAX_FILE_TRIANGLES:,} are allowed; "
+            "simplify it, for example with MeshLab: edges of 1 mm are short enough for 40 kHz.",
             code="too_many",
         )
 
@@ -147,14 +147,14 @@ def _stl(content: bytes) -> tuple[Any, Any]:
         text = content.lower()
         if b"solid" not in text or b"\0" in text:
             raise InvalidInput(
-                f"its size of {len(content):,} bytes does not match the {count:,} triangles of a "
-                "binary STL file, and it is not an ASCII STL file; export it again.",
+                f"the size of {len(content):,} bytes does not match the {count:,} triangles of a "
+                "binary STL file, and the file is not an ASCII STL file; export it again.",
                 code="file_unreadable",
             )
         numbers = re.findall(r"vertex\s+(\S+)\s+(\S+)\s+(\S+)", text.decode(errors="replace"))
         if any("," in number for vertex in numbers[:1] for number in vertex):
             raise InvalidInput(
-                "its numbers use decimal commas; export it with decimal points.",
+                "the numbers have decimal commas; export the file with decimal points.",
                 code="file_unreadable",
             )
         corners = np.array([[float(_plain(number)) for number in vertex] for vertex in numbers])
@@ -196,7 +196,8 @@ def _check_tree(tree: Mapping[str, Any]) -> None:
     wrong += {"EXT_mesh_gpu_instancing"}.intersection(tree.get("extensionsUsed", []))
     if wrong:
         raise InvalidInput(
-            f"it uses {', '.join(wrong)}, which is not supported; export the file without it.",
+            f"the file uses extensions that are not supported: {', '.join(wrong)}. Export it "
+            "without them.",
             code="file_unreadable",
         )
     accessors = tree.get("accessors", [])
@@ -209,18 +210,17 @@ def _check_tree(tree: Mapping[str, Any]) -> None:
             used += [accessors[positions], accessors[primitive.get("indices", positions)]]
             if accessors[positions]["componentType"] != 5126:
                 raise InvalidInput(
-                    "its positions are quantised; export it without quantisation.",
+                    "the positions are quantised; export the file without quantisation.",
                     code="file_unreadable",
                 )
     if any(map(any, morphed)):
         raise InvalidInput(
-            "it contains morph targets with weights, which are not supported; apply them and "
-            "export the file again.",
+            "morph targets with weights are not supported; apply them and export the file again.",
             code="file_unreadable",
         )
     if any("bufferView" not in item or "sparse" in item for item in used):
         raise InvalidInput(
-            "its numbers are compressed or sparse; export it without compression.",
+            "the numbers are compressed or sparse; export the file without compression.",
             code="file_unreadable",
         )
     # Each triangle has at most three indices and three vertices.
@@ -251,8 +251,8 @@ def _place_by_joints(scene: Any, tree: Mapping[str, Any], numbers: bytes) -> Non
         apart = motions[:, :3, :3] @ box.T + motions[:, :3, 3:]
         if np.abs(apart).max() > 1e-3 * np.ptp(box, axis=0).max():
             raise InvalidInput(
-                "its mesh is posed by a rig; apply the pose (in Blender: the Armature modifier) "
-                "and export it again.",
+                "the mesh is posed by a rig; apply the pose (in Blender: the Armature modifier) "
+                "and export the file again.",
                 code="file_unreadable",
             )
         # The position of the node itself does not matter.

@@ -17,7 +17,7 @@ from airtact.files.bounded import text_of
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Cells of a file as text.
+    """A table read from a file, with its cells as text.
 
     Column names are in lower case. ``lines`` contains the line number of each row, from 1.
     ``comments`` contains the lines that begin with % or #, without this sign.
@@ -73,8 +73,8 @@ class TextTable:
         if len(wrong):
             row = order[wrong[0]]
             raise InvalidInput(
-                f"{name} is {numbers[row]:g} in line {self.lines[row]} of {self.file}, but it must "
-                f"number the lines from 0 to {len(order) - 1}, each once.",
+                f"{name} is {numbers[row]:g} in line {self.lines[row]} of {self.file}, but this "
+                f"column must contain each number from 0 to {len(order) - 1} once.",
                 code="out_of_range",
             )
         return order

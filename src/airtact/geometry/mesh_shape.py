@@ -250,7 +250,7 @@ class QuadraticMesh:
         within 10 %.
 
         A panel with all nodes on a round surface lies inside the surface. On a scan, such a panel
-        follows the roughness at its nodes. A least-squares fit avoids both.
+        follows the roughness at its nodes. A least-squares fit avoids both errors.
         """
         points = np.einsum("qn,tnd->tqd", _RULE_SHAPE, panels).reshape(-1, 3)
         depth = self.depth(points).reshape(-1, len(_RULE_POINTS))

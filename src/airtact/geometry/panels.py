@@ -68,7 +68,7 @@ def panels_of(
 ) -> Panels:
     """Cover bodies with panels, and measure the distances of the panels from their surfaces.
 
-    The function takes the same parameters as ``covers``, including its ``options``.
+    The parameters, including ``options``, are those of ``covers``.
     """
     refined = covers(shapes, edge, near, smallest, **options)
     # Distances are measured at the nodes, the centre and the middles between them.
@@ -117,8 +117,8 @@ def covers(
         and thin walls, the limit is a quarter of this length.
     bend : largest angle between a panel's normals at opposite edges, on a round surface [rad].
     away : largest root mean square distance of panels from a smooth mesh [m].
-    image : function that mirrors points in a plane. If it is given, gaps between bodies and
-        their mirror images are also treated as gaps.
+    image : function that mirrors points in a plane. If it is given, panels are also smaller in gaps
+        between bodies and their mirror images.
     walls : indices of bodies whose flat faces get smaller panels if they face each other.
     close : gap [m] between bodies, or between bodies and their mirror images, below which
         panels have edges 0.8 times as long, because sound is scattered back and forth in such

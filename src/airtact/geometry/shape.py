@@ -26,7 +26,7 @@ BEND = math.pi / 5
 class Shape(ABC):
     """The true surface of a body: an exact shape such as a sphere, or a curved mesh.
 
-    ``pose`` is the motion from the frame in which the other attributes are given.
+    ``pose`` maps the frame in which the other attributes are given to the frame of the scene.
     """
 
     pose: Pose
@@ -91,7 +91,7 @@ class Shape(ABC):
         return self.project(points)
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Return panels (P, 6, 3) [m] near the surface after fitting them to it."""
+        """Return panels (P, 6, 3) [m] that fit the surface, starting from panels near it."""
         return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
 
     def edge_middles(self, corners: EdgeVectors) -> EdgeVectors:
@@ -126,5 +126,5 @@ class Shape(ABC):
         """Return initial triangles, with edges of about ``edge`` [m], for remeshing each piece."""
 
     def moved(self, pose: Pose) -> "Shape":
-        """Return the shape moved rigidly."""
+        """Return the shape after a rigid motion."""
         return replace(self, pose=pose @ self.pose)  # type: ignore[type-var]

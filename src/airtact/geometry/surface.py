@@ -55,7 +55,8 @@ class Surface:
     vertices : (V, 3) positions of the vertices [m].
     triangles : (T, 3) vertex indices.
     midpoints : (T, 3, 3) points of the true surface at the middles of edges 01, 12, 20 [m]. If
-        None, the panels are curved by the normals of the triangles around each vertex.
+        None, the curvature of the panels follows from the normals of the triangles around each
+        vertex.
     primitive : the exact shape that the triangles approximate, or None.
     sharp_degrees : angle between neighbouring triangles above which their edge remains sharp
         [degrees]; 0 keeps the triangles flat.
@@ -201,7 +202,7 @@ class Surface:
         return self.shape.depth(points_of(points, "points", least=0))
 
     def moved(self, pose: Pose) -> "Surface":
-        """Return the surface moved rigidly, with its midpoints and exact shape."""
+        """Return the surface, including its midpoints and exact shape, after a rigid motion."""
         of_kind(pose, Pose, "the motion of a surface", "Pose(rotation, translation)")
         shape = self.shape.moved(pose)
         moved = replace(

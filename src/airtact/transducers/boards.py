@@ -65,7 +65,7 @@ class Board:
 
 
 def board_named(name: str) -> Board:
-    """Return a board by its name.
+    """Return the board with a given name, such as "autd3".
 
     Raises
     ------

@@ -80,7 +80,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
 
 
 def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
-    """Apply the gains, and any deviations, in a calibration file to an array.
+    """Return an array with the gains and deviations that a calibration file contains.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ class Element:
         return float(np.linalg.norm(self.points, axis=1).max())
 
     def pattern_in_words(self, wavenumber: float) -> str:
-        """Describe the directivity at a wavenumber k [rad/m].
+        """Return a phrase that describes the directivity at a wavenumber k [rad/m].
 
         >>> piston(4.0e-3).pattern_in_words(732.5)
         'pistons of 4 mm radius (-6 dB at 49 degrees) that only radiate forward'

@@ -53,8 +53,8 @@ class SolveReport:
     warnings : warnings, one sentence each.
     citations : references for the method.
     farthest_off_triangles, mean_off_triangles : largest and mean distance between the solver's
-        panels and the triangles of the original mesh [m], for the body where this distance is
-        largest; 0 for primitives such as spheres.
+        panels and the triangles of the original mesh [m]. The body with the largest distance is
+        reported. For primitives such as spheres, the distances are 0.
     """
 
     solver: str
@@ -85,7 +85,7 @@ class SolveReport:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceField:
-    """Pressure at N points on the surfaces of the bodies, where the solver computes it.
+    """Pressure at the N points on the surfaces of the bodies at which a solver computes it.
 
     Attributes
     ----------
@@ -115,8 +115,7 @@ class RadiatedField(ABC):
     Attributes
     ----------
     scene : the scene that was solved.
-    sources : the monopoles that emit the sound.
-    report : report of the solution.
+    sources : the monopoles that emit the sound. report : method, errors and warnings of the solve.
     """
 
     scene: Scene
@@ -189,7 +188,10 @@ class RadiatedField(ABC):
         return self._scattered_at(points_of(points, "points", least=0))
 
     def valid(self, points: Points) -> Mask:
-        """Return whether the field exists at points (P, 3): outside bodies and in filled bodies."""
+        """Return a mask of the points (P, 3) at which the field exists.
+
+        The field exists outside the bodies and inside filled bodies.
+        """
         return self._valid(points_of(points, "points", least=0))
 
     def velocity(self, points: Points) -> Gradients:
@@ -199,7 +201,8 @@ class RadiatedField(ABC):
         near a surface. Points within 1/200 of a wavelength of a surface are treated as lying on it;
         the result there is the tangential velocity and, on an impedance surface, the normal
         velocity. The velocity is NaN where the field is not ``valid``, and on the surface of a
-        filled body. The method raises the same errors as ``at``.
+        filled body. The method raises ``InvalidInput`` if a point is NaN, infinite or at a source,
+        or if the shape is wrong.
         """
         points = self._receivers(points)
         scene = self.scene

@@ -127,7 +127,7 @@ class BlockMatrix:
     def times(
         self, vectors: Complex[np.ndarray, "columns nodes"], transposed: bool = False
     ) -> Complex[np.ndarray, "columns nodes"]:
-        """Multiply the matrix, or its transpose, by row vectors, reading the matrix once."""
+        """Multiply the matrix, or its transpose, by row vectors, reading its entries only once."""
         vectors = np.ascontiguousarray(vectors, dtype=self.precision)
         return _kernels.dual_product(
             self.whole, self.blocks, self.far, self.factors, vectors, transposed
@@ -180,8 +180,8 @@ def eliminate(
 ) -> GmresResult:
     """Solve a linear system, whose matrix is the sum of ``matrices``, by Gaussian elimination.
 
-    The matrices must not contain low-rank blocks. The reported residual belongs to the sum of all
-    right-hand sides, so computing it takes only one product with the matrix.
+    The matrices must not contain low-rank blocks. The reported residual is that of the sum of all
+    right-hand sides, which takes only one product with the matrix.
     """
     total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
     for matrix in matrices[1:]:

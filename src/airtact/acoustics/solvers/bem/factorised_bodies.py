@@ -286,7 +286,7 @@ class FactorisedBodies(Solver):
         )
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Solve for the monopoles, with each body in its pose in the scene.
+        """Compute the field of the monopoles, with each body in its pose in the scene.
 
         The scene must contain the same bodies, which may have moved rigidly, in the same medium at
         the same frequency. The monopoles must be outside the bodies or on their surfaces. If two

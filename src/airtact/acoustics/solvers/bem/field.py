@@ -276,12 +276,11 @@ class BoundaryField(RadiatedField):
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
         """Return the rms error of the direct solution at points, relative to the rms pressure.
 
-        The error is estimated as the difference between the two solutions, plus 0.15 ``accuracy``
-        times the scattered pressure, where ``accuracy`` is the target error. The second term
-        accounts for the errors of panels and quadrature, which are the same in both solutions. The
-        transposed solution is accurate only away from the surface, so points on or near the surface
-        are moved away by a panel's radius if there is room. The error is NaN without a direct
-        solution.
+        The error is estimated as the difference between the two solutions, plus the scattered
+        pressure times 0.15 times the target error ``accuracy``. The second term accounts for the
+        errors of panels and quadrature, which are the same in both solutions. The transposed
+        solution is accurate only away from the surface, so points on or near the surface are moved
+        away by a panel's radius if there is room. The error is NaN without a direct solution.
         """
         squares, size = self._errors(points_of(points, "points"))
         size = np.linalg.norm(size, axis=0)
@@ -411,7 +410,7 @@ class BoardField(RadiatedField):
 
 
 def in_boards(scene: Scene, sources: Monopoles) -> Bool[np.ndarray, "sources"]:
-    """Return which sources lie in the faces of reflecting boards, to within a micrometre."""
+    """Return a mask of the sources in the faces of reflecting boards, to within a micrometre."""
     inside = np.zeros(len(sources.positions), dtype=bool)
     for index in scene.boards:
         inside |= np.abs(scene.obstacles[index].surface.depth(sources.positions)) < 1e-6

@@ -428,9 +428,10 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
 
     Away from the panels, points are classified by the solid angle, or by the scene's signed
     distance if all bodies are spheres or capsules. Near the panels, they are classified by the
-    signed distance if it exceeds the panels' deviation from the true surface. Points still closer
-    to the surface are projected onto a panel, or classified by the solid angle, which is computed
-    with accurate integrals over near panels. Points behind a plane are not classified as outside.
+    signed distance if it exceeds the panels' deviation from the true surface. Points even closer to
+    the surface are projected onto a panel if they touch it. Otherwise, they are classified by the
+    solid angle, with accurate integrals over near panels. Points behind a plane are not classified
+    as outside.
     """
     positions = np.array(points, dtype=np.float64)
     contact = np.zeros(len(positions), dtype=bool)

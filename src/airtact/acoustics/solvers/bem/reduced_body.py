@@ -86,7 +86,7 @@ def product(
 
 @dataclass(frozen=True, eq=False)
 class FarMonopoles:
-    """A few monopoles that radiate the same field to distant points as a body's skeleton.
+    """A few monopoles that radiate the same field to distant points as a body's skeleton does.
 
     Attributes
     ----------

@@ -99,7 +99,8 @@ def dual_surface(
 ) -> DualSurface:
     """Build the dual-surface equation, with its second collocation points inside the bodies.
 
-    Each second point lies below the surface at 0.3 times the local thickness, but at most at 0.2 λ.
+    Each second point lies below the surface at a depth of 0.3 times the local thickness, but at
+    most 0.2 λ.
 
     Sharing each point among three nodes saves a third of the kernel evaluations at equal accuracy.
     ``least_thickness`` is a lower bound on the thickness at each node [m].
@@ -218,7 +219,7 @@ def transposed_right_side(
     strengths: Complex128[np.ndarray, "sources excitations"],
     planes: Sequence[Plane] = (),
 ) -> tuple[NodeValues, Float64[np.ndarray, "sources"]]:
-    """Return the right-hand side of the transposed equation, and a factor for each strength.
+    """Return the right-hand side of the transposed equation, and a factor for each source.
 
     The right-hand side is the transposed double layer of the monopoles, including their images in
     ``planes``. The strength of a source is multiplied by 1 off the surface and by 2 on it. On the

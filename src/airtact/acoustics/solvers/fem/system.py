@@ -109,7 +109,7 @@ def _layer_form(
 
 
 def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
-    """Return the weights w_d, w_s and w_v of each body, as defined at the top of this module."""
+    """Return the weights w_d, w_s and w_v that each body has in the weak form."""
     weights = np.zeros((3, len(scene.obstacles)), dtype=np.complex128)
     weights[0] = 1.0
     wavenumber = scene.wavenumber * scene.wavelength
@@ -340,8 +340,8 @@ def assembled(
 ) -> System:
     """Assemble the equation on a Netgen mesh with coordinates in units of the wavelength.
 
-    Edges of length ``graded`` [λ] use the given order; longer and shorter edges use higher and
-    lower orders. If ``graded`` is None, all edges use the given order.
+    Edges of length ``graded`` [λ] use ``order``, longer edges use higher orders, and shorter edges
+    lower orders. If ``graded`` is None, all edges use ``order``.
     """
     ngsolve = ngsolve_library()
     panels = surface.quadratic_triangles / scene.wavelength
