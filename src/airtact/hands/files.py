@@ -59,7 +59,7 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
 
 
 def load_landmarks(path: str | Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | None]:
-    """Read the joint positions of a hand, which need not form a plausible hand, from a file.
+    """Read joint positions from a file, without checking that they form a plausible hand.
 
     Parameters
     ----------
@@ -94,8 +94,9 @@ def _read_pose(path: Path) -> Pose:
         ) from None
     if not pose.positions_m or (pose.joints is not None and tuple(pose.joints) != NAMES):
         raise InvalidInput(
-            f"there are {len(pose.positions_m)} positions_m and {len(pose.joints or ())} joints; "
-            "use the 25 names of WebXR in order as joints, with one position for each.",
+            f"positions_m contains {len(pose.positions_m)} points, and joints contains "
+            f"{len(pose.joints or ())} names. Omit joints, or list the 25 names of WebXR in order, "
+            "with one position for each.",
             code="hand_implausible",
         )
     if pose.radii_m is not None and len(pose.radii_m) != len(pose.positions_m):

@@ -59,12 +59,12 @@ class HasFront(Protocol):
 
     @property
     def positions(self) -> Float64[np.ndarray, "elements 3"]:
-        """Positions of the elements [m]."""
+        """Positions (E, 3) of the elements [m]."""
         ...
 
     @property
     def normals(self) -> Float64[np.ndarray, "elements 3"]:
-        """Directions in which the elements radiate."""
+        """Directions (E, 3) in which the elements radiate."""
         ...
 
 
@@ -195,7 +195,8 @@ class Hand:
         Parameters
         ----------
         array : elements that radiate to one side, such as a board.
-        height : distance of the position from the array's centre, along its mean normal [m].
+        height : distance of the position from the array's centre, along the array's mean normal
+            [m].
         place : name of the position, one of ``places``.
 
         Returns
@@ -350,14 +351,14 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
 
     Returns
     -------
-    For each name in ``hand.places``, the point (3,) of the surface nearest to that position [m] and
-    the outward unit normal (3,) there.
+    A mapping from each name in ``hand.places`` to the nearest point (3,) of the surface [m] and the
+    outward unit normal (3,) at this point.
 
     Raises
     ------
     InvalidInput
         If a position is more than 10 mm from the surface or its normal deviates by more than 60
-        degrees. In that case, the joints are in another frame or pose, or fingers touch there.
+        degrees. Possible causes are joints in another frame or pose, and fingers that touch.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as load_surface(path)")
     of_kind(hand, Hand, "the hand", "one Hand, such as load_rigged_hand(path)")
@@ -452,7 +453,7 @@ def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
 
     Returns
     -------
-    Two capsules of 8 mm radius, with their pads and normals.
+    A ``Pinch`` that contains two capsules with a radius of 8 mm, their pads and normals.
 
     Raises
     ------

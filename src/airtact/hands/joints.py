@@ -184,10 +184,10 @@ def _check_bone_lengths(joints: Joints, tolerance: float) -> None:
 def radii_of(
     radii: Real[np.ndarray, "joints"] | None, length: float | None, joints: Joints
 ) -> Radii:
-    """Return the radii (25,) of the skin [m]: either ``radii``, checked, or generic ones.
+    """Return the checked radii of the skin (25,) [m], or generic ones if ``radii`` is None.
 
     ``radii`` may contain 25 or 21 numbers. Generic radii are scaled to a hand's ``length`` from the
-    wrist to the tip of the middle finger [m], by default the length of the joints.
+    wrist to the tip of the middle finger [m], which by default is measured from the joints.
     """
     if radii is None and length is not None:
         hint = "is it in millimetres? Use metres."
@@ -263,7 +263,7 @@ def checked_side(
 
 
 def side_evidence(joints: Joints) -> float:
-    """Return a measure of the side of a hand: positive for a right hand, negative for a left one.
+    """Return a number that is positive for a right hand and negative for a left hand.
 
     The result is the sum of the sines of all bends and of the angle of the thumb from the palm.
     Small bends are ignored, because they could be backward bends of the other hand: up to 30

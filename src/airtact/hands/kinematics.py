@@ -116,8 +116,8 @@ def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: 
         excesses += values
     raise InvalidInput(
         f"the {FINGERS[pair[0]]} and the {FINGERS[pair[1]]} cannot be opened to a gap of "
-        f"{1e3 * gap:g} mm. By turning both at their roots, gaps from "
-        f"{1e3 * (min(excesses) + gap):.3g} to {1e3 * (max(excesses) + gap):.3g} mm are possible. "
+        f"{1e3 * gap:g} mm. Turning both at their roots allows gaps from "
+        f"{1e3 * (min(excesses) + gap):.3g} to {1e3 * (max(excesses) + gap):.3g} mm. "
         "Use a gap in this range, or another pose.",
         code="misplaced",
     )

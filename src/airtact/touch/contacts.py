@@ -67,12 +67,12 @@ class Contacts:
 
     @property
     def objects(self) -> tuple[str, ...]:
-        """Name of the object of each contact."""
+        """Name of the touched object for each contact."""
         return tuple(self.virtual_objects[index].name for index in self.found.objects)
 
     @property
     def places(self) -> tuple[str, ...]:
-        """Name of the finger, or other part of the skin, of each contact."""
+        """Name of the part of the skin, such as a finger, for each contact."""
         return tuple(self.skin.places[index] for index in self.found.places)
 
     @cached_property
@@ -98,7 +98,7 @@ class Contacts:
 
         Returns
         -------
-        The foci, ``offset`` outside the skin, with their strengths.
+        The foci at the distance ``offset`` from the skin, with their strengths.
 
         Raises
         ------
@@ -163,8 +163,8 @@ def contact(
 
     Returns
     -------
-    One contact for each connected part of a finger, palm or surface inside an object; empty if
-    nothing is touched.
+    ``Contacts`` with one contact for each connected part of a finger, palm or surface inside an
+    object; empty if nothing is touched.
 
     Raises
     ------

@@ -25,8 +25,7 @@ class ContactArrays(NamedTuple):
     areas : (C,) area of skin inside the object [m²].
     objects : (C,) index of the touched object.
     places : (C,) index of the part of the skin, such as a finger.
-    patches : (C,) number of the connected piece of skin, which may span several
-        parts.
+    patches : (C,) index of the connected piece of skin, which may span several parts.
     deepest : (C,) index of the skin point nearest to the deepest point.
     members : for each contact, the indices of its skin points.
     member_depths : for each contact, the depths of its skin points [m].

@@ -89,7 +89,7 @@ def chosen_foci(
 
     Each contact gets a focus at its deepest point, unless a deeper focus is within 0.8 wavelengths
     on the same patch of skin. If there are too many foci, the weakest are removed. A contact whose
-    focus is removed shares another focus of the same object less than a wavelength away, if there
+    focus is removed shares a focus of the same object that is less than a wavelength away, if there
     is one. If there are fewer foci than allowed, long contacts get additional foci at least 0.8
     wavelengths apart. A contact is long if the skin deeper than half of its largest depth extends
     over more than a wavelength.

@@ -69,7 +69,7 @@ def _chains(pieces: Int64[np.ndarray, "pieces 2"]) -> list[list[int]]:
 def spaced_along(curve: Curve, spacing: float) -> Curve:
     """Return evenly spaced points (P, 3) [m] on a curve, at most ``spacing`` [m] apart.
 
-    The last point of a closed curve equals its first point, and is omitted.
+    The last point of a closed curve is omitted, because it equals the first point.
     """
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
     closed = bool(np.all(curve[0] == curve[-1]))

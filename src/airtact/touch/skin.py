@@ -97,14 +97,14 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
         them.
     longest_edge : longest distance between neighbouring points [m]. By default, a hand has about
         6,000 points, so that a fingertip pressed 2 mm into a ball has several points in the ball.
-        With 10 mm, which suits a live loop, a hand has 1,600 points; the finger pads keep their
-        density of points.
+        At 10 mm, a hand has 1,600 points, which suits a live loop; the density of points at the
+        finger pads is the same.
 
     Returns
     -------
     The skin, divided into parts. The parts of a hand are its fingers, "palm" and "back". With two
-    hands, the side precedes the name, as in "left.index". A surface is a single part, with its name
-    in the mapping.
+    hands, the side precedes the name, as in "left.index". A surface is a single part, named as in
+    the mapping.
 
     Raises
     ------

@@ -44,8 +44,8 @@ class TouchState:
     offset : distance of the foci from the skin, on its outer side [m]; 0.5 mm by default.
     most : largest number of foci, including those that are fading; 8 by default. If there are more
         contacts, the weakest are merged with stronger neighbours or get no focus.
-    wavelength : wavelength of the sound [m]; weak contacts are only merged with contacts closer
-        than this. By default, that of 40 kHz in air at 20 °C.
+    wavelength : wavelength of the sound [m]; by default, that of 40 kHz in air at 20 °C. Weak
+        contacts are only merged with contacts less than a wavelength away.
     release : distance of the skin from an object at which a contact ends [m]; 1 mm by default.
     ramp : shortest time in which a strength changes between 0 and 1 [s]; 20 ms by default.
 
@@ -120,8 +120,8 @@ class TouchState:
 
         Returns
         -------
-        Foci with their current strengths. Fading foci keep their place on the skin; the index of
-        their contact is -1.
+        ``TouchFoci`` with their current strengths. Fading foci keep their place on the skin; the
+        index of their contact is -1.
         """
         time = number(time, "the time of a frame", "s")
         # At the first frame no time has passed, so new foci start silent.

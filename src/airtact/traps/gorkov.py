@@ -79,8 +79,8 @@ class Derivatives:
     Attributes
     ----------
     pressure : (P,) pressure at the points [Pa].
-    first, second, third : derivatives (P, 3) [Pa/m], (P, 3, 3) [Pa/m²] and (P, 3, 3, 3)
-        [Pa/m³].
+    first, second, third : first derivatives (P, 3) [Pa/m], second derivatives (P, 3, 3) [Pa/m²] and
+        third derivatives (P, 3, 3, 3) [Pa/m³].
     """
 
     pressure: Complex128[np.ndarray, "points"]
@@ -143,12 +143,12 @@ def force(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3"]:
-    """Return the radiation force on a bead at any points: minus the gradient of the potential.
+    """Return the radiation force on a bead at points, from the gradient of Gor'kov's potential.
 
-    Gor'kov's potential holds for beads much smaller than the wavelength. It overestimates force and
-    stiffness by about (ka)²/2 for a bead of radius a: for polystyrene at 40 kHz, by 7 % at 0.5 mm,
-    12 % at 0.65 mm and 33 % at 1 mm. The result neglects streaming, viscosity, weight, and echoes
-    of the sound that the bead scatters.
+    Gor'kov's potential is valid for beads much smaller than the wavelength. It overestimates force
+    and stiffness by about (ka)²/2 for a bead of radius a: for polystyrene at 40 kHz, by 7 % at 0.5
+    mm, 12 % at 0.65 mm and 33 % at 1 mm. The result neglects streaming, viscosity, weight, and
+    echoes of the sound that the bead scatters.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def force(
     array : transducers in the frame of the scene, as returned by ``PhasedArray.seen_from``.
     drive : the drive of the array.
     points : (P, 3) positions of the centre of the bead [m].
-    radius : radius of the bead [m], at most an eighth of a wavelength. For larger beads use
+    radius : radius of the bead [m], at most an eighth of a wavelength. For larger beads, use
         ``body_force``.
     density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
         those of expanded polystyrene.
@@ -282,11 +282,11 @@ def derivatives(
     ``excitations`` (P,) selects the excitation of the field for each point; by default the first.
 
     In a ball without sources and bodies, the pressure is a sum of regular spherical waves j_l(kr)
-    Y_lm. The pressure on a sphere around the point, integrated with trace-free products of the
-    coordinates (moments), determines the waves of order l ≤ 3. Only these waves contribute to
-    derivatives up to the third at the centre. For a plane wave e^{iks·x}, the moment of order l is
-    i^l j_l(kr) times the trace-free tensor of s, and the derivatives are (ik)^l s…s. The factors in
-    the code follow from this case.
+    Y_lm. The moments of the pressure on a sphere around the point are its integrals, weighted by
+    trace-free products of the coordinates. The moments determine the waves of order l ≤ 3, and only
+    these waves contribute to derivatives up to the third at the centre. For a plane wave e^{iks·x},
+    the moment of order l is i^l j_l(kr) times the trace-free tensor of s, and the derivatives are
+    (ik)^l s…s. The factors in the code follow from this case.
     """
     points = points_of(points, "bead points")
     wavenumber = field.scene.wavenumber

@@ -55,14 +55,15 @@ from airtact.traps.gorkov import (
 
 @dataclass(frozen=True)
 class Trap:
-    """A requested trap with its bead.
+    """A trap to be created, and the bead that it holds.
 
     Attributes
     ----------
     point : (3,) position of the centre of the bead [m].
     kind : "twin" for two lobes of opposite phase, one on each side of the bead along ``axis``;
-        "vortex" for a ring of high pressure around ``axis`` whose phase increases by 2π.
-    axis : (3,) vector of any length along the axis.
+        "vortex" for a ring of high pressure around ``axis``; the phase increases by 2π along the
+        ring.
+    axis : (3,) direction of the axis, a vector of any length.
     radius, density, sound_speed : radius [m], density [kg/m³] and speed of sound [m/s] of the
         bead; by default, a bead of expanded polystyrene with a radius of 0.65 mm.
     """
@@ -106,7 +107,7 @@ def target_of(
     foci: Real[np.ndarray, "foci 3"] | None = None,
     focus_share: float = 1.0,
 ) -> Target:
-    """Return a target for ``holding``: the lobes of all traps, followed by the foci."""
+    """Return the target of an adapted method: the lobes of all traps, followed by the foci."""
     points = np.concatenate([trap.lobes(wavelength) for trap in traps])
     if foci is None:
         return Target(points)
@@ -184,10 +185,11 @@ def hold(
     array : transducers in the frame of the scene.
     points : (T, 3) positions of the traps [m]. Traps shift each other slightly; ``find`` returns
         the positions at which the beads come to rest.
-    kind : kind of all traps. "twin" has two lobes of opposite phase on both sides of the bead along
-        ``axis``; "vortex" has a ring of high pressure around ``axis`` whose phase increases by 2π.
-    axis : (3,) vector of any length along the axis of all traps. Between boards that face each
-        other, use "twin" along the normal of the boards.
+    kind : kind of all traps. "twin" has two lobes of opposite phase, one on each side of the bead
+        along ``axis``; "vortex" has a ring of high pressure around ``axis``, along which the phase
+        increases by 2π.
+    axis : (3,) direction of the axis of all traps, a vector of any length. Between boards that face
+        each other, use "twin" along the normal of the boards.
     foci : (F, 3) additional foci on the skin [m]; none by default.
     focus_share : pressure at the foci divided by the pressure at the lobes of the traps.
     solver : solver that computes the field. The default is the closed-form solution for open air if
@@ -195,13 +197,13 @@ def hold(
 
     Returns
     -------
-    The drive. It maximises the pressure of the weakest trap or focus, as ``best`` does.
+    The drive that maximises the pressure at the weakest trap or focus.
 
     Raises
     ------
     InvalidInput
-        If a lobe or a focus is in a body or behind the array, if the kind is unknown, or if the
-        axis is zero.
+        If a focus or a lobe of a trap is in a body or behind the array, if the kind is unknown, or
+        if the axis is zero.
 
     Examples
     --------
@@ -234,10 +236,10 @@ def signature(
     ----------
     array : the transducers.
     drive : drive that creates a focus at the position of the trap.
-    kind : "twin" shifts the elements in the half of the array toward which ``axis`` points by π.
+    kind : "twin" adds π to the phases of the half of the array toward which ``axis`` points.
         "vortex" adds to each phase the angle of the element around the array's front direction.
-        "bottle" shifts the elements within a radius of that direction by π; the radius is chosen so
-        that they have about half of the total amplitude.
+        "bottle" adds π to the phases of the elements within a radius of this direction; the radius
+        is chosen so that they have about half of the total amplitude.
     axis : (3,) axis of the trap, a vector of any length above zero. If the array has no front
         direction, because its elements face each other, vortices and bottles are built around
         ``axis``.
@@ -250,7 +252,8 @@ def signature(
     ------
     InvalidInput
         If the drive does not have as many elements as the array, if the kind is unknown, if the
-        axis is zero, or if all elements lie on one side.
+        axis is zero, or if the elements cannot be divided, for example because all of them lie on
+        the axis.
 
     Examples
     --------
@@ -325,7 +328,7 @@ def stiffest(
     array : transducers in the frame of the scene.
     points : (T, 3) positions of the traps [m].
     kind : kind of the initial traps, "twin" or "vortex".
-    axis : (3,) vector of any length along the axis of the initial traps.
+    axis : (3,) direction of the axis of the initial traps, a vector of any length.
     radius : radius of the beads [m], at most an eighth of a wavelength.
     density, sound_speed : density [kg/m³] and speed of sound [m/s] of the beads; by default,
         those of expanded polystyrene.
@@ -334,7 +337,7 @@ def stiffest(
 
     Returns
     -------
-    The drive, with all amplitudes 1.
+    The drive; all amplitudes have magnitude 1.
 
     Raises
     ------
@@ -457,7 +460,7 @@ def path(
     corners : (C, 3) corners of the path [m]. The sequence repeats, so the bead returns the same way
         unless the last corner equals the first.
     kind : kind of the trap, "twin" or "vortex".
-    axis : (3,) vector of any length along the axis of the trap.
+    axis : (3,) direction of the axis of the trap, a vector of any length.
     speed : speed of the bead during the longest step [m/s].
     share : largest step between frames, as a fraction of the distance at which the restoring force
         peaks; at most 0.9.
@@ -469,7 +472,7 @@ def path(
 
     Returns
     -------
-    The drives along the path, with the frame rate that results from ``speed``.
+    A ``Sequence`` of the drives along the path, with the frame rate that results from ``speed``.
 
     Raises
     ------

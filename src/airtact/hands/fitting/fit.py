@@ -84,7 +84,7 @@ class FittedHand:
     hand : the fitted hand.
     anatomy : sizes of the person's hand, learned from the frames so far.
     joint_errors : (25,) standard deviation of the position of each joint [m].
-    points : (N, 3) points of the cloud near the hand, averaged in cells [m].
+    points : (N, 3) points of the cloud near the hand, averaged in small cubes [m].
     distances : (N,) distances of these points from the skin [m], positive outside.
     outliers : (N,) mask of the points that had no weight in the fit.
     misfit : root mean square distance of the points, without outliers, from the skin [m].
@@ -164,13 +164,14 @@ def fit_hand(
     before : result for the previous frame. Its pose is the initial guess, and its anatomy is used
         unless ``anatomy`` is given.
     anatomy : sizes of the person's hand, from an earlier fit. They stay fixed if they were learned
-        from 8 frames; otherwise they are initial values, and learning continues. By default, the
-        anatomy of ``before``, or the sizes of the population if there is no previous frame.
+        from 8 frames; otherwise they are initial values, and learning continues. The default is the
+        anatomy of ``before``, or the distribution of all hands if there is no previous frame.
     progress : function called with a description of each step as it begins.
 
     Returns
     -------
-    The fitted hand, with the sizes learned so far.
+    A ``FittedHand`` that contains the hand, its closed skin, the standard deviations of the joints
+    and the sizes learned so far.
 
     Raises
     ------

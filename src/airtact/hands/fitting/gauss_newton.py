@@ -76,7 +76,7 @@ class Observation:
 
     Attributes
     ----------
-    points : (N, 3) points of the skin, averaged in cells [m].
+    points : (N, 3) points of the skin, averaged in small cubes [m].
     landmarks : (25, 3) inaccurate joints [m].
     spread : (25,) standard deviation of each coordinate of the landmarks [m].
     side : "right" or "left".
@@ -97,12 +97,12 @@ class Observation:
 
     @cached_property
     def precision(self) -> SizesMatrix:
-        """Inverse of the covariance of the sizes."""
+        """Inverse (62, 62) of the covariance of the sizes."""
         return np.linalg.inv(self.anatomy.covariance)
 
 
 class SkinResiduals(NamedTuple):
-    """Signed distances of points from their nearest skin, and their derivatives.
+    """Signed distances of points from the nearest skin, and the derivatives of the distances.
 
     Attributes
     ----------

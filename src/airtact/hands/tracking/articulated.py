@@ -107,7 +107,7 @@ class ArticulatedHand:
     time : time of the first frame [s].
     joints : (25, 3) joints in the first frame [m].
     side : ``"left"`` or ``"right"``.
-    noise : standard deviation of each coordinate [m].
+    noise : standard deviation of each coordinate of the landmarks [m].
     agility : standard deviation of the palm's acceleration [m/s²]. The standard deviations of the
         joints' accelerations are proportional to it.
 
@@ -246,11 +246,11 @@ class ArticulatedHand:
         self._agilities = np.clip(self._agilities, agility, 10.0 * agility)
 
     def velocities(self) -> Joints:
-        """Return the velocities of the joints [m/s]."""
+        """Return the velocities (25, 3) of the joints [m/s]."""
         return self._slopes()[:, :, MOVING] @ self.rates
 
     def joint_covariance(self) -> Float64[np.ndarray, "75 75"]:
-        """Return the covariance of the coordinates of all joints [m²]."""
+        """Return the covariance (75, 75) of the coordinates of all joints [m²]."""
         slopes = self._slopes().reshape(75, COUNT)
         return slopes @ self.covariance[:COUNT, :COUNT] @ slopes.T
 

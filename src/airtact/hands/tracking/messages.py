@@ -41,7 +41,16 @@ def to_json(frame: HandFrame) -> bytes:
 
 
 def from_json(text: bytes | str) -> HandFrame:
-    """Read a frame from a JSON message in the format of ``to_json``.
+    """Read a frame from a JSON message.
+
+    Parameters
+    ----------
+    text : an object with the keys ``time`` [s], ``side`` and ``sequence`` and, optionally,
+        ``landmarks`` [m] and ``cloud`` [m], as written by ``to_json``. Other keys are ignored.
+
+    Returns
+    -------
+    The frame.
 
     Raises
     ------

@@ -33,7 +33,7 @@ class Recording:
     Attributes
     ----------
     frames : frames in the order of the file.
-    health : numbers of frames in the file and of their faults.
+    health : counts of the frames in the file and of their faults.
     note : remark on data that the file's format lacks, or on anything unusual in the frames; "" if
         there is none.
     """
@@ -58,13 +58,13 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
 
     Returns
     -------
-    The frames, and the numbers of faults in the file.
+    A ``Recording`` with the frames, the counts of faulty frames, and a note.
 
     Raises
     ------
     InvalidInput
-        If the file is unreadable, has no frames, or contains a faulty frame. The message begins
-        with the name of the file and states the line.
+        If the file is unreadable or has no valid frame, or if a frame is faulty and ``leave_out``
+        is False. The message begins with the name of the file and states the line.
     """
     path = Path(path)
     if path.suffix not in (ENDING, *OTHER_ENDINGS):
