@@ -129,11 +129,11 @@ class Client:
         self._send(ObjectsMessage(VERSION, move=[MoveMessage(name, PoseMessage.of(pose))]))
 
     def remove(self, *names: str) -> None:
-        """Remove the objects with these names."""
+        """Remove objects by name."""
         self._send(ObjectsMessage(VERSION, remove=list(names)))
 
     def foci(self, *foci: WantedFocus) -> None:
-        """Request these foci; they replace all earlier foci of this client."""
+        """Request foci, which replace all earlier foci of this client."""
         self._send(FociMessage(VERSION, [focus.message() for focus in foci]))
 
     def hands(self, *frames: HandFrame) -> None:

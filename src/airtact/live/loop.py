@@ -193,8 +193,8 @@ def follow(
 
     Returns
     -------
-    A summary of the run. It is also returned if Ctrl-C is pressed, which silences the output at
-    once.
+    A ``Followed``, which summarises the run. It is also returned if Ctrl-C is pressed, which
+    silences the output at once.
 
     Raises
     ------

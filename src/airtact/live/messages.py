@@ -84,7 +84,7 @@ class MeshMessage(msgspec.Struct, frozen=True):
 class ObjectMessage(
     ObjectKeys, frozen=True, kw_only=True, forbid_unknown_fields=False, omit_defaults=True
 ):
-    """A virtual object, with the keys of ``[[objects]]`` in scene files.
+    """A virtual object, with the same keys as a table ``[[objects]]`` of a scene file.
 
     Attributes
     ----------

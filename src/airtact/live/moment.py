@@ -141,10 +141,11 @@ class Controls:
 
 
 class DriveMaker(ABC):
-    """Interface for computing drives in the live loop; implement it to test another method.
+    """Interface of objects that compute the drives of the live loop.
 
-    The loop passes each frame of the hand to ``take`` and requests each drive from ``make``. All
-    methods must return without blocking, because the loop waits for them.
+    To test another method of computing drives, implement this interface. The loop passes each frame
+    of a tracked hand to ``take`` and requests each drive from ``make``. All methods must return
+    without blocking, because the loop waits for them.
     """
 
     @abstractmethod
@@ -158,7 +159,7 @@ class DriveMaker(ABC):
     def feel(  # noqa: B027 (some makers have fixed foci)
         self, objects: Sequence[VirtualObject], foci: "Sequence[at.live.WantedFocus]"
     ) -> None:
-        """Set the virtual objects and the requested foci; the loop calls this before each drive."""
+        """Set the objects and requested foci; the loop calls this method before each drive."""
 
     def revive(self) -> int:
         """Restart processes that have ended; return the number of restarts so far."""

@@ -64,7 +64,7 @@ class TouchStep:
 
 @dataclass(frozen=True, eq=False)
 class RegisteredTracker:
-    """Result of ``register_tracker``.
+    """Pose of a tracker, as returned by ``register_tracker``.
 
     Attributes
     ----------
@@ -85,6 +85,8 @@ class RegisteredTracker:
 
 def elements_to_touch(array: PhasedArray, count: int = 6) -> tuple[int, ...]:
     """Return the indices of ``count`` transducers that are far apart, such as at corners of boards.
+
+    Touches of these transducers determine the pose of a tracker; see ``register_tracker``.
 
     Raises
     ------
@@ -115,7 +117,7 @@ def register_tracker(
     fit_scale: bool = False,
     report: Callable[[TouchStep], None] = lambda step: None,
 ) -> RegisteredTracker:
-    """Determine the pose of a tracker from touches of transducers with an index fingertip.
+    """Determine the pose of a hand tracker from touches of transducers with an index fingertip.
 
     The user touches the transducers in order, each for a second, and moves the finger away in
     between. A touch that contradicts the others must be repeated, at most twice.
@@ -126,8 +128,8 @@ def register_tracker(
     source : "websocket", optionally with ":PORT", or a recording of the touches.
     elements : indices of the transducers to touch, in order; by default, those of
         ``elements_to_touch``.
-    offset : distance of the fingertip's joint from a touched face [m]; by default, the
-        radius of the scene's hand at this joint, or that of a generic hand.
+    offset : distance of the fingertip's joint from a touched face [m]; by default, the skin radius
+        of the scene's hand, or of a generic hand, at this joint.
     fit_offset, fit_scale : whether to fit the offset, or a factor for all of the tracker's lengths,
         together with the pose.
     report : function called with the progress, up to ten times per second.

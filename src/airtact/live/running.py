@@ -71,7 +71,7 @@ def run(
     cap : largest amplitude of an element, as a fraction of full scale; by default, the safe limit
         that ``follow`` computes.
     ignore_hand : whether scattering by the hand is ignored, as in ``Controls``.
-    page : port and host of the page; no page by default.
+    page : port and host of a page that shows the run and controls it; no page by default.
     certificate : PEM file with a certificate and its key, to serve the page over
         HTTPS.
     report_step : function called with a description of each step at the start of the run.
@@ -79,7 +79,7 @@ def run(
 
     Returns
     -------
-    A summary of the run.
+    A ``Followed``, which summarises the run.
 
     Raises
     ------
@@ -145,15 +145,14 @@ def record(
     ----------
     file : recording to write, in the tracker's coordinates; an existing file is replaced. Its
         name must end in ``.jsonl``.
-    source : "websocket" or "osc". Append ":PORT" for another port; port 0 selects a
-        free one.
+    source : "websocket" or "osc", optionally with ":PORT", where port 0 selects a free one.
     seconds : duration [s]; by default, until Ctrl-C is pressed.
     report_step : function called with the address once the port is open, and with a message
         whenever frames begin to be rejected or stop arriving.
 
     Returns
     -------
-    Counts of the received frames and of their faults.
+    A ``StreamHealth`` with the numbers of received frames and of frames with each kind of fault.
 
     Raises
     ------
@@ -212,14 +211,14 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     ----------
     setup : setup whose attribute ``tracker`` transforms the frames of recordings and trackers to
         the scene.
-    source : a recording; a session or its folder; "websocket" or "osc", optionally with ":PORT",
-        where port 0 selects a free one; or "page" for the hand on the page. By default, an example
-        motion is repeated.
+    source : path of a recording, or of a session or its folder; "websocket" or "osc", optionally
+        with ":PORT", where port 0 selects a free one; or "page" for a hand that is dragged on the
+        page. By default, an example motion is repeated.
     folder : folder for the session of this run. It must not contain the session given as source.
 
     Returns
     -------
-    The source, ready for ``run``.
+    The source, which can be passed to ``run``.
 
     Raises
     ------
@@ -271,11 +270,11 @@ def received(
 def output_to(
     setup: Setup, folder: Path, board: str | None, link: str | None, **settings: str | None
 ) -> Output:
-    """Return the output of a run: boards connected by a link, or no boards if no link is given.
+    """Return the output for a run: boards connected by a link, or no boards if no link is given.
 
     Parameters
     ----------
-    setup : scene whose array consists of these boards.
+    setup : scene whose array consists of the connected boards.
     folder : folder for files that the link writes.
     board, link : names of the kind of board and of the link, such as "autd3" and "udp"; None
         without boards.
@@ -318,7 +317,7 @@ def output_to(
 def drive_at_rest(setup: Setup) -> DriveFile:
     """Compute the drive for the scene's hand at rest, ignoring its scattering.
 
-    The result is used to find a safe level before the live loop starts.
+    The drive is used to find a safe sound level before the live loop starts.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ class Workspace:
         self._radius = float(scene.array.element.reach)
 
     def out_of_reach(self, foci: Foci) -> str | None:
-        """Return a short reason why these foci must not receive sound, or None if there is none."""
+        """Return a short reason why foci must not receive sound, or None if they may."""
         if not len(foci):
             return None
         distances, _ = self._elements.query(foci)
@@ -44,7 +44,7 @@ class Workspace:
         return None
 
     def fault(self, joints: Joints, foci: Foci) -> str | None:
-        """Return a short reason why this hand must not receive sound, or None if there is none."""
+        """Return a short reason why a hand must not receive sound, or None if it may."""
         fault = self.out_of_reach(foci)
         if fault is not None:
             return fault

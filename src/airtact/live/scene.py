@@ -44,8 +44,8 @@ class MovingFoci:
 
     Attributes
     ----------
-    places : (N, K) index of the place on the hand to which each of K foci is tied, for each of N
-        frames.
+    places : (N, K) index, in ``LiveScene.places``, of the place to which each of K foci is tied,
+        for each of N frames.
     shifts : (N, K, 3) offset of each focus from its place [m], in the axes of the place's bone
         (``PosedHand.frames``).
     rate : frames per second.
@@ -298,7 +298,7 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
 def hand_in(
     scene: LiveScene, landmarks: Float64[np.ndarray, "landmarks 3"], side: Side | None = None
 ) -> Hand:
-    """Return the hand with these landmarks or joints [m].
+    """Return the hand that has the given landmarks or joints [m].
 
     By default, the hand has the side of the scene. The side is not checked again, because it was
     checked when the frame was received.

@@ -52,7 +52,7 @@ STATES: tuple[State, ...] = get_args(State)
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Contents of a session file.
+    """Contents of a session file, which records a run of the live loop.
 
     Attributes
     ----------

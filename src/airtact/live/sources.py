@@ -25,7 +25,7 @@ OnFrame = Callable[[HandFrame, float], None]
 
 
 class HandSource:
-    """Source of frames of hands in scene coordinates; it runs from ``begin`` to ``close``.
+    """Source of frames of tracked hands in scene coordinates; it runs from ``begin`` to ``close``.
 
     Other code may also add frames to ``stream``. The page does so for a hand that the user drags.
 
@@ -88,7 +88,7 @@ class RecordedHands(HandSource):
     ----------
     recording : recording, as returned by ``load_recording``.
     loop : whether the recording restarts at its end; the timestamps of its frames keep increasing.
-    world : see ``HandSource``.
+    world : objects and foci that applications can change; empty by default.
 
     Raises
     ------

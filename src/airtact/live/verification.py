@@ -56,7 +56,8 @@ def verify_session(
 
     Returns
     -------
-    The verified pressures; drives at times without a hand or without foci are omitted.
+    A ``VerifiedSession`` with the pressures. Drives at times without a hand or without foci are
+    omitted.
 
     Raises
     ------

@@ -42,7 +42,7 @@ class Mailbox:
             self._changed.notify_all()
 
     def take(self) -> Any:
-        """Wait for a message and remove it; return None once the mailbox has ended."""
+        """Wait for a message, remove and return it; return None once the mailbox has ended."""
         with self._changed:
             self._changed.wait_for(lambda: self.ended or self.newest is not None)
             message = self.newest

@@ -51,7 +51,7 @@ def broad_view(points: Real[np.ndarray, "points 3"]) -> View:
 
 
 def space_axes(figure: Figure, view: View, position: tuple[int, int, int] = (1, 1, 1)) -> Axes3D:
-    """Add 3-D axes to a figure, with a view and a subplot position."""
+    """Add 3-D axes with a given view and subplot position to a figure."""
     with rc_context(PLAIN):
         axes = figure.add_subplot(*position, projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)

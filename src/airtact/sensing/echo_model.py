@@ -93,7 +93,11 @@ class EchoModel:
         return self._received(twist, self._scattered(self._incident(twist)))[0]
 
     def derivatives(self, twist: Twist) -> Complex[np.ndarray, "6 receivers transmissions"]:
-        """Differentiate the echoes by a further translation [Pa/m] and rotation [Pa/rad]."""
+        """Differentiate the echoes with respect to a further motion.
+
+        The first three derivatives are with respect to translations [Pa/m], the others to rotations
+        [Pa/rad].
+        """
         incident = self._incident(twist)
         # One large matrix product is faster than seven.
         along = np.concatenate([incident, *along_motions(incident, self._wavenumber)], axis=1)

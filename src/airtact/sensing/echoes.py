@@ -192,7 +192,7 @@ def load_echoes(path: str | Path) -> Echoes:
 
     Returns
     -------
-    The echoes, one row of pressures for each receiver.
+    The ``Echoes``, with one row of pressures for each receiver.
 
     Raises
     ------

@@ -60,8 +60,8 @@ class Located:
         ``covariance``; NaN if the noise is unknown.
     residual : rms of the difference between modelled and measured echoes, including noise, divided
         by the rms of the echoes.
-    misfit : like ``residual``, but without the contribution of noise. A value of 0.2 or more
-        indicates a wrong model, such as another hand.
+    misfit : ``residual`` without the contribution of noise. A value of 0.2 or more indicates a
+        wrong model, such as another hand.
     converged : whether the iteration converged with a misfit of at most 0.1. If False, do not
         use the pose.
     steps : number of steps from the initial pose.
@@ -97,7 +97,7 @@ class Located:
     def deviation(self) -> tuple[float, float]:
         """Standard deviations of the translation [m] and of the rotation [rad].
 
-        Each is the square root of the sum of the variances along the three axes.
+        Each standard deviation is the square root of the sum of the variances along the three axes.
         """
         variances = np.diag(self.covariance)
         return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:6].sum()))
@@ -137,7 +137,7 @@ def locate(
     echoes : measured pressures minus those of the empty array.
     scene : the bodies in their own frame; or a ``ScatteringFamily`` of bodies with one unknown
         parameter, such as the gap of two fingers.
-    array : the transducers in their own frame, in the order of the codes.
+    array : the transducers in their own frame, in the same order as the codes.
     start : initial pose of the bodies in the array's frame, correct to about 5 mm and 8 degrees.
     scattering : scattering matrix of the scene. By default the solver computes it in the first call
         with the scene, and later calls reuse it. Omit it for a ``ScatteringFamily``, which contains
@@ -147,7 +147,8 @@ def locate(
 
     Returns
     -------
-    The pose that matches the echoes best, with its uncertainty. Check ``converged`` first.
+    A ``Located`` with the pose that matches the echoes best, and its uncertainty. Use it only if
+    its attribute ``converged`` is True.
 
     Raises
     ------
@@ -480,10 +481,10 @@ def disagreement(
 ) -> float:
     """Compare the pose variance estimated from groups of receivers with that from single receivers.
 
-    The function returns the ratio of the two variances, averaged over all unknowns. The ratio is 1
-    if the residual is noise. If the shape is wrong, the residuals of neighbouring receivers are
-    correlated, so more receivers do not improve the pose. Therefore only groups of neighbours are
-    treated as independent (K.-Y. Liang, S. L. Zeger, Biometrika 73, 13 (1986)).
+    The function returns the ratio of the two estimates of the variance, averaged over all unknowns.
+    The ratio is 1 if the residual is noise. If the shape is wrong, the residuals of neighbouring
+    receivers are correlated, so more receivers do not improve the pose. Therefore only groups of
+    neighbours are treated as independent (K.-Y. Liang, S. L. Zeger, Biometrika 73, 13 (1986)).
     """
     count = min(16, len(places) // 4)
     if count < 2:
@@ -502,13 +503,13 @@ def unexplained(
 ) -> Float64[np.ndarray, "receivers"]:
     """Compare measured echoes with those modelled for a pose, separately for each receiver.
 
-    The difference includes the noise.
+    The difference between measured and modelled pressures includes the noise.
 
     Parameters
     ----------
     echoes : measured pressures minus those of the empty array.
     scattering : scattering matrix of the bodies.
-    array : the transducers in their own frame, in the order of the codes.
+    array : the transducers in their own frame, in the same order as the codes.
     pose : pose of the bodies in the array's frame, such as ``Located.pose``.
 
     Returns
@@ -520,7 +521,8 @@ def unexplained(
     Raises
     ------
     InvalidInput
-        If the echoes belong to another array, or an element is inside the ball around the bodies.
+        If the array has another number of elements than the echoes, or an element is inside the
+        ball around the bodies.
 
     Examples
     --------

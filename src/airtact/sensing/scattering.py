@@ -105,7 +105,7 @@ def scattering_matrix(
 
     Returns
     -------
-    The matrix of all waves up to the order that the accuracy requires.
+    A ``ScatteringMatrix`` for all waves up to the order that the accuracy requires.
 
     Raises
     ------
@@ -290,7 +290,7 @@ class ScatteringFamily:
     def at(self, value: float) -> ScatteringMatrix:
         """Return the matrix interpolated at a value of the parameter.
 
-        Its scene and report are those of the first solved value.
+        The attributes ``scene`` and ``report`` of the result are those of the first solved value.
         """
         return replace(self.matrices[0], matrix=self._polynomial(value))
 
@@ -321,8 +321,8 @@ class ScatteringFamily:
     def effect(self) -> float:
         """Effect of the parameter on the matrix, compared with that of a translation [m per unit].
 
-        This is the change of the matrix per unit of the parameter, divided by its change per metre
-        of translation.
+        The effect is the change of the matrix per unit of the parameter, divided by its change per
+        metre of translation.
         """
         middle = 0.5 * (self.low + self.high)
         here = self.at(middle).matrix
@@ -367,7 +367,7 @@ def scattering_family(
 
     Returns
     -------
-    The matrices at the solved values, with interpolation between them.
+    A ``ScatteringFamily`` with the matrices at the solved values, which interpolates between them.
 
     Raises
     ------

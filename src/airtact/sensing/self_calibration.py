@@ -66,7 +66,8 @@ class Calibrated:
         the standard deviations of their phases [rad].
     residual : rms of the difference between modelled and measured pressures, including noise,
         divided by the rms of the direct sound.
-    misfit : like ``residual``, but without the contribution of noise.
+    misfit : ``residual`` without the contribution of noise. A large value indicates that the
+        pressures do not fit the model.
     converged : whether the iteration converged with a misfit of at most 0.1. If False, do not
         use the result.
     steps : number of iteration steps.
@@ -379,8 +380,8 @@ def calibrate(
 
     Returns
     -------
-    The corrected array, the gains and the sound speed, with their uncertainty. Check ``converged``
-    before you use them.
+    A ``Calibrated`` with the corrected array, the gains and the sound speed, and their uncertainty.
+    Use it only if its attribute ``converged`` is True.
 
     Raises
     ------

@@ -89,9 +89,9 @@ def facing(
 ) -> Bool[np.ndarray, "receivers emitters"]:
     """Return a mask (R, E) of the pairs of elements on two boards that face each other.
 
-    By default, the connecting line is at most 60 degrees from the axis of each element, because
-    real transducers deviate from pistons at larger angles. The elements are more than ``nearest``
-    [m] apart, which excludes neighbours where the boards meet at an edge.
+    By default, the line between the two elements is at most 60 degrees from the axis of each,
+    because real transducers deviate from pistons at larger angles. The elements are more than
+    ``nearest`` [m] apart, which excludes neighbours where the boards meet at an edge.
     """
     away = receiving.positions[:, None, :] - emitting.positions
     distance = np.linalg.norm(away, axis=2)
@@ -166,7 +166,7 @@ def simulate_transmissions(
 
     Returns
     -------
-    The codes and the received pressures (E, M) [Pa].
+    ``Echoes`` with the codes and the received pressures (E, M) [Pa].
 
     Raises
     ------
@@ -301,7 +301,7 @@ def simulate_echoes(
 
     Returns
     -------
-    The codes and the scattered pressures (R, M) at the receivers [Pa].
+    ``Echoes`` with the codes and the scattered pressures (R, M) at the receivers [Pa].
 
     Raises
     ------

@@ -100,7 +100,7 @@ def projected(
 ) -> Waves:
     """Expand monopoles of strengths (P, S) at offsets (P, 3) in outgoing waves.
 
-    The result contains the coefficients (waves, S). The sums are computed in single precision,
+    The function returns the coefficients (waves, S). The sums are computed in single precision,
     because its error is smaller than that of the solvers.
     """
     waves = regular_waves(order, offsets, wavenumber)

@@ -220,8 +220,8 @@ class CarriedFactors(HandFactors):
     straight : (F,) direct part of ``factors``, without scattering.
     bones : bones in the pose of the factors.
     centres : (H, F, 3) centre of the sources of each bone for each focus [m].
-    waves : (H, F, R) part of the factors due to the sound that each bone scatters, without the
-        phase of the detour through the centre of the bone's sources.
+    waves : (H, F, R) part of the factors due to the sound that each bone scatters. The phase of the
+        detour through the centre of the bone's sources is removed.
     """
 
     straight: Float64[np.ndarray, "foci"]
@@ -373,7 +373,7 @@ class BendingHand:
     def solved(self, joints: Joints, time: float) -> SkinSources:
         """Solve the scattering for joints (25, 3) at a given time [s].
 
-        The method raises ``InvalidInput`` if the joints do not form a hand or a focus lies inside
+        This method raises ``InvalidInput`` if the joints do not form a hand or a focus lies inside
         the hand, and ``NotConverged`` if the iteration does not converge.
         """
         posed = pose_hand(self._scene, joints)

@@ -52,8 +52,8 @@ class HandFactors:
     foci, distances, directions : the pose, as in ``PosedHand``.
     factors : (P, R) ratio of the pressure with the hand to that in open air, for each source at
         each of ``beacon_points``.
-    share : expected pressure with this solution, divided by that with a solution computed for this
-        pose; below 1 if the solution was moved to this pose from another.
+    share : expected pressure with this solution, divided by that with a new solution for the same
+        pose; below 1 if this solution was moved from another pose.
     """
 
     part: Rule
@@ -153,7 +153,7 @@ def factors_of(
     time: float,
     received: Complex128[np.ndarray, "sources points"],
 ) -> HandFactors:
-    """Divide the pressure of the beacons at the centres of the sources by that in open air."""
+    """Return the factors for pressures (R, P) at the sources that are due to the beacons."""
     points = beacon_points(scene, posed)
     open_air = monopole_pressure(
         scene.with_images.array.positions,
@@ -197,7 +197,7 @@ class RigidParts:
         self._solver = solver.factorised(air, refined=self._reference.foci)
 
     def solved(self, joints: Joints, time: float) -> HandFactors:
-        """Solve the scattering in another pose; see the function ``solved``."""
+        """Solve the scattering by the rigid bodies in the pose of joints (25, 3) at a time [s]."""
         scene = self._scene
         posed = pose_hand(scene, joints)
         # Running mean of the bone lengths, which ``outgrown`` compares with the bodies.
@@ -239,7 +239,7 @@ class PartSolver:
         self._keyframe: HandShape | None = None
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve the scattering by a part of the hand; see the function ``solved``."""
+        """Solve the scattering by a part of the hand, rigid or meshed, at a time [s]."""
         if part == "phalanges" and "palm" not in self._scene.places:  # the palm is too large
             with suppress(InvalidInput):  # bodies that touch are solved as one body instead
                 if self._rigid is None or self._rigid.outgrown:

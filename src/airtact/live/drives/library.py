@@ -132,7 +132,7 @@ class Library:
     def add(self, solution: HandFactors) -> None:
         """Store a solution.
 
-        It replaces a solution for a similar pose or, if the library is full, the oldest solution.
+        The solution replaces one for a similar pose or, if the library is full, the oldest one.
         """
         if not self._solutions:
             self._distances = np.empty((self._capacity, *solution.distances.shape))
