@@ -53,7 +53,7 @@ def say(text: str) -> None:
 
 
 def wanted(key: str) -> bool:
-    """Return whether the running command was called with an option, ``JSON`` or ``QUIET``."""
+    """Return whether the running command was called with the option ``JSON`` or ``QUIET``."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(key))
 

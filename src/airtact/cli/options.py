@@ -100,7 +100,7 @@ results = click.option(
 
 
 def scene_here(context: click.Context, argument: click.Parameter, scene: Path) -> Path:
-    """Raise an error if no scene is named and the default scene is not in this folder."""
+    """Return the scene, or raise ``InvalidInput`` if none is named and the default is missing."""
     if (
         context.get_parameter_source("scene") is click.core.ParameterSource.DEFAULT
         and not scene.exists()

@@ -158,7 +158,7 @@ def save_drives(
     texts: Mapping[str, str] | None,
     modulation: AmplitudeModulation | None = None,
 ) -> None:
-    """Write a sequence to a file, or a drive as one frame without a rate."""
+    """Write drives (N, E) to a file as a sequence, or as a single drive if ``rate`` is None."""
     of_kind(path, str | Path, "the file of a drive", 'its path, such as "drive.h5"')
     of_kind(levels, Levels, "the levels of a drive", "Levels.even(256, 256)")
     of_kind(modulation, AmplitudeModulation | None, "the modulation", "AmplitudeModulation(200.0)")
@@ -198,8 +198,8 @@ def _check_count(count: int, elements: int, name: str) -> None:
 def write_drive_file(path: Path, contents: DriveFile) -> None:
     """Write a drive or a sequence (.h5), or a table of the elements of a drive (.csv).
 
-    The function raises ``InvalidInput`` with the code "unknown_format", "data_missing" or
-    "not_writable".
+    The function raises ``InvalidInput`` if the ending of the file name is unknown, if data is
+    missing, or if the file cannot be written.
     """
     ending = checked_ending(path, (".h5", ".csv"), "drive")
     if ending == ".csv":

@@ -106,10 +106,10 @@ def pressures_around(
 class HeadLevel:
     """Sound pressure level at a head 0.5 m from an array in open air.
 
-    The amplitudes of the drives are limited to a cap, where 1 is full scale. The level ignores
-    nonlinear steepening, which is negligible at ``MAX_HEAD_LEVEL`` and therefore does not affect
-    ``safe_cap``. Beyond a focus, steepening at full scale lowers the level at loud points and
-    raises it at quieter points (``python -m benchmarks.nonlinear beyond``).
+    The methods limit the amplitudes of the drives to a cap, where 1 is full scale. The level
+    ignores nonlinear steepening, which is negligible at ``MAX_HEAD_LEVEL`` and therefore does not
+    affect ``safe_cap``. Beyond a focus, steepening at full scale lowers the level at loud points
+    and raises it at quieter points (``python -m benchmarks.nonlinear beyond``).
 
     Attributes
     ----------

@@ -82,7 +82,7 @@ def _reversed(transfer: TransferMatrix, target: Target) -> Amplitudes:
 def inverse_filter(
     transfer: TransferMatrix, target: Target, *, weight: float | None = None
 ) -> Drive:
-    """Solve regularised least squares (Tikhonov): d = Hᴴ (H Hᴴ + weight ‖H‖² I)⁻¹ w.
+    """Compute a drive by Tikhonov regularisation, d = Hᴴ (H Hᴴ + weight ‖H‖² I)⁻¹ w.
 
     With weight 0, every focus gets its requested pressure w_f, including its phase, from the drive
     of least energy that produces it (Tanter, Thomas and Fink, J. Acoust. Soc. Am. 108 (2000) 223).
@@ -148,12 +148,12 @@ def _l_curve_corner(
 def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50) -> Drive:
     """Compute the drive of least peak amplitude that produces every requested pressure and phase.
 
-    The method minimises max_e |d_e| over all drives with H d = w. The dual problem, which minimises
-    Σ_e |h_eᴴ λ| subject to Re wᴴ λ = 1, is solved by iteratively reweighted least squares
-    (Daubechies, DeVore, Fornasier and Güntürk, Comm. Pure Appl. Math. 63 (2010) 1). Every step
-    yields a drive with H d = w, and the drive with the lowest peak is returned. Nearly all its
-    elements have the same amplitude, so at full scale it produces more pressure at the foci than
-    ``inverse_filter``. The method ignores suppression points.
+    The method minimises max_e |d_e| over all drives with H d = w, the requested complex pressures.
+    The dual problem, which minimises Σ_e |h_eᴴ λ| subject to Re wᴴ λ = 1, is solved by iteratively
+    reweighted least squares (Daubechies, DeVore, Fornasier and Güntürk, Comm. Pure Appl. Math. 63
+    (2010) 1). Every step yields a drive with H d = w, and the drive with the lowest peak is
+    returned. Nearly all its elements have the same amplitude, so at full scale it produces more
+    pressure at the foci than ``inverse_filter``. The method ignores suppression points.
 
     Parameters
     ----------

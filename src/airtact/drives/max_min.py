@@ -226,7 +226,7 @@ class Stalled(UserWarning):
 
     Attributes
     ----------
-    reached : smallest ratio of pressure to request, divided by the certified bound.
+    reached : smallest ratio of pressure to request, divided by its certified upper bound.
     """
 
     def __init__(self, sentence: str, reached: float) -> None:

@@ -37,7 +37,7 @@ Paths = Float64[np.ndarray, "foci frames 3"]
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of the foci of a target.
+    """Motion of the foci of a target along paths (lateral or spatiotemporal modulation).
 
     Attributes
     ----------

@@ -78,8 +78,8 @@ def robust(
 
     Parameters
     ----------
-    ensemble : the samples, as returned by the function ``ensemble``. A plain transfer matrix is
-        treated as a single sample without uncertainty.
+    ensemble : transfer matrices of the samples, as returned by ``at.ensemble``. A plain transfer
+        matrix is treated as a single sample without uncertainty.
     target : the foci and their requested pressures.
     goal : quantity to maximise: "lowest tenth" is the pressure that the weakest focus exceeds in 9
         out of 10 samples; "mean" is the mean of its pressure over the samples; "worst" is its
@@ -143,7 +143,7 @@ def robust_phase_only(
 
     Parameters
     ----------
-    ensemble : the samples, as returned by the function ``ensemble``.
+    ensemble : transfer matrices of the samples, as returned by ``at.ensemble``.
     target : the foci and their requested pressures.
     goal : quantity to maximise: "lowest tenth" is the pressure that the weakest focus exceeds in 9
         out of 10 samples; "mean" is the mean of its pressure over the samples; "worst" is its
@@ -172,9 +172,9 @@ def goal_value(
 
     Parameters
     ----------
-    ensemble, target : the transfer matrices of the samples, as returned by ``ensemble``, and the
+    ensemble, target : the transfer matrices of the samples, as returned by ``at.ensemble``, and the
         foci.
-    drive : the drive of the ensemble's elements.
+    drive : the drive to evaluate.
     goal : "lowest tenth" for the pressure that the weakest focus exceeds in 9 out of 10 samples;
         "mean" or "worst" for its mean or smallest pressure over the samples.
 

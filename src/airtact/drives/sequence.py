@@ -76,7 +76,7 @@ class Sequence:
         return len(self.drives) / self.rate
 
     def drive(self, index: int) -> Drive:
-        """Return a frame by its index, from 0, or raise ``InvalidInput`` if it does not exist."""
+        """Return the drive of one frame; raise ``InvalidInput`` if there is no such frame."""
         if not 0 <= index < len(self):
             raise InvalidInput(
                 f"there is no frame {index}. The sequence has frames 0 to {len(self) - 1}.",

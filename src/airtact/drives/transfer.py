@@ -357,7 +357,8 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
         points = counted(suppressed, "suppression point", "suppression points")
         raise InvalidInput(
             f"a transfer matrix for {counted(rows, 'focus', 'foci')} does not fit a target of "
-            f"{foci}{f' and {points}' if suppressed else ''}. Use the matrix of this target.",
+            f"{counted(foci, 'focus', 'foci')}{f' and {points}' if suppressed else ''}. Use the "
+            "matrix of this target.",
             code="sizes_differ",
         )
     if transfer.foci is not None:

@@ -30,8 +30,8 @@ class AUTD3Boards(Link):
     """Base class of links to a chain of AUTD3 boards.
 
     The silencer of a board spreads changes of intensity over 0.25 ms and changes of phase over 1
-    ms, which avoids audible noise. In a sequence with shorter frames, it spreads them over one
-    frame.
+    ms, which avoids audible noise. If the frames of a sequence are shorter, the silencer spreads
+    changes over one frame.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class AUTD3Boards(Link):
         check_rate(rate, PERIODS, 0xFFFF, "AUTD3")
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Make the boards modulate all frames sent from now on.
+        """Make the boards modulate the amplitude of the current and all later frames.
 
         Parameters
         ----------
@@ -106,6 +106,11 @@ class AUTD3Link(AUTD3Boards):
     address : network interface for "ethercrab" (by default the first one with boards), AMS net id
         for TwinCAT on another computer, or host:port for "remote" and "simulator".
     sound_speed : speed of sound in the medium [m/s]; only simulators use it.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no pose, the connection is unknown, or the connection needs an address.
     """
 
     def __init__(

@@ -46,13 +46,13 @@ class Played:
 class Emission:
     """Emission of drives by boards. It always ends in silence.
 
-    Use it as ``with Emission(link) as emission:``. A separate process opens the link and raises the
-    amplitude over a ramp. It silences the boards, and waits for their confirmation, when the block
-    is left or this process ends for any reason. It does the same if ``patience`` seconds pass
-    without a call of ``send``, ``hold``, ``play``, ``cycle``, ``modulate``, ``set_modulation``,
-    ``silence`` or ``beat``. In all these cases the emission ends, except that a late call continues
-    it if ``resumes`` is True. SIGINT, SIGTERM and SIGHUP in the main thread raise
-    ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
+    Use an emission as a context manager: ``with Emission(link) as emission:``. A separate process
+    opens the link and raises the amplitude over a ramp. It silences the boards, and waits for their
+    confirmation, when the block is left or this process ends for any reason. It does the same if
+    ``patience`` seconds pass without a call of ``send``, ``hold``, ``play``, ``cycle``,
+    ``modulate``, ``set_modulation``, ``silence`` or ``beat``. In all these cases the emission ends,
+    except that a late call continues it if ``resumes`` is True. SIGINT, SIGTERM and SIGHUP in the
+    main thread raise ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
     opens the link and silences the boards. Links that cannot be passed to another process,
@@ -257,7 +257,7 @@ class Emission:
         self._play(sequence.drives, np.ones(len(sequence)), sequence.rate, wait)
 
     def play(self, sequence: Sequence, seconds: float) -> Played:
-        """Repeat a sequence as in ``cycle``, and keep playing it for ``seconds`` after the ramp.
+        """Repeat a sequence for ``seconds`` after the ramp, and return statistics of the playback.
 
         Parameters
         ----------
@@ -315,7 +315,7 @@ class Emission:
         return self._played(drive.amplitudes[None], envelope, rate, seconds)
 
     def set_modulation(self, modulation: AmplitudeModulation | None) -> None:
-        """Modulate the amplitude of all drives sent from now on; None ends the modulation.
+        """Modulate the amplitude of the current and all later drives; None ends the modulation.
 
         The modulation continues without a jump while drives change. AUTD3 boards play the
         modulation themselves. For other boards, each frame of the modulation is computed from the

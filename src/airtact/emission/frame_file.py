@@ -39,7 +39,7 @@ def load_drive(
     written by ``save`` are read back to within 1e-15 (1e-9 from tables); those written by
     ``write_frames`` are rounded to the levels of the boards.
 
-    It also reads the following files from other programs:
+    The function also reads the following files from other programs:
 
     - tables of phases (.csv, .txt), in radians, or in degrees if the column is named
       ``phase_degrees`` or the numbers exceed 2π;

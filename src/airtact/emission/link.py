@@ -250,7 +250,7 @@ class Link(ABC):
     def modulate(  # noqa: B027 (most boards cannot)
         self, envelope: Float64[np.ndarray, "frames"] | None, rate: float
     ) -> None:
-        """Make the boards modulate all frames sent from now on, if the link ``plays_itself``.
+        """Make the boards modulate the current and all later frames, if the link ``plays_itself``.
 
         Parameters
         ----------
@@ -353,10 +353,20 @@ class Link(ABC):
 class RecordingLink(Link):
     """Link that only records the frames sent to it, for tests and trials.
 
+    Parameters
+    ----------
+    board : name of the kind of board, such as "autd3".
+    boards : number of boards.
+
     Attributes
     ----------
     frames : frames that were sent.
     seconds : time at which each frame was sent, measured from the opening of the link [s].
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such kind of board, or one link cannot drive this number of boards.
     """
 
     name = "recording"
@@ -406,7 +416,10 @@ class RecordingLink(Link):
 
 
 def lock_boards(resource: str) -> int | None:
-    """Lock a resource until the returned file is closed; return None if locks are unsupported.
+    """Lock a resource, such as a serial port, against use by other processes.
+
+    Return the descriptor of the lock file, or None if the system does not support locks. Closing
+    the file releases the lock.
 
     Raises
     ------
@@ -428,8 +441,7 @@ def lock_boards(resource: str) -> int | None:
             file = os.open(path, options)  # created by another user
     except OSError as error:
         raise InvalidInput(
-            f"{path}, which locks {resource}, cannot be opened: {error.strerror}. Remove this "
-            "file.",
+            f"the lock file {path} of {resource} cannot be opened: {error.strerror}. Remove it.",
             code="link_in_use",
         ) from None
     # Wait 0.5 s in case a link is just being closed.

@@ -18,7 +18,7 @@ LINKS: dict[str, tuple[str, ...]] = {
 
 
 def links_of(board: str) -> Sequence[str]:
-    """Return the names of the links to a kind of board, followed by "file" (no link)."""
+    """Return the names of the links to a kind of board, and "file", which only writes a file."""
     return [*(name for name, boards in LINKS.items() if board in boards), "file"]
 
 

@@ -62,7 +62,8 @@ class Player:
     Parameters
     ----------
     link, settings : a link that is not open yet, and the settings of the playback.
-    alive : function called before each piece of work with the longest time that it may take [s].
+    alive : function called before each piece of work, with the longest time that the work may take
+        [s].
     """
 
     def __init__(
@@ -171,7 +172,7 @@ class Player:
         return self._dropped
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Modulate the amplitude from now on; None ends the modulation."""
+        """Start to modulate the amplitude; None ends the modulation."""
         self._feed()
         if self.link.plays_itself:
             self.link.modulate(envelope, rate)
@@ -210,7 +211,7 @@ class Player:
         return getattr(self.link, name)(*arguments)
 
     def close(self) -> str | None:
-        """Close the link, and return the reason for the end of the emission."""
+        """Close the link, and return why the emission ended, or None if it had not ended."""
         try:
             self.link.close()
         finally:

@@ -39,6 +39,11 @@ class SerialLink(Link):
     boards : number of boards; the first is the primary and the second the secondary.
     boot : time limit for the first answer [s]. Opening the port restarts a Nano16, which delays
         this answer.
+
+    Raises
+    ------
+    InvalidInput
+        If the kind of board has no serial line or is unknown, or the boards are too many for it.
     """
 
     name = "serial"

@@ -29,6 +29,11 @@ class UDPLink(AUTD3Boards):
     address : network interface of the boards (by default the first one with boards), [::1]:PORT of
         a simulator, or "emulator" for the manufacturer's model of the boards in the link process.
 
+    Raises
+    ------
+    InvalidInput
+        If there is no pose, or there are more than 128 poses.
+
     Examples
     --------
     >>> link = UDPLink([Pose.identity()], "emulator")

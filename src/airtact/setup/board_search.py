@@ -242,7 +242,10 @@ class Search:
                 yield place, self.group(place)
 
     def candidates(self, boards: int, tries: int, seed: int) -> list[tuple[float, list[Place]]]:
-        """Return up to ``tries`` random layouts, each after the pressure at its weakest focus."""
+        """Return up to ``tries`` pairs of a pressure [Pa] and a random layout that reaches it.
+
+        The pressure is that at the weakest focus; see ``weakest``.
+        """
         found: list[tuple[float, list[Place]]] = []
         layout: list[tuple[Place, list[Pose]]] = []
         fixed = [self.rows(pose) for pose in self.fixed]

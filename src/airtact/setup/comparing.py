@@ -72,7 +72,7 @@ class Contender:
 
     @property
     def suppression_level(self) -> float:
-        """Mean p² at the suppression points relative to the foci [dB]; NaN if there are none."""
+        """Mean p² at the suppression points relative to the foci [dB]; NaN without such points."""
         if not len(self.suppression_points):
             return float("nan")
         ratio = np.mean(self.suppression_points**2) / np.mean(self.pressures**2)
@@ -87,8 +87,8 @@ class MethodComparison:
     ----------
     setup : the scene, array and target.
     default : name of the default method.
-    contenders : the methods that returned a drive, followed by the control, which ignores the
-        bodies.
+    contenders : the methods that returned a drive, followed by the control, a drive computed
+        without the bodies.
     warnings : warnings about the setup, about methods that returned no drive or stopped early, and
         about the verification.
     transfer : transfer matrix from which the drives were computed.
@@ -124,13 +124,13 @@ class MethodComparison:
     def tolerance(self) -> float:
         """Relative difference of pressures up to which methods are considered equally good.
 
-        It is the estimated error, but at least 1 %.
+        The tolerance is the estimated error of the verification, but at least 1 %.
         """
         return max(self.report.estimated_error, 0.01)
 
     @property
     def equally_good(self) -> list[Contender]:
-        """Methods whose pressure at the weakest focus is within ``tolerance`` of the highest."""
+        """Methods whose pressure at the weakest focus is at most ``tolerance`` below the best."""
         largest = max(map(self.of_the_bound, self.contenders))
         return [
             contender
@@ -140,7 +140,7 @@ class MethodComparison:
 
     @property
     def best(self) -> Contender:
-        """Method with the highest pressure at the weakest focus; if tied, the default method."""
+        """Method with the highest pressure at the weakest focus, or the default if equally good."""
         return self.ranked[0]
 
     @property
@@ -247,8 +247,9 @@ def compare(
 
     Parameters
     ----------
-    scene : the setup, or the scene, for which to compare drives.
-    array, target, solver : only used with a scene; see ``evaluation.compare``.
+    scene : the setup, or the scene, for which the drives are compared.
+    array, target, solver : the transducers, the foci, and the solver for the verification; only
+        used with a scene.
     drives : drives by name; required with a scene, optional with a setup.
     store : folder in which solved fields of a setup are stored and reused.
     progress : function called with a description of each step as it begins.

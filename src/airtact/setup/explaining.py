@@ -49,7 +49,7 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The pressure at each focus, from the maximum in open air to the emitted drive.
+    """Explanation of the pressure at each focus, from the maximum in open air to the emitted drive.
 
     Attributes
     ----------

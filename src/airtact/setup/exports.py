@@ -53,7 +53,7 @@ def write_field(
 
 
 def check_output(path: Path, *sources: Path) -> None:
-    """Raise an error if panels cannot be written to a file or would overwrite a source file."""
+    """Raise ``InvalidInput`` if a file has another ending than supported, or is a source file."""
     if path.suffix.lower() not in (CURVED, *FLAT):
         raise InvalidInput(
             f"{path.name} ends in {path.suffix!r}, but panels can only be written to "

@@ -29,7 +29,8 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
     Parameters
     ----------
     text : text of the file, in TOML.
-    changes : values that replace those in the file; see ``with_changes``.
+    changes : mapping from paths of keys, such as ``foci[0].offset``, to values that replace those
+        in the file. None removes a key.
 
     Raises
     ------

@@ -64,7 +64,7 @@ class Layout:
         pose of the hand. With the objective "lowest_tenth", it is the pressure that the weakest
         focus exceeds in nine poses out of ten. If the foci have shares (relative pressures),
         pressures are divided by them.
-    single : a single board in its own frame.
+    single : transducers of a single board, in the frame of the board.
     """
 
     poses: tuple[Pose, ...]
@@ -93,7 +93,7 @@ class Placement:
 
     Attributes
     ----------
-    setup : setup that was searched, with its present array.
+    setup : the setup, with its present array.
     board : kind of the boards.
     layouts : all layouts that were tried, best first. The best few were refined.
     present : pressure at the weakest focus with the setup's present array [Pa], for the same poses
@@ -224,7 +224,7 @@ def place(
     ----------
     setup : scene, target, and the array with which the layouts are compared.
     boards : number of boards to place.
-    board : kind of the boards; see ``airtact boards``.
+    board : kind of the boards, such as "autd3". The command ``airtact boards`` lists all kinds.
     distance : smallest distance of any part of a board from the bodies and foci, and largest
         distance of a board's centre from the centre of the foci [m].
     region : two opposite corners of a box that must contain all boards [m], or a function that

@@ -108,7 +108,7 @@ class ReachMap:
         return (weights * self.bounds[nearest]).sum(axis=1) / weights.sum(axis=1)
 
     def table(self) -> list[dict[str, str | float]]:
-        """Return one row per point: part of the skin, x, y, z [m], unit normal, and bound [Pa]."""
+        """Return one row per point: skin part, x, y, z [m], unit normal, largest pressure [Pa]."""
         columns = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "bound_Pa")
         numbers = np.column_stack([self.points, self.normals, self.bounds])
         return [

@@ -75,7 +75,7 @@ class Rendering:
         The control is the drive that the same method computes without the bodies; in open air there
         is none.
     felt : the same as ``verification``, unless one focus runs through the points in turn. In that
-        case, the pressures at each point while the focus is there.
+        case, it contains the pressure at each point while the focus is there.
     drives : ``drive`` and the control by name, each with its strongest element at full scale.
     sequence : drives for moving foci; None if the foci do not move.
     robustness : pressures of the drive for samples of the setup's ``uncertainty`` that were not
@@ -313,9 +313,8 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     """Verify a drive: compute its pressures by a more accurate solve with all elements as sources.
 
     ``render`` calls ``compute``, then this function. If the target requests pressures and the
-    strongest element is below full scale, all amplitudes are multiplied by the same factor, so that
-    the focus that is weakest relative to its request reaches the requested pressure. Otherwise the
-    drive does not change.
+    strongest element is below full scale, the drive is scaled so that the focus with the smallest
+    ratio of pressure to request gets its requested pressure. Otherwise the drive does not change.
 
     Parameters
     ----------

@@ -223,7 +223,7 @@ def plan(
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
     """Return the largest cap that respects ``MAX_HEAD_LEVEL``, and the level [dB] at full scale.
 
-    The function raises ``InvalidInput`` if the boards cannot reduce the level below the limit.
+    The function raises ``InvalidInput`` if the boards cannot reduce the level that far.
     """
     head = Plan(stored, board_named(board), stored.modulation).head
     return head.safe_cap(), head.full

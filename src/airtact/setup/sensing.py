@@ -57,7 +57,7 @@ class Simulation:
     noise : signal-to-noise ratio of the echoes [dB].
     position : distance by which the hand is displaced [m].
     degrees : angle by which the hand is rotated [°].
-    seed : seed of the noise and of the directions.
+    seed : seed of the random noise and directions.
     opened : amount by which the gap of the simulated pinch exceeds the gap in the scene file [m].
     """
 
@@ -76,16 +76,16 @@ class Sensed:
     ----------
     setup, fitted : the setup of the scene file, and the same setup with the estimated
         gap.
-    located : estimated pose, which maps the obstacles of the scene file to the actual ones, in the
-        same frame.
+    located : result of the fit. Its pose moves the obstacles from their position in the scene file
+        to the estimated position.
     echoes : the echoes from which the pose was estimated.
     shifts : (1 or 2, 6) translation of the bodies' centre [m] and rotation [rad] of the estimated
         pose. The first row is relative to the pose in the scene file; for simulated echoes, a
         second row is relative to the true pose.
     before, after : (F,) pressure at each focus on the actual hand [Pa], for the drives computed
         for the scene file's pose and for the estimated pose.
-    unexplained : (2, R) ratio of the residual to the echoes (both rms) at each receiver, for the
-        scene file's pose and for the estimated pose.
+    unexplained : (2, R) rms residual divided by the rms echo at each of R receivers. The first row
+        is for the pose in the scene file, the second row for the estimated pose.
     gap, true_gap : gap of the pinch in the scene file, and of the simulated pinch [m]. Both are
         None if the scene has no pinch; ``true_gap`` is also None for measured echoes. The estimated
         gap is ``located.opening``.
@@ -106,7 +106,7 @@ class Sensed:
 
     @property
     def sizes(self) -> list[tuple[float, float]]:
-        """Length [m] and angle [rad] of the translation and rotation in each row of ``shifts``."""
+        """Distance [m] and angle of rotation [rad] for each row of ``shifts``."""
         norms = np.linalg.norm(self.shifts.reshape(-1, 2, 3), axis=2)
         return [(float(distance), float(angle)) for distance, angle in norms]
 
@@ -144,12 +144,17 @@ def sense(
     ----------
     setup : setup that was read from a scene file.
     echoes : measured echoes, or a description of the hand to simulate.
+    progress : function called with a description of each step as it begins.
     store : folder in which solved fields are stored and reused.
+
+    Returns
+    -------
+    A ``Sensed`` with the estimated pose, and the pressures before and after correcting the drive.
 
     Raises
     ------
     NotConverged
-        If no pose near that in the scene file explains the echoes.
+        If no pose near the one in the scene file explains the echoes.
     """
     clock = Clock(progress)
     tables = parse_scene(setup.text).obstacles
@@ -278,6 +283,14 @@ def calibrate_array(
 ) -> tuple[Calibrated, tuple[float, float] | None]:
     """Calibrate the array of a scene from measured or simulated transmissions.
 
+    Parameters
+    ----------
+    setup : scene with the array.
+    echoes_file : .h5 file of the measured transmissions; None to simulate them.
+    noise : signal-to-noise ratio of the simulation [dB]; None for measured transmissions.
+    seed : seed of the simulated noise and array.
+    progress : function called with a description of each step as it begins.
+
     Returns
     -------
     The calibration, and the errors of the worst board's position [m] and of the speed of sound
@@ -293,7 +306,7 @@ def calibrate_array(
     """
     if (echoes_file is None) == (noise is None):
         raise InvalidInput(
-            "use exactly one of a file of transmissions and --simulate.", code="data_missing"
+            "pass either a file of transmissions or --simulate.", code="data_missing"
         )
     clock = Clock(progress)
     array = setup.array

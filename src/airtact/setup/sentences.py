@@ -61,7 +61,7 @@ def touches(setup: Setup) -> tuple[str, ...]:
 
 
 def trap_sentences(setup: Setup, verdicts: "Sequence[at.traps.Verdict]") -> Iterator[str]:
-    """State the verdict on each trap, and how far it is from the requested point if it is far."""
+    """State the verdict on each trap, and its distance from the requested point if noticeable."""
     for index, (trap, verdict) in enumerate(zip(setup.traps, verdicts, strict=True), 1):
         away = float(np.linalg.norm(verdict.point - trap.point))
         moved = ""

@@ -51,7 +51,7 @@ class MovingDrive:
 
     @property
     def drives(self) -> Complex128[np.ndarray, "positions elements"]:
-        """Amplitudes of the elements for each position of the focus, if only one focus moves."""
+        """(P, E) amplitudes of the elements for each of P positions, if only one focus moves."""
         # Short paths repeat every position.
         return self.sequence.drives[:: len(self.sequence) // len(self.target.points)]
 
@@ -141,7 +141,7 @@ def moving_drive(
 def drives_at_foci(
     setup: Setup, transfer: TransferMatrix, target: Target
 ) -> Complex128[np.ndarray, "foci elements"]:
-    """Return the drive (F, E) with which each focus is produced.
+    """Return, for each focus, the drive that produces it, as an array (F, E).
 
     The drive is the same for all foci, unless one focus moves through all points.
     """

@@ -35,7 +35,7 @@ MOST_UNKNOWNS = 19_000
 
 
 def stored(solver: Solver, store: Path | None) -> Solver:
-    """Return a solver that stores its solutions in ``store``, or ``solver`` if that is None."""
+    """Return a solver that stores its solutions in the folder ``store``, if one is given."""
     return solver if store is None else at.Stored(solver, store)
 
 
@@ -225,12 +225,12 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 
 
 def verification_solver(setup: Setup) -> Solver:
-    """Return a solver that is more accurate than the setup's, with which to verify the drive.
+    """Return a solver for verifying the drive, which is more accurate than the setup's solver.
 
-    For bodies filled with a fluid, it uses finite elements of the next higher order. For other
-    bodies, it uses boundary elements with at least 1.8 times as many unknowns, as far as memory and
-    time allow. Its report contains a warning if the estimated error exceeds the setup's accuracy.
-    For open air, it uses the closed-form solution.
+    For bodies filled with a fluid, the solver uses finite elements of the next higher order. For
+    other bodies, it uses boundary elements with at least 1.8 times as many unknowns, as far as
+    memory and time allow; its report contains a warning if the estimated error exceeds the setup's
+    accuracy. For open air, the solver evaluates the closed-form solution.
     """
     if not setup.scene.obstacles:
         return FreeField()

@@ -307,7 +307,7 @@ def _begin_process(environment: dict[str, str]) -> None:
 
 
 def names_of(function: Function, points: Iterable[Row]) -> list[str]:
-    """Return a name for each point: a hash of its values and of the function, with 40 digits.
+    """Return a name for each point: a hash of its values and of the function, in hexadecimal.
 
     A function is identified by its name and the content of its module. A
     ``functools.partial`` is also identified by its arguments, and a dataclass object by
