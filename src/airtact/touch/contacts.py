@@ -22,12 +22,15 @@ from airtact.touch.skin import Bodies, Skin, skin_of
 class Contacts:
     """Contacts of skin with virtual objects, one for each part of the skin inside an object.
 
+    ``contact`` returns an instance. Call ``target`` for the foci that make the contacts
+    perceptible.
+
     Attributes
     ----------
     skin : points of the skin.
     virtual_objects : all objects, whether touched or not.
     offset : distance of the foci from the skin, outward [m].
-    found : arrays with the properties of all contacts, such as their depths.
+    found : ``ContactArrays`` with the properties of all contacts, such as their depths.
     """
 
     skin: Skin

@@ -73,7 +73,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
     ----------
     skin : points of the skin, with their normals, areas and neighbours.
     objects : virtual objects, as checked by ``objects_of``.
-    gap : largest distance from an object at which skin still counts as a contact [m].
+    gap : largest distance from an object at which skin is treated as a contact [m].
     """
     near = _within_reach(skin, objects, gap)
     # One row of depths per object, then one node for each point inside an object.

@@ -31,7 +31,7 @@ class VirtualObject:
     shape : a closed ``Surface``, such as ``at.sphere(...)``; or a ``Box``, ``Cylinder``,
         ``HalfSpace`` or ``Button`` from ``at.touch``.
     pose : pose of the shape in the hand's frame; None if both frames are the same.
-    name : name of the object in results.
+    name : name of the object in results; unnamed objects are called "object 1" and so on.
     style : "points" places foci where the skin is deepest; "outline" moves a focus along the curve
         where the skin meets the object; "texture" is like "points", but modulates the strengths by
         ``texture``.

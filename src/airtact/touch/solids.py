@@ -24,7 +24,10 @@ Points = Real[np.ndarray, "points 3"]
 
 
 class Solid(ABC):
-    """A solid that skin can enter. All lengths are in metres, in the solid's own frame."""
+    """A solid that skin can enter: the abstract base class of all shapes of virtual objects.
+
+    All lengths are in metres, in the solid's own frame.
+    """
 
     @abstractmethod
     def depth(self, points: Points) -> PointLengths:

@@ -449,9 +449,9 @@ def path(
 
     A bead follows if the next trap is closer than the distance at which the trap's restoring force
     peaks. In a standing wave, this distance is an eighth of a wavelength. For each frame, the
-    function checks that the trap can hold more than the bead's weight, and that the bead's previous
-    resting position is nearer to the trap than the peak of the restoring force. Inertia and drag
-    are not included.
+    function checks that the trap can hold more than the bead's weight. It also checks that the
+    bead's previous resting position is nearer to the trap than the peak of the restoring force.
+    Inertia and drag are not included.
 
     Parameters
     ----------

@@ -138,7 +138,7 @@ class NormalEquations:
     squares : sum of the squared residuals of the priors.
     residuals : signed distances of the points from the skin, with derivatives.
     weights : (N,) weights of the points; 0 for outliers.
-    scale : (2,) scale of the misfit at the fingers and at the palm [m].
+    scale : (2,) robust scale of the misfit at the fingers and at the palm [m].
     each : number of measured points that each averaged point represents.
     """
 

@@ -103,8 +103,8 @@ class HandAnatomy:
 
     Attributes
     ----------
-    mean : (62,) logarithms of 37 lengths [m], in the order of ``SPANS``, and of the radii at 25
-        joints [m].
+    mean : (62,) logarithms of 24 bone lengths, of 13 distances between joints of the palm, and of
+        the radii at 25 joints, all in metres.
     covariance : (62, 62) covariance of the logarithms.
     frames : number of frames from which the sizes were learned.
     """

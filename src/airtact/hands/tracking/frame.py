@@ -43,7 +43,8 @@ class FaultyFrame(InvalidInput):
 
     Attributes
     ----------
-    fault : the exception's error code, one of ``Fault``.
+    fault : error code, such as "unreadable" or "mirrored". ``StreamHealth`` has an attribute of the
+        same name that counts the frames with this code.
     """
 
     def __init__(

@@ -33,7 +33,17 @@ _decoder = msgspec.json.Decoder(Message)
 
 
 def to_json(frame: HandFrame) -> bytes:
-    """Return a frame as one line of JSON, with coordinates in metres, rounded to micrometres."""
+    """Return a frame as a JSON message.
+
+    Parameters
+    ----------
+    frame : the frame.
+
+    Returns
+    -------
+    One line of JSON in UTF-8 with the keys ``time`` [s], ``side``, ``sequence`` and, if the frame
+    contains them, ``landmarks`` and ``cloud`` [m]. Coordinates are rounded to micrometres.
+    """
     missing = msgspec.UNSET
     landmarks = missing if frame.landmarks is None else np.round(frame.landmarks, 6).tolist()
     cloud = missing if frame.cloud is None else np.round(frame.cloud, 6).tolist()

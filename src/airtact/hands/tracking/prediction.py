@@ -73,7 +73,8 @@ class Predictor:
     agility : standard deviation of the palm's acceleration [m/s²]. The standard deviations of the
         joints' accelerations are proportional to it. All of them are increased while the hand
         accelerates more strongly.
-    patience : time without frames after which the hand counts as lost and the filter restarts [s].
+    patience : time without frames after which the hand is treated as lost and the filter restarts
+        [s].
 
     Raises
     ------

@@ -163,18 +163,19 @@ def replay(
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Iterator[HandFrame]:
-    """Yield frames at their recorded times.
+    """Yield the frames of a recording at the intervals at which they were recorded.
 
     Parameters
     ----------
-    frames : frames of a recording.
+    frames : frames in the order of their times.
     speed : playback speed; 2 is twice as fast, and infinity does not wait.
     clock : function that returns the time [s]; by default ``time.monotonic``.
     sleep : function that waits for a time [s]; by default ``time.sleep``.
 
     Yields
     ------
-    The frames, each no earlier than its recorded time. Overdue frames are yielded immediately.
+    The first frame immediately, and each later frame when its time has come. Overdue frames are
+    yielded immediately.
 
     Raises
     ------

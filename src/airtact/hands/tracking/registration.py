@@ -225,7 +225,8 @@ def _fitted(
 class RestingFingertip:
     """Detector that finds when and where the tip of the index finger rests for a second.
 
-    Call ``take`` with each frame; it returns the position once the tip has rested.
+    Call ``take`` with each frame. The method returns None until the tip has rested, and then the
+    mean position (3,) of its joint [m].
 
     Attributes
     ----------

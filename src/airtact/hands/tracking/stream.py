@@ -149,11 +149,12 @@ class _TrackedHand:
 class HandStream:
     """The latest valid frame of each hand.
 
-    Pass frames to ``feed`` or ``feed_json``, and read them with ``wait`` or ``latest``.
+    Pass frames to ``feed`` or ``feed_json``, and read them with ``wait`` or ``latest``. Faulty
+    frames are skipped and counted in ``health``.
 
     Parameters
     ----------
-    silence : time without frames after which a hand counts as lost [s].
+    silence : time without frames after which a hand is treated as lost [s].
     on_frame : function called with every used frame, in order, in the receiving thread.
     tracker : pose of the tracker in another frame of reference, to which frames are transformed.
     clock : function that returns the time [s]; by default ``time.monotonic``.
