@@ -253,7 +253,7 @@ class ContactState(msgspec.Struct, frozen=True):
 
 
 class FocusState(msgspec.Struct, frozen=True):
-    """State of a focus.
+    """Current position, strength and pressure of a focus.
 
     Attributes
     ----------
@@ -279,7 +279,7 @@ class StateMessage(msgspec.Struct, frozen=True, tag="state"):
     Attributes
     ----------
     version : version of the message format, 1.
-    state : "playing", "fading" or "silent".
+    state : state of the loop: "playing", "fading" or "silent".
     reason : sentence with the reason for silence, or null.
     contacts : list of the places where hands touch objects.
     foci : list of all foci, those of contacts and those requested by applications.

@@ -52,7 +52,7 @@ class Moment:
     state : state of the loop, such as "playing", "fading" or "silent".
     frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci move; else
         None.
-    rate : frames per second; 0 without frames.
+    rate : number of ``frames`` that are played per second; 0 without frames.
     other : (25, 3) predicted joints of the other hand [m]; None if it is not seen.
     names : a name for each focus; if empty, the names are the places of the scene.
     strengths : (F,) strengths of the foci, from 0 to 1; None if all are equal.

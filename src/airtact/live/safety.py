@@ -40,7 +40,7 @@ class Workspace:
         for plane in self._scene.planes:
             lowest = float(plane.height(foci).min())
             if lowest < 0.0:
-                return f"through the plane: {millimetres(-lowest)} behind it"
+                return f"through the plane: a focus is {millimetres(-lowest)} behind it"
         return None
 
     def fault(self, joints: Joints, foci: Foci) -> str | None:
@@ -59,11 +59,11 @@ class Workspace:
         distances, _ = self._elements.query(centres, distance_upper_bound=bound)
         room = float((distances - radii).min()) - self._radius
         if room < 0.0:
-            return f"through the array's face: {millimetres(-room)} too close"
+            return f"through the array's face: the skin is {millimetres(-room)} too close"
         for plane in self._scene.planes:
             lowest = float(plane.height(joints).min())
             if lowest < 0.0:
-                return f"through the plane: {millimetres(-lowest)} behind it"
+                return f"through the plane: a joint is {millimetres(-lowest)} behind it"
         return None
 
 

@@ -161,8 +161,8 @@ class ReceivedHands(HandSource):
     ----------
     port : port to listen on; 0 selects a free port.
     tracker : pose of the tracker in the scene.
-    world : objects and foci that applications can change.
-    kind : "websocket", or "osc" for OSC over UDP.
+    world : objects and foci that applications can change; empty by default.
+    kind : protocol: "websocket", or "osc" for OSC over UDP.
 
     Attributes
     ----------

@@ -232,8 +232,9 @@ def pads(
     Parameters
     ----------
     result : result of ``render``, ``focus``, ``evaluate`` or ``compare``.
-    held_equal : quantity that is equal for all drives of a comparison: "equal peak" for the largest
-        amplitude, "equal energy", or "phase only" for all amplitudes of active elements.
+    held_equal : normalisation of the drives of a comparison: "equal peak" (the strongest element of
+        each drive is at full scale), "equal energy", or "phase only" (all active elements are at
+        full scale).
     ax : axes to draw into; by default, those of a new figure.
 
     Returns
@@ -268,7 +269,7 @@ def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
 
     Parameters
     ----------
-    result : map, as returned by ``reach``.
+    result : largest pressures on the skin, as returned by the function ``airtact.reach``.
     ax : axes with ``projection="3d"`` to draw into; by default, those of a new figure, with the
         skin seen from the side of the array.
 

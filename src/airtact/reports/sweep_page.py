@@ -21,7 +21,7 @@ GAIN = "pressure at the weakest focus, relative to a drive that ignores the bodi
 
 @dataclass(frozen=True, eq=False)
 class Swept:
-    """The result of a sweep.
+    """Results of a sweep of values in a scene file.
 
     Attributes
     ----------

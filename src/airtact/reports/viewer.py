@@ -42,7 +42,7 @@ View = tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]
 
 @dataclass(frozen=True, eq=False)
 class SceneView:
-    """The 3-D scene of a page.
+    """The 3-D scene of a report's page, with the pressures of several drives.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ def joined(arrays: Mapping[str, np.ndarray]) -> tuple[dict[str, tuple[str, int, 
 
 
 def colour_scales() -> dict[str, list[str]]:
-    """Return 128 colours of each scale, written as in ``"#ffffff"``."""
+    """Return 128 colours of each scale as hexadecimal text, such as ``"#ffffff"``."""
     return {
         name: [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, 128))]
         for name, scale in SCALES.items()

@@ -93,7 +93,7 @@ def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
 
     Parameters
     ----------
-    parts : parts of the hand to solve.
+    parts : parts of the hand to solve, such as "phalanges" or "hand".
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
     foci : number of foci.
     """
@@ -156,7 +156,8 @@ class Library:
     def best(self, posed: PosedHand, noise: float = 0.0) -> tuple[float, HandFactors | None]:
         """Return the pressure expected with the best solution for a pose, and the solution itself.
 
-        The pressure is a fraction of the attainable pressure. An empty library returns 0 and None.
+        The pressure is expressed as a fraction of the attainable pressure. An empty library returns
+        0 and None.
 
         Parameters
         ----------

@@ -62,7 +62,7 @@ class SolverProcess:
     Parameters
     ----------
     scene : scene of the live loop.
-    part : part of the hand to solve.
+    part : part of the hand to solve, such as "phalanges" or "hand".
     """
 
     def __init__(self, scene: LiveScene, part: Rule) -> None:

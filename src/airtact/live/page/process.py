@@ -47,7 +47,7 @@ class Shown:
     moment : newest ``Moment``, without its objects.
     drives : number of drives shown so far.
     status : status of the loop as text.
-    objects : virtual objects.
+    objects : virtual objects, with the poses in which to show them.
     meshes : vertices [m] and triangles of the shapes that the page has not received
         yet, by number.
     """
