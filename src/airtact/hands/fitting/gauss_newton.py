@@ -240,7 +240,7 @@ FIRST_SCALE = 3e-3
 def best_hand(seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: bool) -> Solution:
     """Fit the hand from several initial sets of joints [m], and continue from the best result.
 
-    ``sizes`` are the initial logarithms of the sizes; with ``hold``, they stay fixed.
+    ``sizes`` are the initial logarithms of the sizes; they stay fixed if ``hold`` is true.
     """
 
     def search(unknowns: Unknowns) -> NormalEquations:
