@@ -212,6 +212,12 @@ class Obstacle:
     medium : fluid inside the body if ``boundary`` is "filled", otherwise None.
     board : whether the body consists of reflecting boards of the array, with elements in their
         faces, as built by ``reflecting_boards``.
+
+    Raises
+    ------
+    InvalidInput
+        If the boundary is unknown, if ``ratio`` or ``medium`` does not fit the boundary, or if the
+        ratio is zero, is not finite or has a negative real part.
     """
 
     surface: Surface

@@ -62,6 +62,15 @@ class Target:
         chooses them.
     suppression_points : (Q, 3) points where the pressure is suppressed [m]; none by default.
 
+    Raises
+    ------
+    InvalidInput
+        If there are no points; if a number is NaN, infinite or negative; if a point is more than
+        2 m from the origin; if no pressure or share is above zero; if the number of pressures or
+        shares differs from the number of foci; if both pressures and shares are passed; if a
+        suppression point is within 1 µm of a focus; or if the points are a position and a normal,
+        as returned by ``hand.place``.
+
     Examples
     --------
     >>> Target(np.array([[0.0, 0, 0], [0, 0, 0.02]]), pressures=1500.0).pressures.tolist()
@@ -109,15 +118,6 @@ class Target:
         shares : relative pressures, in the same forms as ``pressures``. Pass one of the two,
             not both.
         suppression_points : (Q, 3) points where the pressure is suppressed [m].
-
-        Raises
-        ------
-        InvalidInput
-            If there are no points, a number is NaN, infinite or negative, a point is more than 2 m
-            from the origin, no pressure or share is above zero, the number of pressures or shares
-            differs from the number of foci, both pressures and shares are given, a suppression
-            point is within 1 µm of a focus, or the points are a position and a normal as returned
-            by ``hand.place``.
         """
         _check_no_normal(points)
         if len(points) == 3 and all(np.ndim(coordinate) == 0 for coordinate in points):

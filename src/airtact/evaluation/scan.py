@@ -40,6 +40,13 @@ class Scan:
     pressures : (N,) readings, in any unit; real if no phase was measured.
     phased : whether the phase was measured.
     repeated : number of positions that occur more than once; their readings are averaged.
+
+    Raises
+    ------
+    InvalidInput
+        If there is not one reading per position, if a number is NaN or infinite, if there are
+        fewer than 3 different positions, if a position is more than 2 m from the origin, or if all
+        readings are 0.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -248,17 +255,17 @@ def best_shift(
 ) -> tuple[Float64[np.ndarray, "3"], float]:
     """Find the shift of the positions that makes a scan agree best with the prediction.
 
-    The search covers ±9 mm along each axis.
+    The search covers at least ±9 mm along each axis.
 
     Parameters
     ----------
     scan : the measurement.
-    read : function that returns the prediction (N,) at positions (N, 3) [m], NaN where there is
-        none.
+    read : function that returns the prediction (N,) at positions (N, 3) [m], with NaN where it is
+        unknown.
 
     Returns
     -------
-    The shift (3,) to add to the positions of the scan [m], and the remaining error.
+    The shift (3,) to add to the positions of the scan [m], and the relative error that remains.
     """
 
     def error(shift: Float64[np.ndarray, "3"]) -> float:

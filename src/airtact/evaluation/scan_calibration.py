@@ -80,7 +80,7 @@ class ScanCalibration:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the gains to a table (.csv) for ``calibration`` in a scene file.
+        """Write the gains to a .csv file for the key ``calibration`` of a scene file.
 
         An existing file is replaced. The method raises ``InvalidInput`` if the file name does
         not end in .csv or the file cannot be written.

@@ -142,8 +142,8 @@ def box_pressure(
 
     Parameters
     ----------
-    field : the field from which the slices were computed.
-    slices : slices of the field.
+    field : the field from which the slices were computed. slices : pressure of the field in
+        parallel planes.
     excitation : index of the excitation in the field and the slices.
     box : a box inside the slices. It must be ``slices.box`` if ``slices.any_axis`` is False,
         because the planes are then too far apart to interpolate between them.

@@ -156,6 +156,10 @@ def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
     The attainable pressure is Σ_e |H_fe|: every element is at full scale, and all contributions are
     in phase.
 
+    Parameters
+    ----------
+    transfer : transfer matrix H of the array and the F foci.
+
     Examples
     --------
     >>> attainable(TransferMatrix(np.array([[3.0 + 0j, 4j]]), 0.0)).tolist()

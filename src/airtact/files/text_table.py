@@ -20,7 +20,7 @@ class TextTable:
     """A table read from a file, with its cells as text.
 
     Column names are in lower case. ``lines`` contains the line number of each row, from 1.
-    ``comments`` contains the lines that begin with % or #, without this sign.
+    ``comments`` contains the lines that begin with % or #, without that character.
     """
 
     file: str

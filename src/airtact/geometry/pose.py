@@ -82,7 +82,7 @@ class Pose:
 
     @classmethod
     def between(cls, first: Vector, second: Vector) -> "Pose":
-        """Return the rotation from one direction (3,) to another by the smallest angle.
+        """Return the smallest rotation from a ``first`` to a ``second`` direction (3,).
 
         For opposite directions, the axis is an arbitrary perpendicular direction.
         """

@@ -23,20 +23,22 @@ MURATA_RADIUS = 4.5e-3
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """One kind of board. In its own frame, it lies in the plane z = 0 and radiates toward +z.
+    """One kind of transducer board.
+
+    In its own frame, a board lies in the plane z = 0 and radiates toward +z.
 
     Attributes
     ----------
     name : name in commands and scene files.
     title : name in printed text.
     positions : (E, 3) centres of the transducers [m], in the order of the elements.
-    channels : (E,) index of each element in the board's message, from 0.
-    message_length : number of channels in a message; some may have no transducer.
+    channels : (E,) index of each element in the messages that are sent to the board, from 0.
+    message_length : number of channels in a message, some of which may have no transducer.
     outline : width (along x) and height (along y) of the board [m]; None if it is unknown or
         varies.
     placed : whether the board fixes the positions of its transducers. Otherwise, ``positions`` are
         only an example.
-    max_boards : largest number of boards on one link.
+    max_boards : largest number of boards on one connection to the computer.
     amplitudes, phases : number of amplitude levels and of phase levels.
     transducer : manufacturer's name of the transducer.
     radius : radius of a piston with the directivity of this transducer [m]; see

@@ -359,11 +359,11 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
 
     Parameters
     ----------
-    element : kind of transducer; by default, the piston of the board. The paper uses
+    element : kind of transducer; by default, the piston of the board. Inoue, Makino and Shinoda use
         ``monopole()`` (section 4.1).
     board : name of a real board. Each face is then half the board's height from the centre (75.7 mm
-        for "autd3"), so that thin boards touch along their long edges. By default, the box of the
-        paper.
+        for "autd3"), so that thin boards touch along their long edges. By default, the box of
+        Inoue, Makino and Shinoda.
 
     Raises
     ------

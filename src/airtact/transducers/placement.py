@@ -303,11 +303,15 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     thickness : distance from the faces of the transducers to the back of a board [m],
         0.5 to 50 mm.
 
+    Returns
+    -------
+    The bodies, one for each group of boards that touch.
+
     Raises
     ------
     InvalidInput
-        If the array does not consist of boards of one kind, the maker does not state their outline,
-        or the thickness is out of range.
+        If the array does not consist of boards of one kind, if the maker does not state their
+        outline, or if the thickness is out of range.
 
     Examples
     --------

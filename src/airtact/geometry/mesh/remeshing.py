@@ -52,7 +52,7 @@ MIN_EDGE = 0.06
 
 @dataclass(frozen=True, eq=False)
 class RidgedMesh:
-    """A closed mesh, and the two ends (K, 2) of each of its sharp edges."""
+    """A closed mesh, and the vertex indices (K, 2) of the ends of its sharp edges."""
 
     vertices: Vertices
     triangles: Triangles

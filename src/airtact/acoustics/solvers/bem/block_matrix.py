@@ -180,8 +180,8 @@ def eliminate(
 ) -> GmresResult:
     """Solve a linear system, whose matrix is the sum of ``matrices``, by Gaussian elimination.
 
-    The matrices must not contain low-rank blocks. The reported residual is that of the sum of all
-    right-hand sides, which takes only one product with the matrix.
+    The matrices must not contain low-rank blocks. Only the residual for the sum of all right-hand
+    sides is computed, because this takes a single product with the matrix.
     """
     total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
     for matrix in matrices[1:]:

@@ -263,6 +263,8 @@ class FactorisedField(RadiatedField):
 class FactorisedBodies(Solver):
     """Solver for bodies that were factorised separately and may be in any pose.
 
+    ``BoundaryElement.factorised`` creates it.
+
     Attributes
     ----------
     scene : the bodies in the poses in which they were factorised.

@@ -55,6 +55,8 @@ from airtact.geometry.mesh.triangles import QuadraticTriangles
 class MovingPanels:
     """Panels of one body, which can be moved before each solve.
 
+    ``BoundaryElement.moving_panels`` creates them.
+
     Attributes
     ----------
     corners : corners and edge midpoints of the panels [m].

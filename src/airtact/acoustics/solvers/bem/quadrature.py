@@ -169,7 +169,7 @@ def _gauss_rules(largest: int) -> tuple[Float64[np.ndarray, "_"], Float64[np.nda
 
 
 def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:
-    """For each point, list the panels whose centre is closer than their entry in ``limits`` [m].
+    """For each point, list the panels whose centres are closer than their ``limits`` [m].
 
     The panels of point i are ``panel[first[i] : first[i + 1]]``.
     """

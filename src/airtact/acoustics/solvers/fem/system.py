@@ -62,7 +62,7 @@ LAYER_THICKNESS = 0.55
 
 
 def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> Expression:
-    """Return the left-hand side of the equation, as a symbolic form of NGSolve."""
+    """Return the left-hand side of the weak Helmholtz equation, as a symbolic form of NGSolve."""
     ngsolve = ngsolve_library()
     trial, test = space.TnT()
     squared = _plain(complex(scene.wavenumber * scene.wavelength) ** 2)
@@ -109,7 +109,7 @@ def _layer_form(
 
 
 def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
-    """Return the weights w_d, w_s and w_v that each body has in the weak form."""
+    """Return the weights w_d, w_s and w_v of each body in the right-hand side of the equation."""
     weights = np.zeros((3, len(scene.obstacles)), dtype=np.complex128)
     weights[0] = 1.0
     wavenumber = scene.wavenumber * scene.wavelength
