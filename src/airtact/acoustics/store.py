@@ -74,7 +74,7 @@ def packed(field: RadiatedField, key: str) -> bytes:
 
 
 def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField | None:
-    """Restore a field from a file's bytes, or return None if they are damaged or of another key."""
+    """Return the field in a file's bytes, or None if they are damaged or the key differs."""
     archive = content[64:]
     if content[:64] != _checksum(key, archive):
         return None

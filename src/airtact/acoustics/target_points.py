@@ -301,8 +301,8 @@ def frame_of(
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
     """Return three unit vectors of a plane seen from its front: right, up, and normal to the plane.
 
-    ``up`` is projected onto the plane. The default is y, or z if the normal is nearly parallel to
-    y.
+    ``up`` is projected onto the plane. By default, ``up`` is y, or z if the normal is nearly
+    parallel to y.
     """
     towards = direction_of(normal, "the normal of a plane")
     # Any direction except the normal is valid.

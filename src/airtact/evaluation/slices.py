@@ -21,7 +21,7 @@ WALL = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Slices:
-    """Pressure of several excitations in parallel planes, or in a box.
+    """Pressure of several excitations in parallel planes, which together fill a box.
 
     Attributes
     ----------
@@ -142,8 +142,8 @@ def box_pressure(
 
     Parameters
     ----------
-    field : the field from which the slices were computed. slices : pressure of the field in
-        parallel planes.
+    field : the field from which the slices were computed.
+    slices : pressure of the field in parallel planes.
     excitation : index of the excitation in the field and the slices.
     box : a box inside the slices. It must be ``slices.box`` if ``slices.any_axis`` is False,
         because the planes are then too far apart to interpolate between them.

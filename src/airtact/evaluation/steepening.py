@@ -39,7 +39,7 @@ class Steepening:
     ----------
     second : (F,) ratio of the second harmonic to the linear fundamental, by second-order theory.
     depletion : (F,) lost fraction of the fundamental, by third-order theory.
-    doubt : (F,) relative error of the wave amplitudes, because the bodies are simplified.
+    doubt : (F,) relative error of the wave amplitudes that is caused by simplifying the bodies.
     """
 
     second: Float64[np.ndarray, "points"]

@@ -120,9 +120,9 @@ def covers(
     image : function that mirrors points in a plane. If it is given, panels are also smaller in gaps
         between bodies and their mirror images.
     walls : indices of bodies whose flat faces get smaller panels if they face each other.
-    close : gap [m] between bodies, or between bodies and their mirror images, below which
-        panels have edges 0.8 times as long, because sound is scattered back and forth in such
-        gaps.
+    close : gap [m] below which panels have edges 0.8 times as long, because sound is scattered back
+        and forth in such gaps. Gaps between bodies, and between bodies and their mirror images, are
+        considered.
     """
     bodies = [shape.panels(edge, bend, away) for shape in shapes]
 

@@ -53,8 +53,8 @@ class SolveReport:
     warnings : warnings, one sentence each.
     citations : references for the method.
     farthest_off_triangles, mean_off_triangles : largest and mean distance between the solver's
-        panels and the triangles of the original mesh [m]. The body with the largest distance is
-        reported. For primitives such as spheres, the distances are 0.
+        panels and the triangles of the original mesh [m]. They are reported for the body with the
+        largest distance, and are 0 for primitives such as spheres.
     """
 
     solver: str
@@ -115,7 +115,8 @@ class RadiatedField(ABC):
     Attributes
     ----------
     scene : the scene that was solved.
-    sources : the monopoles that emit the sound. report : method, errors and warnings of the solve.
+    sources : the monopoles that emit the sound.
+    report : method, errors and warnings of the solve.
     """
 
     scene: Scene
@@ -354,8 +355,8 @@ class OpenAirField(RadiatedField):
 class FreeField(Solver):
     """Solver for scenes without bodies: spherical waves, and their images in a rigid plane.
 
-    The plane is the one in ``Scene.planes``. Use ``BoundaryElement`` for scenes with bodies, which
-    raise ``InvalidInput`` here.
+    The plane is taken from ``Scene.planes``. Scenes with bodies raise ``InvalidInput``; solve them
+    with ``BoundaryElement``.
 
     Examples
     --------

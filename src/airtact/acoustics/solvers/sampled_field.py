@@ -79,8 +79,9 @@ class SampledField(RadiatedField):
         if len(pairs):
             first, second = pairs[0]
             raise InvalidInput(
-                f"{len(pairs)} pairs of nodes have the same position, such as nodes {first} and "
-                f"{second} at {in_mm(nodes[first])}; keep one of each, or check the scale.",
+                f"{counted(len(pairs), 'pair of nodes has', 'pairs of nodes have')} the same "
+                f"position, such as nodes {first} and {second} at {in_mm(nodes[first])}; keep one "
+                "node of each pair, or check the scale.",
                 nodes[first],
                 code="given_twice",
             )
@@ -285,7 +286,8 @@ def _excitations(
             imaginary = f"{stem}_imag"
             if part == "imag" or imaginary not in columns:
                 raise InvalidInput(
-                    f"column {name} has no matching _real or _imag column.", code="data_missing"
+                    f"column {name} has no matching _real or _imag column. Export both parts.",
+                    code="data_missing",
                 )
             values = np.real(values) + 1j * np.real(columns[imaginary])
         excitations.append(values)

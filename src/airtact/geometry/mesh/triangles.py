@@ -110,7 +110,7 @@ def middles_of(panels: QuadraticTriangles) -> tuple[PanelVectors, PanelVectors]:
 
 
 def normals_at(panels: QuadraticTriangles, reference: Real[np.ndarray, "2"]) -> PanelVectors:
-    """Return the normals of ``points_at`` for all panels, at the same reference coordinates."""
+    """Return the outward normal vector of each panel, at the same reference point in all panels."""
     return points_at(panels, np.broadcast_to(reference, (len(panels), 2)))[1]
 
 

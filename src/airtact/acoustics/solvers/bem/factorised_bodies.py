@@ -174,7 +174,7 @@ class Coupling:
 
     @cached_property
     def parts(self) -> list[slice]:
-        """The part of the densities that belongs to each body, as slices."""
+        """Slices of the densities, one for each body."""
         ends = np.cumsum([len(body.reduced.rows) for body in self.placed]).tolist()
         return [slice(begin, end) for begin, end in pairwise([0, *ends])]
 

@@ -66,7 +66,7 @@ def heeding_interrupts() -> Iterator[None]:
 
 @contextmanager
 def muted() -> Iterator[None]:
-    """Suppress the output of compiled code, because Netgen prints failures handled later."""
+    """Silence compiled code, because Netgen prints failures that airtact handles later."""
     sys.stdout.flush()
     sys.stderr.flush()
     saved = [os.dup(1), os.dup(2)]

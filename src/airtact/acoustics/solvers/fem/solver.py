@@ -164,8 +164,9 @@ class FactorisedScene(Solver):
 
     Attributes
     ----------
-    settings : the ``FiniteElement`` solver that created this solver. system : the assembled
-        equation of the scene. report : report of the meshing, to which each solve adds its results.
+    settings : the ``FiniteElement`` solver that created this solver.
+    system : the assembled equation of the scene.
+    report : report of the meshing, to which each solve adds its results.
     clock : clock that measures the duration of each step.
     """
 
