@@ -94,8 +94,8 @@ def _check_scene(path: Path, folder: Path | None, report_step: Progress) -> Show
     cautions = [*reach_cautions(setup), *facing_away(setup)]
     if setup.contacts is not None and not len(setup.contacts):
         cautions.append(
-            "no body touches an object in this pose. airtact live makes foci as soon as a hand "
-            "does; airtact render needs a contact."
+            "no body touches an object in this pose. airtact live creates foci as soon as a hand "
+            "touches one; airtact render requires a contact."
         )
     return (
         list(_scene_tables(setup, unknowns)),

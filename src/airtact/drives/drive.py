@@ -225,6 +225,11 @@ def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:
     -------
     The ``Frame`` of rounded levels, two bytes per element.
 
+    Raises
+    ------
+    InvalidInput
+        If ``drive`` is not a ``Drive``, or ``levels`` are not ``Levels``.
+
     Examples
     --------
     >>> frame = quantise(Drive(np.array([1.0, 0.5j, -1.0, 0.0])))

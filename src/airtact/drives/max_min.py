@@ -44,7 +44,7 @@ class UpperBound:
 
     Attributes
     ----------
-    worst : √Σ_e y_e, an upper bound on the smallest fraction of the requested pressures. If the
+    worst : √Σ_e y_e, an upper bound on the smallest ratio of pressure to requested pressure. If the
         target requests only relative pressures (shares), or nothing (equal shares), ``worst``
         instead bounds the smallest ratio of pressure to share [Pa].
     relaxed : value reached by the relaxation; no choice of multipliers makes ``worst`` smaller than
@@ -99,9 +99,9 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
 
     Returns
     -------
-    An ``UpperBound`` with the bound (``worst``) and the multipliers that certify it. The bound is a
-    fraction of the requested pressures. If no pressure is requested, it is a ratio of pressure to
-    share [Pa].
+    An ``UpperBound`` with the bound (``worst``) and the multipliers that certify it. The bound
+    applies to the smallest ratio of pressure to requested pressure or, if no pressure is requested,
+    to the smallest ratio of pressure to share [Pa].
 
     Raises
     ------

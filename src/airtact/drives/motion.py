@@ -180,7 +180,7 @@ class Motion:
 
 
 def moving_target(target: Target, paths: Paths) -> Target:
-    """Return a target that contains all positions of all foci, frame by frame, with their requests.
+    """Return a target that contains all positions of all foci, frame by frame.
 
     Parameters
     ----------
@@ -189,7 +189,13 @@ def moving_target(target: Target, paths: Paths) -> Target:
 
     Returns
     -------
-    A target with F·N foci: all foci of the first frame, then those of the next.
+    A target with F·N foci: all foci of the first frame, then those of the next. Each position of a
+    focus has the request of this focus.
+
+    Raises
+    ------
+    InvalidInput
+        If a position is not finite, or is more than 2 m from the origin.
     """
     points = paths.transpose(1, 0, 2).reshape(-1, 3)
     phases = 1.0 if target.phases is None else np.exp(1j * target.phases)

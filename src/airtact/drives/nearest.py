@@ -19,10 +19,10 @@ def nearest_drive(
 ) -> Drive:
     """Change the phases of a drive as little as possible until every focus is strong enough.
 
-    Each focus must reach ``share`` of the upper bound for drives with the same amplitudes. The
-    amplitudes do not change. The method of multipliers (J. Nocedal, S. J. Wright, *Numerical
-    Optimization*, Springer 2006, section 17.4) minimises the mean of 1 − cos of the phase changes;
-    a change common to all elements is ignored.
+    Each focus must reach the fraction ``share`` of the upper bound for drives with the same
+    amplitudes. The amplitudes do not change. The method of multipliers (J. Nocedal, S. J. Wright,
+    *Numerical Optimization*, Springer 2006, section 17.4) minimises the mean of 1 − cos of the
+    phase changes; a change common to all elements is ignored.
 
     Parameters
     ----------

@@ -172,8 +172,8 @@ def goal_value(
 
     Parameters
     ----------
-    ensemble, target : the transfer matrices of the samples, as returned by ``at.ensemble``, and the
-        foci.
+    ensemble : transfer matrices of the samples, as returned by ``at.ensemble``.
+    target : the foci and their requested pressures.
     drive : the drive to evaluate.
     goal : "lowest tenth" for the pressure that the weakest focus exceeds in 9 out of 10 samples;
         "mean" or "worst" for its mean or smallest pressure over the samples.

@@ -141,17 +141,19 @@ def ensemble(
 ) -> TransferEnsemble:
     """Compute transfer matrices for random deviations of the hand, the air and the transducers.
 
-    A rigid motion of the hand requires no new solve: the multipole expansion of the beacons' field
-    is evaluated at the elements' positions relative to the moved hand. If bodies move independently
-    or foci move along the skin, each focus is evaluated as if all bodies moved with it. If
-    ``solver`` is given, it solves the scene of each such sample instead;
-    ``BoundaryElement().factorised(scene, refined=target.points)`` needs only milliseconds per
-    sample. A change of the air's temperature or humidity scales the wavenumber. In front of a rigid
-    plane, one solve covers all motions along the plane, and ``solver`` solves the other samples.
+    Each sample is one set of random deviations, with its own transfer matrix. If the hand moves
+    rigidly, no new solve is required: the multipole expansion of ``beacons`` is evaluated at the
+    elements' positions relative to the moved hand. If bodies move independently or foci move along
+    the skin, ``solver`` solves the scene of each sample; ``BoundaryElement().factorised(scene,
+    refined=target.points)`` needs only milliseconds per sample. Without ``solver``, each focus is
+    evaluated as if all bodies moved with it. A change of the air's temperature or humidity scales
+    the wavenumber. In front of a rigid plane, one solve covers all motions along the plane, and
+    ``solver`` solves the other samples.
 
     Parameters
     ----------
-    beacons : field of unit beacons at the foci, ``solver.radiate(scene, target.beacons())``.
+    beacons : field of a unit source (beacon) at each focus, ``solver.radiate(scene,
+        target.beacons())``.
     array : the transducers in the obstacles' frame.
     uncertainty : standard deviations of the motions, the air and the gains.
     samples : number of samples, 1 to 10,000. Powers of 2 sample the distributions most evenly.

@@ -40,7 +40,7 @@ class HandPose:
         return weights[weights > 0.0] / weights.max()
 
     def rows(self, board: PhasedArray) -> FociRows:
-        """Return the transfer matrix of a board, each row divided by the share of its focus.
+        """Return the transfer matrix of a board, each row divided by the weight of its focus.
 
         Rows of foci with weight 0 are omitted.
         """
@@ -74,7 +74,7 @@ class Search:
 
     Attributes
     ----------
-    half : half the side lengths of a board [m].
+    half : half the lengths of a board's sides [m].
     fixed : poses of boards that stay in place.
     mirror : index of the axis along which boards are mirrored in pairs, and coordinate of the
         mirror plane [m]; None without mirroring.
@@ -322,7 +322,7 @@ class Search:
         return -float(found.fun), place_of(found.x)
 
     def poses(self, layout: Sequence[Place]) -> list[Pose]:
-        """Return the pose of each board of an allowed layout, followed by the fixed boards."""
+        """Return the pose of each board of an allowed layout, followed by those of fixed boards."""
         placed = [pose for place in layout for pose in self.group(place) or ()]
         return [*placed, *self.fixed]
 

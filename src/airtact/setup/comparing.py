@@ -155,7 +155,7 @@ class MethodComparison:
         return sorted(self.contenders, key=rank)
 
     def worst(self, contender: Contender) -> float:
-        """Return the smallest ratio of pressure to weight [Pa] over foci with positive weight."""
+        """Return a method's smallest ratio of pressure to weight [Pa], over foci of weight > 0."""
         weights = self.setup.target.weights
         requested = weights > 0.0
         return float((contender.pressures[requested] / weights[requested]).min())

@@ -53,7 +53,7 @@ def write_field(
 
 
 def check_output(path: Path, *sources: Path) -> None:
-    """Raise ``InvalidInput`` if a file has another ending than supported, or is a source file."""
+    """Raise ``InvalidInput`` if a file's ending is not supported or the file is an input file."""
     if path.suffix.lower() not in (CURVED, *FLAT):
         raise InvalidInput(
             f"{path.name} ends in {path.suffix!r}, but panels can only be written to "

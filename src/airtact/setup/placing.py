@@ -89,7 +89,7 @@ class Layout:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Placement:
-    """Layouts of boards for a setup, with the pressures that they reach.
+    """Layouts of boards for a setup, and the pressures that they produce at the weakest focus.
 
     Attributes
     ----------
@@ -245,8 +245,9 @@ def place(
         the centre of the region if it is a box, and otherwise through the centre of the foci.
     tilted : whether boards may be tilted; otherwise each faces the centre of the
         foci.
-    objective : "weakest" for the pressure at the weakest focus over all hands; "lowest_tenth"
-        for the pressure that the weakest focus exceeds for nine hands out of ten.
+    objective : quantity to maximise: "weakest" is the pressure at the weakest focus in the worst
+        pose of the hand; "lowest_tenth" is the pressure that the weakest focus exceeds in nine
+        poses out of ten.
 
     Returns
     -------

@@ -264,7 +264,7 @@ def render(
     Parameters
     ----------
     setup : scene, array, target and settings.
-    store : folder in which solved fields are stored and reused.
+    store : folder in which solved fields are stored and reused; by default, fields are not stored.
     progress : function called with a description of each step as it begins.
 
     Returns

@@ -165,7 +165,7 @@ def plan(
     modulation: AmplitudeModulation | None = None,
     constant: bool = False,
 ) -> Plan:
-    """Read a drive for boards of one kind, and choose its cap.
+    """Read a drive for boards of one kind, and choose the cap on its amplitudes.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def plan(
     board : name of the kind of board.
     cap : largest amplitude of an element, as a fraction of full scale. By default, the largest cap
         that keeps the level at a head below ``MAX_HEAD_LEVEL``.
-    modulation : modulation to use instead of that in the file.
+    modulation : modulation to use instead of the one in the file.
     constant : whether to play the drive without any modulation.
 
     Raises

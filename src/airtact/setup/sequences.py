@@ -156,10 +156,10 @@ def drives_at_foci(
 def pressures_of(
     transfer: TransferMatrix, drives: list[Complex128[np.ndarray, "foci elements"]]
 ) -> dict[str, Float64[np.ndarray, "drives foci"]]:
-    """Return the pressure [Pa] at each focus, for each normalisation in ``HELD_EQUAL``.
+    """Return the pressure [Pa] at each focus at equal peak, at equal energy, and with phases only.
 
     Each item of ``drives`` contains one drive per focus (see ``drives_at_foci``). For equal peak or
-    energy, all drives of an item are scaled by the same factor.
+    equal energy, all drives of an item are scaled by the same factor.
     """
     rows = transfer.matrix[: len(drives[0])]
 

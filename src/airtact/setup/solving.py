@@ -231,6 +231,14 @@ def verification_solver(setup: Setup) -> Solver:
     other bodies, it uses boundary elements with at least 1.8 times as many unknowns, as far as
     memory and time allow; its report contains a warning if the estimated error exceeds the setup's
     accuracy. For open air, the solver evaluates the closed-form solution.
+
+    Parameters
+    ----------
+    setup : the setup whose drive is to be verified.
+
+    Returns
+    -------
+    A ``FreeField``, ``FiniteElement`` or ``BoundaryElement`` solver.
     """
     if not setup.scene.obstacles:
         return FreeField()

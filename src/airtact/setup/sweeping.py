@@ -95,9 +95,9 @@ def sweep(
 
     Returns
     -------
-    A row for each point, in the same order, with its values followed by the results. If a point
-    raises an exception, ``"error"`` and ``"sentence"`` contain its code and message; otherwise they
-    are empty.
+    A row (a dict) for each point, in the same order, with its values followed by the results. If a
+    point raises an exception, ``"error"`` and ``"sentence"`` contain its code and message;
+    otherwise they are empty.
 
     Raises
     ------
