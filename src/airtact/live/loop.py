@@ -50,8 +50,8 @@ class Status:
     rate : drives sent to the boards per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without
         drives.
-    kept : median of the expected pressure at the weakest focus, divided by the attainable pressure,
-        which drives computed for the exact hand would produce; NaN if unknown.
+    kept : median of ``Moment.kept``, the expected fraction of the attainable pressure; NaN if
+        unknown.
     unrecorded : data missing from the session, with the reason; None if it is complete.
     rejected : reason why the newest message of an application was rejected; empty after a few
         seconds.

@@ -211,9 +211,9 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     ----------
     setup : setup whose attribute ``tracker`` transforms the frames of recordings and trackers to
         the scene.
-    source : path of a recording, or of a session or its folder; "websocket" or "osc", optionally
-        with ":PORT", where port 0 selects a free one; or "page" for a hand that is dragged on the
-        page. By default, an example motion is repeated.
+    source : path of a recording, of a session, or of the folder of a session; "websocket" or "osc",
+        optionally with ":PORT"; or "page" for a hand that is dragged on the page. Port 0 selects a
+        free port. By default, an example motion is repeated.
     folder : folder for the session of this run. It must not contain the session given as source.
 
     Returns
@@ -283,8 +283,8 @@ def output_to(
     Raises
     ------
     InvalidInput
-        If the live loop does not support the scene (see ``live_scene``), if the boards are not
-        those of the scene, or if a setting is missing or does not apply to the link.
+        If the live loop does not support the scene; see ``live_scene``. If the boards are not those
+        of the scene. If a setting is missing or does not apply to the link.
     """
     scene = live_scene(setup)
     if not any([board, link, *settings.values()]):

@@ -73,8 +73,8 @@ class WithImages:
     ----------
     array : R sources: first the elements, then their images.
     imaged : (R - E,) index of the element that each image mirrors.
-    strengths : (E,) factor by which the strength of each element is multiplied: 2 for a monopole in
-        the plane, where it coincides with its image, else 1.
+    strengths : (E,) factor for the strength of each element: 2 for a monopole in the plane, where
+        it coincides with its image, else 1.
     """
 
     array: PhasedArray
@@ -176,10 +176,10 @@ def live_scene(setup: Setup) -> LiveScene:
     Raises
     ------
     InvalidInput
-        If the scene contains bodies other than one or two sound-hard hands, a focus that is not at
-        a place of a hand, or a requested pressure, phase or suppression. The error is also raised
-        if the scene combines paths of foci with virtual objects or two hands, or if a path leaves
-        the skin, has more than 64 frames, or has frames shorter than one period of the sound.
+        If the scene contains bodies other than one or two sound-hard hands. If a focus is not at a
+        place on a hand. If the scene requests pressures, phases or suppression. If it combines
+        paths of foci with virtual objects or two hands. If a path leaves the skin, has more than 64
+        frames, or has frames shorter than one period of the sound.
     """
     name = _file_name(setup)
     check_no_boards(setup.scene, "live")

@@ -434,7 +434,7 @@ def read_session(path: str | Path) -> Session:
 
     Returns
     -------
-    The contents of the file.
+    A ``Session`` with the contents of the file.
 
     Raises
     ------
@@ -486,7 +486,7 @@ def recording_of(path: str | Path) -> Recording:
 
     Returns
     -------
-    The frames of the hand, which ``RecordedHands`` can play to the live loop.
+    A ``Recording`` of the hand, which ``RecordedHands`` can play to the live loop.
 
     Raises
     ------

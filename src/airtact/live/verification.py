@@ -30,9 +30,9 @@ class VerifiedSession:
     ----------
     indices : (V,) indices of the verified drives in the session.
     pressures : (V, F) pressures at the foci [Pa]; NaN if a drive has fewer foci.
-    kept : (V,) fraction of the attainable pressure that each drive reaches: the smallest ratio of
-        pressure to strength at any focus, divided by that of the best drive of equal energy for the
-        same hands.
+    kept : (V,) fraction of the attainable pressure that each drive reaches at its weakest focus.
+        The attainable pressure is that of the best drive of equal energy for the same hands.
+        Pressures are divided by the strengths of the foci.
     """
 
     indices: tuple[int, ...]

@@ -43,7 +43,7 @@ PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/
 class Face:
     """The elements of an array that lie in one plane and radiate along the same ``normal``.
 
-    ``seen`` contains the positions [m] as seen from the side to which the face radiates: the
+    ``seen`` contains the positions [m] as seen from the side to which the face radiates. They are
     coordinates along the rows of ``axes``, two unit vectors that point right and up.
     """
 

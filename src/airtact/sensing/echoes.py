@@ -197,8 +197,8 @@ def load_echoes(path: str | Path) -> Echoes:
     Raises
     ------
     InvalidInput
-        If the file is missing or unreadable, has another format or version, lacks a dataset, or
-        contains values that ``Echoes`` rejects, such as NaN or codes above full scale.
+        If the file is missing or unreadable, or has another format or version. If a dataset is
+        missing, or contains values that ``Echoes`` rejects, such as NaN or codes above full scale.
     """
     path = _checked_path(path)
     raw = datasets_of(path, LAYOUT, newest=2)

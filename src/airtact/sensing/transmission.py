@@ -106,8 +106,8 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
     Raises
     ------
     InvalidInput
-        If no count is given and the kind of the boards is unknown, or if the number of elements is
-        not a multiple of the number of boards.
+        If no count is given and the kind of the boards is unknown. If the elements cannot be
+        divided into boards of equal size.
     """
     if count is None:
         count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
@@ -171,9 +171,9 @@ def simulate_transmissions(
     Raises
     ------
     InvalidInput
-        If there is not one row of codes and one gain per element, if a code exceeds full scale, if
-        a transmission is silent, or if the number of boards, the frequency, the noise or the seed
-        is invalid.
+        If there is not one row of codes and one gain per element. If a code exceeds full scale, or
+        a transmission is silent. If the number of boards, the frequency, the noise or the seed is
+        invalid.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     parts = boards_of(array, boards)

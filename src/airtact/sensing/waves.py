@@ -101,7 +101,7 @@ def projected(
     """Expand monopoles of strengths (P, S) at offsets (P, 3) in outgoing waves.
 
     The function returns the coefficients (waves, S). The sums are computed in single precision,
-    because its error is smaller than that of the solvers.
+    whose error is smaller than that of the solvers.
     """
     waves = regular_waves(order, offsets, wavenumber)
     strengths = np.ascontiguousarray(strengths, dtype=np.complex64)
