@@ -33,8 +33,8 @@ def nearest_drive(
 
     Returns
     -------
-    The changed drive, or ``drive`` itself if it is already strong enough. If no phases reach the
-    fraction with the amplitudes of ``drive``, the weakest focus gets the pressure that
+    The changed drive, or ``drive`` itself if it is already strong enough. If no phases reach this
+    pressure with the amplitudes of ``drive``, the weakest focus gets the pressure that
     ``weighted_gerchberg_saxton`` reaches with these amplitudes.
 
     Raises

@@ -227,7 +227,7 @@ def matrices_at(
     yielded. In front of a plane, ``solver`` solves each pose that changes the position relative to
     the plane. Without ``solver``, such a pose raises an error with the code "not_converged".
     ``InvalidInput`` is raised if ``beacons`` is not the field of unit beacons or is unknown at an
-    element, or if the undisplaced hand does not fit the array.
+    element, or if an element is inside a body of the undisplaced scene.
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)

@@ -263,8 +263,7 @@ def compare(
     ------
     InvalidInput
         If no method returns a drive for the setup, if a drive is silent, if the number of elements
-        of a drive does not match the array, or if the scene, the array and the foci do not fit
-        together.
+        of a drive does not match the array, or if a focus or an element is inside a body.
     NotConverged
         If a solver stopped before it converged.
     """

@@ -166,7 +166,10 @@ class ComputedDrive:
 
     Attributes
     ----------
-    setup, transfer, beacons, drive, sequence : as in ``Rendering``.
+    setup, drive : the setup, and the drive computed for it.
+    transfer, beacons : transfer matrix from which the drive was computed, and the report of the
+        solve for this matrix.
+    sequence : drives for moving foci; None if the foci do not move.
     field : field of a source (beacon) at each focus and suppression point.
     notes : warnings of the method.
     """

@@ -258,8 +258,8 @@ def process_count(points: int, limit: int | None = None, memory: float = 0.0) ->
     """Return the number of processes to use if each requires ``memory`` [bytes].
 
     By default, ``limit`` is the number of processors. The result is the smallest of ``limit``, the
-    number of points and the number of processes that fit into 80 % of the available memory. Raise
-    ``InvalidInput`` if a single process requires more than the available memory.
+    number of points and the number of processes that fit into 80 % of the available memory. The
+    function raises ``InvalidInput`` if a single process requires more than the available memory.
     """
     free = available_memory()
     if memory > free:
@@ -416,7 +416,7 @@ class ScenePoints:
 def scene_points(scene: Setup | str | Path) -> ScenePoints:
     """Return the function for a sweep over a scene file, or over the file of a setup.
 
-    Raise ``InvalidInput`` if a file cannot be read, or the setup has no scene file.
+    The function raises ``InvalidInput`` if a file cannot be read, or the setup has no scene file.
     """
     if isinstance(scene, Setup):
         if scene.path is None:
