@@ -64,8 +64,7 @@ class SceneView:
 
     @property
     def peak(self) -> float:
-        """Largest pressure in the scene [Pa], at the upper end of the colour scale for all
-        drives."""
+        """Largest pressure in the scene [Pa], at the end of the colour scale for all drives."""
         air = self.slices.pressures[self.slices.depth < 0.0]
         walls = 0.0 if self.surfaces is None else self.surfaces.pressures.max()
         return float(max(air.max(initial=1e-9), self.reached.max(), walls))
