@@ -1,7 +1,7 @@
 """Triangle meshes, point clouds and node positions from files, in the files' units.
 
-trimesh reads PLY and GLB. STL and OBJ are read here, because trimesh skips solids that end in
-"end solid" and is slow with many materials. Materials, textures, normals and colours are ignored.
+trimesh reads PLY. STL, OBJ and GLB are read here, because importing trimesh takes 0.3 s, and it
+skips solids that end in "end solid". Materials, textures, normals and colours are ignored.
 """
 
 import io
@@ -10,12 +10,13 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from scipy.spatial.transform import Rotation
 
 from airtact.errors import LARGEST_MESH_FILE, InvalidInput, about
 from airtact.files.bounded import bytes_of, json_of
@@ -28,9 +29,10 @@ SUFFIXES = (".stl", ".ply", ".obj", ".glb")
 MAX_FILE_TRIANGLES = 250_000
 
 
-def read_mesh(
-    path: Path,
-) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+Mesh = tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]
+
+
+def read_mesh(path: Path) -> Mesh:
     """Read the vertices and triangles of a file, with all nodes placed by their transforms.
 
     Raises
@@ -38,44 +40,41 @@ def read_mesh(
     InvalidInput
         If the file is missing, unreadable, too large, or contains no triangles.
     """
-    scene = _scene(path, skinned=True)
-    with _describing_damage(path):
-        # Instances share one mesh, so count triangles before copying them.
-        parts = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
-        _check_triangles(sum(len(getattr(part, "faces", ())) for part in parts))
-        mesh = scene.to_mesh()
+    vertices, triangles = _read(path)
     with about(path.name):
-        if len(mesh.faces) == 0:
+        if len(triangles) == 0:
             raise InvalidInput(
                 "the file contains no triangles; use one with a closed triangle surface.",
                 code="empty",
             )
-        if mesh.vertices.shape[1:] != (3,):
+        _check_triangles(len(triangles))
+        if vertices.shape[1:] != (3,):
             raise InvalidInput(
                 "the vertices do not have 3 coordinates; export the file as a 3-D mesh.",
                 code="file_unreadable",
             )
-    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+    return np.asarray(vertices, np.float64), np.asarray(triangles, np.int64)
 
 
 def read_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
     """Return the vertices of a mesh or point cloud, or raise an error as ``read_mesh`` does."""
-    scene = _scene(path)
-    with _describing_damage(path):
-        parts = [geometry.vertices for geometry in scene.geometry.values()]
-        return np.concatenate([np.empty((0, 3)), *parts])
+    return np.asarray(_read(path)[0], np.float64)
 
 
 def read_node_positions(path: Path) -> Mapping[str, Float64[np.ndarray, "3"]]:
     """Return the positions of named nodes, or raise an error as ``read_mesh`` does."""
-    graph = _scene(path).graph
-    return {
-        str(node): np.array(graph.get(node)[0][:3, 3], dtype=np.float64) for node in graph.nodes
-    }
+    content = _content(path)
+    if path.suffix.lower() != ".glb":
+        return {}
+    with _describing_damage(path):
+        tree, _ = _chunks(content)
+        return {
+            str(tree["nodes"][index].get("name", index)): frame[:3, 3]
+            for index, frame in _frames(tree).items()
+        }
 
 
-def _scene(path: Path, skinned: bool = False) -> Any:
-    """Read a file; ``skinned`` meshes of a GLB file are placed by the joints of their rig."""
+def _content(path: Path) -> bytes:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InvalidInput(
@@ -85,27 +84,14 @@ def _scene(path: Path, skinned: bool = False) -> Any:
         )
     if not path.is_file():
         raise InvalidInput(f"there is no file {path}.", code="file_missing")
-    content = bytes_of(path, LARGEST_MESH_FILE)
-    import trimesh  # imported here because this takes as long as importing the rest of airtact
+    return bytes_of(path, LARGEST_MESH_FILE)
 
-    # Silence the tracebacks that trimesh prints.
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
+def _read(path: Path) -> tuple[Any, Any]:
+    content = _content(path)
+    readers = {".stl": _stl, ".obj": _obj, ".glb": _glb, ".ply": _ply}
     with _describing_damage(path):
-        if suffix in (".stl", ".obj"):
-            vertices, triangles = _stl(content) if suffix == ".stl" else _obj(content)
-            return trimesh.Scene(trimesh.Trimesh(vertices, triangles, process=False))
-        end = 0
-        tree = {}
-        if suffix == ".glb":  # JSON is the first chunk, numbers the second: glTF 2.0, section 4.4
-            end = 20 + int.from_bytes(content[12:16], "little")
-            tree = json_of(content[20:end])
-            _check_tree(tree)
-        scene = trimesh.load_scene(
-            io.BytesIO(content), file_type=suffix[1:], skip_materials=True, process=False
-        )
-        if skinned and "skins" in tree:
-            _place_by_joints(scene, tree, content[end + 8 :])
-        return scene
+        return readers[path.suffix.lower()](content)
 
 
 @contextmanager
@@ -186,8 +172,62 @@ def _obj(content: bytes) -> tuple[Any, Any]:
     return np.reshape(vertices, (-1, 3)), np.reshape(triangles, (-1, 3)).astype(np.int64)
 
 
+def _ply(content: bytes) -> tuple[Any, Any]:
+    """Read the vertices and triangles of a PLY file, or the points of a cloud."""
+    import trimesh  # imported here because this takes as long as importing the rest of airtact
+
+    # Silence the tracebacks that trimesh prints.
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())
+    scene = trimesh.load_scene(
+        io.BytesIO(content), file_type="ply", skip_materials=True, process=False
+    )
+    (mesh,) = scene.geometry.values()
+    return mesh.vertices, getattr(mesh, "faces", np.empty((0, 3), dtype=np.int64))
+
+
+def _glb(content: bytes) -> tuple[Any, Any]:
+    """Read the triangles of all nodes of a GLB file (glTF 2.0, Khronos Group)."""
+    tree, numbers = _chunks(content)
+    frames = _frames(tree)
+    vertices = [np.empty((0, 3))]
+    triangles = [np.empty((0, 3), dtype=np.int64)]
+    count = 0
+    for index, frame in frames.items():
+        node = tree["nodes"][index]
+        for primitive in tree["meshes"][node["mesh"]]["primitives"] if "mesh" in node else ():
+            mode = primitive.get("mode", 4)
+            if mode not in (4, 5):  # points, lines and fans
+                continue
+            places = _numbers(tree, numbers, primitive["attributes"]["POSITION"], 3)
+            corners = np.arange(len(places))
+            if "indices" in primitive:
+                corners = _numbers(tree, numbers, primitive["indices"], 1)[:, 0].astype(np.int64)
+            if mode == 5:  # in a strip, each further corner adds a triangle
+                strip = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+                strip[1::2] = strip[1::2, ::-1]
+                corners = strip
+            if "skin" in node:  # the position of the node itself does not matter: section 3.7.3
+                frame = _frame_of_joints(tree, numbers, tree["skins"][node["skin"]], frames, places)
+            corners = corners.reshape(-1, 3)
+            if np.linalg.det(frame[:3, :3]) < 0.0:
+                corners = corners[:, ::-1]
+            triangles.append(corners + sum(map(len, vertices)))
+            vertices.append(places @ frame[:3, :3].T + frame[:3, 3])
+            count += len(corners)
+            _check_triangles(count)  # many nodes may share one mesh
+    return np.concatenate(vertices), np.concatenate(triangles)
+
+
+def _chunks(content: bytes) -> tuple[Any, bytes]:
+    """Return the JSON and the numbers of a GLB file, its first and second chunk (section 4.4)."""
+    end = 20 + int.from_bytes(content[12:16], "little")
+    tree = json_of(content[20:end])
+    _check_tree(tree)
+    return tree, content[end + 8 :]
+
+
 def _check_tree(tree: Mapping[str, Any]) -> None:
-    """Raise an error for meshes of a GLB file that trimesh misreads or that are too large."""
+    """Raise an error for meshes of a GLB file that are not supported or too large."""
     wrong = [
         name
         for name in tree.get("extensionsRequired", [])
@@ -218,42 +258,74 @@ def _check_tree(tree: Mapping[str, Any]) -> None:
             "morph targets with weights are not supported; apply them and export the file again.",
             code="file_unreadable",
         )
-    if any("bufferView" not in item or "sparse" in item for item in used):
+    if any("bufferView" not in item or "sparse" in item for item in used) or any(
+        "uri" in buffer for buffer in tree.get("buffers", [])
+    ):
         raise InvalidInput(
-            "the numbers are compressed or sparse; export the file without compression.",
+            "the numbers are compressed, sparse or in another file; export one file without "
+            "compression.",
             code="file_unreadable",
         )
     # Each triangle has at most three indices and three vertices.
     _check_triangles(sum(int(item["count"]) for item in used) // 6)
 
 
-def _place_by_joints(scene: Any, tree: Mapping[str, Any], numbers: bytes) -> None:
-    """Place each skinned mesh by its joints, which must have moved together (section 3.7.3)."""
-    import trimesh
-
-    names = [node.get("name", str(index)) for index, node in enumerate(tree["nodes"])]
-    for node, name in zip(tree["nodes"], names, strict=True):
-        if "skin" not in node or "mesh" not in node:
+def _frames(tree: Mapping[str, Any]) -> dict[int, Float64[np.ndarray, "4 4"]]:
+    """Return the transform from each node of the scene to the frame of the file (section 3.5)."""
+    scene = tree["scenes"][tree.get("scene", 0)]
+    frames: dict[int, Float64[np.ndarray, "4 4"]] = {}
+    waiting = [(root, np.eye(4)) for root in scene.get("nodes", [])]
+    while waiting:
+        index, parent = waiting.pop()
+        if index in frames:  # a damaged file may contain loops
             continue
-        skin = tree["skins"][node["skin"]]
-        joints = np.array([scene.graph.get(names[joint])[0] for joint in skin["joints"]])
-        if "inverseBindMatrices" in skin:
-            accessor = tree["accessors"][skin["inverseBindMatrices"]]
-            view = tree["bufferViews"][accessor["bufferView"]]
-            start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-            columns = np.frombuffer(numbers, "<f4", 16 * len(joints), start)
-            joints = joints @ columns.reshape(-1, 4, 4).transpose(0, 2, 1)
-        # How far each joint moves the corners of the box, compared with the first joint.
-        box = trimesh.transform_points(
-            trimesh.bounds.corners(scene.bounds), np.linalg.inv(scene.graph.get(name)[0])
+        node = tree["nodes"][index]
+        local = np.reshape(node.get("matrix", np.eye(4)), (4, 4)).T  # listed by columns
+        place = np.eye(4)
+        place[:3, :3] = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
+        place[:3, :3] *= node.get("scale", (1, 1, 1))
+        place[:3, 3] = node.get("translation", (0, 0, 0))
+        frames[index] = parent @ local @ place
+        waiting += [(child, frames[index]) for child in node.get("children", [])]
+    return frames
+
+
+def _numbers(tree: Mapping[str, Any], numbers: bytes, index: int, width: int) -> Any:
+    """Return an accessor's rows of ``width`` numbers (section 3.6.2)."""
+    accessor = tree["accessors"][index]
+    view = tree["bufferViews"][accessor["bufferView"]]
+    kind = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}[accessor["componentType"]]
+    size = int(kind[-1])
+    # NumPy raises an error if the rows reach beyond the numbers.
+    return np.ndarray(
+        (accessor["count"], width),
+        kind,
+        numbers,
+        offset=view.get("byteOffset", 0) + accessor.get("byteOffset", 0),
+        strides=(view.get("byteStride", width * size), size),
+    )
+
+
+def _frame_of_joints(
+    tree: Mapping[str, Any],
+    numbers: bytes,
+    skin: Mapping[str, Any],
+    frames: Mapping[int, Float64[np.ndarray, "4 4"]],
+    places: Any,
+) -> Float64[np.ndarray, "4 4"]:
+    """Return the frame of a skinned mesh; its joints must have moved together (section 3.7.3)."""
+    joints = np.array([frames[joint] for joint in skin["joints"]])
+    if "inverseBindMatrices" in skin:
+        columns = _numbers(tree, numbers, skin["inverseBindMatrices"], 16)[: len(joints)]
+        joints = joints @ columns.reshape(-1, 4, 4).transpose(0, 2, 1)
+    # How far each joint moves the corners of the box, compared with the first joint.
+    box = np.array(list(product(*zip(places.min(axis=0), places.max(axis=0), strict=True))))
+    motions = np.linalg.inv(joints[0]) @ joints - np.eye(4)
+    apart = motions[:, :3, :3] @ box.T + motions[:, :3, 3:]
+    if np.abs(apart).max() > 1e-3 * np.ptp(box, axis=0).max():
+        raise InvalidInput(
+            "the mesh is posed by a rig; apply the pose (in Blender: the Armature modifier) "
+            "and export the file again.",
+            code="file_unreadable",
         )
-        motions = np.linalg.inv(joints[0]) @ joints - np.eye(4)
-        apart = motions[:, :3, :3] @ box.T + motions[:, :3, 3:]
-        if np.abs(apart).max() > 1e-3 * np.ptp(box, axis=0).max():
-            raise InvalidInput(
-                "the mesh is posed by a rig; apply the pose (in Blender: the Armature modifier) "
-                "and export the file again.",
-                code="file_unreadable",
-            )
-        # The position of the node itself does not matter.
-        scene.graph.update(frame_to=name, frame_from=scene.graph.base_frame, matrix=joints[0])
+    return joints[0]
