@@ -53,7 +53,8 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
     Raises
     ------
     InvalidInput
-        If both ends coincide, if a number is not finite, or if there are more than 4096 points.
+        If both ends coincide, if a number is not finite, if the spacing is not above zero, or if
+        there are more than 4096 points.
 
     Examples
     --------
@@ -79,7 +80,8 @@ def polyline(
     ------
     InvalidInput
         If there are fewer than two corners (three if closed), if successive corners coincide, if a
-        number is not finite, or if there are more than 4096 points.
+        number is not finite, if the spacing is not above zero, or if there are more than 4096
+        points.
     """
     corners = points_of(corners, "corners of a polyline")
     minimum = 3 if closed else 2

@@ -251,9 +251,9 @@ def compare(
 
     Returns
     -------
-    The pressure of each drive at each focus for each normalisation. The choice of normalisation can
-    reverse a conclusion: a drive that leaves most elements nearly silent is strong at equal energy
-    but weak at equal peak.
+    A ``Comparison`` with the pressure of each drive at each focus for each normalisation. The
+    choice of normalisation can reverse a conclusion: a drive that leaves most elements nearly
+    silent is strong at equal energy but weak at equal peak.
 
     Raises
     ------

@@ -386,8 +386,9 @@ def evaluate(
 
     Returns
     -------
-    The complex pressures (F,) at the foci [Pa], with the report of the solver. These pressures are
-    linear in the drive; ``expected`` contains the pressures reduced by nonlinear steepening in air.
+    An ``Evaluation`` with the complex pressures (F,) at the foci [Pa] and the report of the solver.
+    These pressures are linear in the drive; ``expected`` contains the pressures reduced by
+    nonlinear steepening in air.
 
     Raises
     ------

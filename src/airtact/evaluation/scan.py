@@ -200,7 +200,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
 
     Returns
     -------
-    The scan and the prediction, with the scale and the relative error.
+    An ``Overlay`` with the scan, the prediction, the scale and the relative error.
 
     Raises
     ------

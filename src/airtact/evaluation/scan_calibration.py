@@ -244,7 +244,8 @@ def calibrate_from_scans(
 
     Returns
     -------
-    The array with the fitted sensitivity and gains, the misalignment, and their uncertainty.
+    A ``ScanCalibration`` with the fitted array, its sensitivity and gains, the misalignment, and
+    the uncertainty of these results.
 
     Raises
     ------

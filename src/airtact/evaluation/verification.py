@@ -310,7 +310,8 @@ def verify(
 
     Returns
     -------
-    All results of the verification.
+    A ``Verification`` with the pressures at the foci, before and after rounding, the attainable
+    pressures, the strongest side lobe, the forces on the skin, and the level at the head.
 
     Raises
     ------

@@ -63,8 +63,8 @@ class Pose:
         if skew > 1e-6 or determinant < 0.0:
             raise InvalidInput(
                 f"the pose's matrix is not a rotation: it deviates by {skew:.2g} from an "
-                f"orthonormal matrix and its determinant is {determinant:.3g} (for a rotation, 0 "
-                "and 1).",
+                f"orthonormal matrix and its determinant is {determinant:.3g}. For a rotation, "
+                "these numbers are 0 and 1.",
                 code="wrong_kind",
             )
         object.__setattr__(self, "rotation", rotation)

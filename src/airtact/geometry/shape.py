@@ -26,6 +26,9 @@ BEND = math.pi / 5
 class Shape(ABC):
     """The true surface of a body: an exact shape such as a sphere, or a curved mesh.
 
+    A shape measures the distance of points from the surface, projects points onto it, and covers it
+    with curved panels.
+
     ``pose`` maps the frame in which the other attributes are given to the frame of the scene.
     """
 

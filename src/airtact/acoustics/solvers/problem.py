@@ -112,6 +112,9 @@ class SurfaceField:
 class RadiatedField(ABC):
     """The sound field of monopoles in a scene, evaluated at any points outside the bodies.
 
+    ``at`` returns the total pressure, ``scattered_at`` the scattered pressure, and ``velocity`` the
+    particle velocity. ``on_surface`` contains the pressure on the bodies.
+
     Attributes
     ----------
     scene : the scene that was solved.

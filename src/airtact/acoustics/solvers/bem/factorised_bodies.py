@@ -263,7 +263,9 @@ class FactorisedField(RadiatedField):
 class FactorisedBodies(Solver):
     """Solver for bodies that were factorised separately and may be in any pose.
 
-    ``BoundaryElement.factorised`` creates it.
+    ``BoundaryElement.factorised`` creates it. Each body is reduced to a scattering matrix between
+    some of its nodes. ``radiate`` couples these matrices by iteration, so other poses and sources
+    need no new factorisation.
 
     Attributes
     ----------

@@ -60,7 +60,8 @@ class MovingPanels:
     Attributes
     ----------
     corners : corners and edge midpoints of the panels [m].
-    inside : second collocation points, which are inside the body, two for each panel [m].
+    inside : second collocation points of the dual-surface equation, two inside the body for each
+        panel [m].
     deviation : distance of the panels from the true surface [m].
     admittance : ρc/Z of the panels; 0 for sound-hard panels.
     wavenumber : wavenumber of the sound [rad/m].

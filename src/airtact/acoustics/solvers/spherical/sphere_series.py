@@ -402,7 +402,7 @@ class SphereSeries(Solver):
     """Separation-of-variables solver for one sphere, a reference for other solvers.
 
     The sphere is sound-hard, has an impedance boundary, or is filled with a fluid. Sources lie
-    outside the sphere or on it.
+    outside the sphere or on it. ``radiate`` raises ``InvalidInput`` for other scenes.
     """
 
     def radiate(self, scene: Scene, sources: Monopoles) -> SphereField:
