@@ -128,7 +128,7 @@ def sweep(
 
 
 def grid_of(varied: Sequence[str]) -> "list[Row]":
-    """Return the points of a grid from arguments "PATH=LOW:HIGH:COUNT"; the last varies fastest.
+    """Return the points of a grid from texts "PATH=LOW:HIGH:COUNT"; the last key varies fastest.
 
     Values are integers if both ends are written as integers and all values are whole.
 

@@ -43,7 +43,8 @@ class SerialLink(Link):
     Raises
     ------
     InvalidInput
-        If the kind of board has no serial line or is unknown, or the boards are too many for it.
+        If the kind of board is unknown or has no serial line, or one line cannot drive this number
+        of boards.
     """
 
     name = "serial"
