@@ -128,7 +128,7 @@ class ArrayTable(Table, frozen=True):
     source : "piston" radiates only forward, "monopole" in all directions.
     piston_radius : radius of a transducer [m]; by default that of the board, or 4.5 mm
         for .csv.
-    sensitivity : transducer's peak pressure at full scale, 1 m away, times 1 m [Pa·m]; by default
+    sensitivity : peak pressure at full scale, 1 m away, times 1 m [Pa·m]; by default
         4.38.
     reflects : whether the boards are rigid bodies that reflect sound.
     pose : pose of the whole array in the obstacles' frame.
