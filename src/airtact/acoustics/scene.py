@@ -259,7 +259,7 @@ class Obstacle:
             return
         if not isinstance(self.ratio, complex | float | int | np.number):
             raise InvalidInput(
-                f"the impedance ratio is {self.ratio!r}, but it must be a number, Z/(ρc).",
+                f"the impedance ratio is {self.ratio!r}, but it must be a number Z/(ρc).",
                 code="not_a_number",
             )
         ratio = complex(self.ratio)

@@ -331,11 +331,12 @@ class HeldOut:
         first, *rest = self.lowest_tenth
         words = [f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], rest, strict=True)]
         compared = f" ({', '.join(words)} at equal energy)" if words else ""
-        left_out = f"; {self.left_out} samples are impossible" if self.left_out else ""
+        skipped = counted(self.left_out, "impossible sample was", "impossible samples were")
+        left_out = f"; {skipped} skipped" if self.left_out else ""
         return (
             "With the given uncertainty, the pressure at the weakest focus is at least "
-            f"{pascals(first)} in 9 of 10 cases, and {pascals(self.expected[0])} without "
-            f"deviations{compared}{left_out}."
+            f"{pascals(first)} in 9 of 10 cases{compared}, and {pascals(self.expected[0])} without "
+            f"deviations{left_out}."
         )
 
 

@@ -88,7 +88,7 @@ def board_named(name: str) -> Board:
 
 
 def boards_needed(board: Board, elements: int) -> int:
-    """Return the number of boards that together have this number of elements.
+    """Return the number of boards that together have the given number of elements.
 
     Raises
     ------

@@ -306,8 +306,8 @@ def tip_sizes(
 def round_size(vertices: Vertices, triangles: Triangles, ridges: Ridges, turn: float) -> float:
     """Return the edge length [m] over which a sphere as curved as the body turns by ``turn``.
 
-    The sphere has the body's mean Gaussian curvature: the sum of the angle defects away from sharp
-    edges (``ridges``), divided by the area there. The result is infinite for bodies of flat faces.
+    The sphere has the body's mean Gaussian curvature: the sum of the angle defects divided by the
+    area, both away from sharp edges (``ridges``). The result is infinite for bodies of flat faces.
     ``turn`` is in radians.
     """
     defect, area = _angle_defects(vertices, triangles, ridges)

@@ -51,8 +51,8 @@ def regular_quotients(
 ) -> Complex128[np.ndarray, "orders arguments"]:
     """Return the quotients j_n(z)/j_(n-1)(z) for n from ``first`` to ``last``.
 
-    The quotients are computed by downward recurrence. z may be zero. Where j_(n-1) vanishes, the
-    quotient is about 1e30 instead of infinite.
+    The quotients are computed by downward recurrence. The argument z may be zero. Where j_(n-1)
+    vanishes, the quotient is about 1e30 instead of infinite.
     """
     largest = float(np.max(np.abs(arguments), initial=0.0))
     # Above the turning point |z|, each downward step reduces the initial error by the factor
