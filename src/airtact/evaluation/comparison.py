@@ -386,8 +386,8 @@ def headline(
 
     Parameters
     ----------
-    comparison : comparison whose first drive considers the bodies. A second drive, if there is one,
-        uses the same method but ignores them.
+    comparison : comparison whose first drive considers the bodies. It may contain a second drive,
+        which uses the same method but ignores the bodies.
     drive : the emitted drive, which considers the bodies. If it is at full scale, the two drives
         are compared at equal peak, and otherwise at equal energy.
     word : word that the sentence uses for the bodies, such as "hand".

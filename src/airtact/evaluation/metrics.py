@@ -318,17 +318,17 @@ class Evaluation:
 
     @property
     def worst(self) -> float:
-        """Smallest of ``counted``: a fraction, or a pressure [Pa] if no pressure is requested."""
+        """Smallest value in ``counted``: a fraction of the request, or a pressure [Pa]."""
         return float(self.counted.min())
 
     @property
     def mean(self) -> float:
-        """Mean of ``counted``: a fraction, or a pressure [Pa] if no pressure is requested."""
+        """Mean of the values in ``counted``: a fraction, or a pressure [Pa] without a request."""
         return float(self.counted.mean())
 
     @property
     def uniformity(self) -> float:
-        """Uniformity 1 − (max − min)/(max + min) of ``counted``, which is 1 if all foci are equal.
+        """Uniformity of the values in ``counted``, defined as 1 − (max − min)/(max + min).
 
         Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define this measure for
         intensities.

@@ -55,7 +55,7 @@ class Steepening:
 
     @property
     def error(self) -> Float64[np.ndarray, "points"]:
-        """(F,) estimated relative error of ``kept``."""
+        """(F,) estimated relative error of the ratio ``kept``."""
         # The largest error in the benchmark is 0.04 of the square. The doubt about the amplitude is
         # multiplied by the largest possible depletion, that of a plane wave.
         return (0.05 + 0.5 * self.doubt) * self.second**2

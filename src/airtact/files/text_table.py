@@ -153,8 +153,8 @@ def _cells(file: str, line: int, text: str) -> tuple[str, ...]:
         return tuple(cell.strip() for cell in next(csv.reader([text], skipinitialspace=True)))
     except csv.Error as error:
         raise InvalidInput(
-            f"line {line} of {file}, which has {len(text):,} characters, contains a cell that "
-            f"cannot be read: {error}.",
+            f"line {line} of {file} has {len(text):,} characters and contains a cell that cannot "
+            f"be read: {error}.",
             code="file_unreadable",
         ) from None
 

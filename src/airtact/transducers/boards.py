@@ -38,7 +38,7 @@ class Board:
         varies.
     placed : whether the board fixes the positions of its transducers. Otherwise, ``positions`` are
         only an example.
-    max_boards : largest number of boards on one connection to the computer.
+    max_boards : largest number of boards on one link to the computer.
     amplitudes, phases : number of amplitude levels and of phase levels.
     transducer : manufacturer's name of the transducer.
     radius : radius of a piston with the directivity of this transducer [m]; see

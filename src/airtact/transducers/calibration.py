@@ -55,7 +55,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
             element = int(index)
             if element != index:
                 raise InvalidInput(
-                    f"the element {index:g} is not a whole number. Use the index of an element.",
+                    f"the element {index:g} is not a whole number. Use an index from 0.",
                     code="not_a_number",
                 )
             if not 0 <= element < elements:

@@ -216,8 +216,8 @@ def _check_behind(array: PhasedArray, behind: Depths, subject: str) -> None:
     board = f"board {faces[0] // len(kind[0])}" if kind and len(kind[1]) > 1 else "the array"
     raise InvalidInput(
         f"{subject} behind the faces of {counted(len(faces), 'element', 'elements')}, which only "
-        f"radiate forward: {behind[faces[0]] * 1e3:.3g} mm behind element {faces[0]}. Turn or "
-        f"move {board}.",
+        f"radiate forward. The distance behind element {faces[0]} is "
+        f"{behind[faces[0]] * 1e3:.3g} mm. Turn or move {board}.",
         code="behind_faces",
     )
 

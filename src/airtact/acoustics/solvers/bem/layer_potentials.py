@@ -192,7 +192,7 @@ class NearRule:
 
 
 class NearRows(_kernels.NearRows):
-    """Corrections for panels near the points, to be added to the plain sum over all nodes.
+    """Corrections for panels near the points, which are added to the plain sum over all nodes.
 
     Each pair consists of a point and a panel near it. Point j has the pairs ``first[j]`` to
     ``first[j + 1] - 1``, as in ``near_lists``. ``excess`` (pairs, 6) is the accurate integral for
