@@ -121,7 +121,7 @@ class QuadraticMesh:
 
     @cached_property
     def ridges(self) -> Float64[np.ndarray, "ridges 3 3"]:
-        """(K, 3, 3) start, middle and end of each sharp edge, listed once [m]."""
+        """(K, 3, 3) start, middle and end [m] of each sharp edge, with each edge listed once."""
         triangle, edge = np.nonzero(self.sharp)
         once = 3 * triangle + edge < self._twins[triangle, edge]
         triangle = triangle[once]

@@ -28,17 +28,20 @@ ALWAYS_FREE = 2**26
 
 
 class BlockPairs(_kernels.Pairs):
-    """Pairs of a row block t with the column blocks ``column[first[t]:first[t + 1]]``."""
+    """Selected blocks of a matrix, in compressed-row form.
+
+    The selected blocks of row block t are in the column blocks ``column[first[t]:first[t + 1]]``.
+    """
 
     @classmethod
     def of(cls, chosen: Bool[np.ndarray, "blocks blocks"]) -> "BlockPairs":
-        """Return the pairs for which a mask is True."""
+        """Return the blocks for which a mask is True."""
         first = np.concatenate([[0], np.cumsum(chosen.sum(axis=1))])
         return cls(first.astype(np.int64), np.nonzero(chosen)[1].astype(np.int64))
 
     @property
     def row(self) -> Int64[np.ndarray, "pairs"]:
-        """Index of each pair's row block."""
+        """Index of the row block of each selected block."""
         return np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))
 
 
@@ -77,13 +80,12 @@ class BlockMatrix:
     Attributes
     ----------
     count : number of unknowns.
-    whole : the pairs of blocks that are stored in full.
-    blocks : rows of the blocks stored in full. Each row consists of its real parts followed by its
-        imaginary parts, padded with zeros. Each array entry contains one number, or two numbers if
-        the format is bfloat16.
-    far : the pairs of blocks that are sums of low-rank terms. Pair i has ``ranks[i]`` terms, whose
-        factors start at ``begin[i]``: first those along the block's columns, then those along its
-        rows.
+    whole : the blocks that are stored in full.
+    blocks : rows of the blocks that are stored in full. Each row consists of its real parts
+        followed by its imaginary parts, padded with zeros. Each array entry contains one number, or
+        two numbers if the format is bfloat16.
+    far : the blocks that are sums of low-rank terms. Block i has ``ranks[i]`` terms, whose factors
+        start at ``begin[i]``: first those along the block's columns, then those along its rows.
     factors : the factors of the low-rank terms, in the number format of ``blocks``.
     """
 

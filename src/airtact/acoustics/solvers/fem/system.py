@@ -221,7 +221,7 @@ class System:
         filled bodies.
     coarse_surface : fewer quadrature points on the surfaces, which suffice to evaluate the field a
         wavelength away.
-    weights : (3, bodies) weights w_d, w_s and w_v of the weak form.
+    weights : (3, bodies) weights w_d, w_s and w_v of the right-hand side.
     method : solver that factorises the matrix, "pardiso" or "sparsecholesky".
     """
 
