@@ -33,8 +33,8 @@ def united_parts(
     """Return the surface of the union of all parts of a mesh, and a note on its precision.
 
     The winding number is computed along the lines of a grid in three directions, and the majority
-    of the three results is used at each node. An edge shared by three triangles, or a hole,
-    therefore only corrupts single lines. Faces keep their position, but edges are rounded on the
+    of the three results is used at each node. A hole, or an edge shared by three triangles,
+    therefore affects only single lines. Faces keep their position, but edges are rounded on the
     scale of a grid cell, and walls thinner than two cells disappear.
 
     Parameters

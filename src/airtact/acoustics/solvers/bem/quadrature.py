@@ -185,8 +185,9 @@ def thickness(
     Larger diameters are returned as ``largest``, without any computation if ``lower_bound`` already
     reaches this value.
 
-    For each node, the ball shrinks until it contains no other node. It then shrinks until no panel
-    enters it between nodes (J. Ma, S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).
+    At each node, a ball of diameter ``largest`` shrinks until it contains no other node. It then
+    shrinks until no panel enters it between nodes (J. Ma, S. W. Bae, S. Choi, The Visual Computer
+    28, 7 (2012)).
     """
     diameter = np.full(len(nodes.points), float(largest))
     unknown = (
