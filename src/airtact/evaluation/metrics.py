@@ -34,8 +34,9 @@ def drive_sources(
 
     Returns
     -------
-    E·Q monopoles, element by element, each with S strengths sensitivity · w_j · g_e · d_e [Pa·m],
-    where w_j is the weight of the face point, g_e the gain of the element and d_e its drive.
+    E·Q monopoles, ordered by element. For each of the S drives, the strength of the monopole at
+    point j of the face of element e is sensitivity · w_j · g_e · d_e [Pa·m], where w_j is the
+    weight of the point, g_e the gain of the element and d_e its drive.
 
     Raises
     ------

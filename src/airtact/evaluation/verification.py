@@ -137,7 +137,7 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
     if lost:
         raise InvalidInput(
             f"{field.report.solver} returns no pressure or velocity at {lost} of {len(points)} "
-            "points of the surfaces. Use BoundaryElement for radiation pressure.",
+            "surface points. Use BoundaryElement for radiation pressure.",
             code="data_missing",
         )
     return RadiationMap(

@@ -17,8 +17,8 @@ class Output:
     """Output of the live loop: boards that are connected by a link, or no boards.
 
     Use it in a ``with`` block; the output is silenced at the end of the block. Drives above the cap
-    (full scale by default) are scaled down. After silence, the sound rises within 0.2 s. The
-    methods raise ``LinkFailed`` if the boards fail.
+    (full scale by default) are scaled down. After silence, the amplitude is ramped up over
+    0.2 s. The methods raise ``LinkFailed`` if the boards fail.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ class Session:
     frame_time : (M,) timestamps of the tracker's frames [s].
     landmarks : (M, 25, 3) landmarks in scene coordinates [m]; NaN if the hand was
         lost.
-    sides : (M,) side of the hand in each frame.
+    sides : (M,) "left" or "right" for the hand in each frame.
     strengths : (N, F) strengths of the foci; 1 if all are equal.
     contacts : (N, C, 3) points of the skin in contact with objects [m]; NaN if there
         were fewer.

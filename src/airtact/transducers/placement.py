@@ -81,9 +81,10 @@ def check_apart(array: PhasedArray) -> None:
     first, second, distance = nearest_pair(array.positions)
     pairs = KDTree(array.positions).query_pairs(smallest, output_type="ndarray")
     raise InvalidInput(
-        f"elements {first} and {second} are {1e3 * distance:.3g} mm apart at "
+        f"elements {first} and {second} are {1e3 * distance:.3g} mm apart, near "
         f"{in_mm(array.positions[first])}, and {len(np.unique(pairs))} of {len(array)} elements "
-        "overlap: is a board or a list included twice? Move or remove one of them.",
+        "overlap. If a board or a file of positions is included twice, remove one of the two; "
+        "otherwise move them apart.",
         array.positions[first],
         code="bodies_overlap",
     )

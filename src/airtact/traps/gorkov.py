@@ -532,7 +532,7 @@ def judge(
 
 
 def settled(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: Bead) -> Verdict:
-    """Return the verdict on the equilibrium near a point, or on the point if there is none."""
+    """Judge whether a trap holds at the equilibrium near a point, or else at the point."""
     place = descend(field, point, bead)
     return judge(field, (point if np.isnan(place).any() else place)[None], bead)[0]
 

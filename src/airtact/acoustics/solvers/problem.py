@@ -85,7 +85,7 @@ class SolveReport:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceField:
-    """Pressure at the N points on the surfaces of the bodies at which a solver computes it.
+    """Pressure on the surfaces of the bodies, at the N points where the solver computes it.
 
     Attributes
     ----------

@@ -43,7 +43,7 @@ def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints]
 
 
 class SolvingMaker(DriveMaker):
-    """Base class of drive makers that solve the scattering by hands in separate processes."""
+    """Base class for drive makers that compute the scattering from hands in separate processes."""
 
     _solvers: list[SolverProcess]
 
