@@ -50,7 +50,7 @@ class Uncertainty:
         the middle of the foci [degree].
     own_position, own_rotation : standard deviations of an additional, independent shift along each
         axis [m] and rotation [degree] of each body. A body rotates about the middle of its foci. A
-        single body counts as a hand, in which each focus is on a separate bone that moves
+        single body is treated as a hand in which each focus is on a separate bone that moves
         independently.
     along_skin : standard deviation of the position of each focus on its body, in each of two
         directions along the surface [m].

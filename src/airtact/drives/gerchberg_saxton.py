@@ -115,9 +115,8 @@ def alternating_projections(
 
     Returns
     -------
-    The results for each set: the sources at the foci, the smallest ratio of pressure to request
-    [Pa], and the phasors of the elements. For the ratio, requests are scaled so that the largest is
-    1.
+    For each set of foci: the sources at the foci, the smallest ratio of pressure to request [Pa],
+    and the phasors of the elements. For the ratio, requests are scaled so that the largest is 1.
     """
     # Single precision is enough: only phases matter, and their error is below 1e-6.
     single = matrix.astype(np.complex64)

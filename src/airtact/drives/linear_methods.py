@@ -87,7 +87,7 @@ def inverse_filter(
     With weight 0, every focus gets its requested pressure w_f, including its phase, from the drive
     of least energy that produces it (Tanter, Thomas and Fink, J. Acoust. Soc. Am. 108 (2000) 223).
     With the transfer matrix of open air, this is the least-squares method of Hasegawa and Shinoda
-    (IEEE World Haptics 2013). Suppression points are rows of H with w = 0.
+    (IEEE World Haptics 2013). Suppression points are included as rows of H with w = 0.
 
     Parameters
     ----------

@@ -176,7 +176,8 @@ def goal_value(
     target : the foci and their requested pressures.
     drive : the drive to evaluate.
     goal : "lowest tenth" for the pressure that the weakest focus exceeds in 9 out of 10 samples;
-        "mean" or "worst" for its mean or smallest pressure over the samples.
+        "mean" or "worst" for the mean or the smallest pressure at the weakest focus over the
+        samples.
 
     Returns
     -------

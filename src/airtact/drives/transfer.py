@@ -390,7 +390,7 @@ def asked_rows(
 
 
 def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
-    """Return the rows at the foci, after checking that a drive can separate and reach all foci.
+    """Return the rows for the foci, after checking that a drive can separate and reach all foci.
 
     Without this check, methods that balance the foci might diverge. The function raises
     ``InvalidInput``:

@@ -224,10 +224,10 @@ def matrices_at(
 
     The wavenumber is multiplied by ``slower``, which is below 1 in warmer air. If an element is
     inside a body, or if a body or a focus is behind a face, the pose is impossible and None is
-    yielded. In front of a plane, ``solver`` solves each pose that changes the position relative to
-    the plane. Without ``solver``, such a pose raises an error with the code "not_converged".
-    ``InvalidInput`` is raised if ``beacons`` is not the field of unit beacons or is unknown at an
-    element, or if an element is inside a body of the undisplaced scene.
+    yielded. In front of a plane, ``solver`` computes a new solution for each pose that changes the
+    hand's position relative to the plane. Without ``solver``, such a pose raises an error with the
+    code "not_converged". ``InvalidInput`` is raised if ``beacons`` is not the field of unit beacons
+    or is unknown at an element, or if an element is inside a body of the undisplaced scene.
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)

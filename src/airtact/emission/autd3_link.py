@@ -110,7 +110,7 @@ class AUTD3Link(AUTD3Boards):
     Raises
     ------
     InvalidInput
-        If there is no pose, the connection is unknown, or the connection needs an address.
+        If there are no poses, the connection is unknown, or a required address is missing.
     """
 
     def __init__(

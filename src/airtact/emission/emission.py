@@ -79,8 +79,8 @@ class Emission:
     cap : largest amplitude of an element, as a fraction of full scale; it may be changed during the
         emission.
     process : id of the process that opened the link; None before opening, or if it is this process.
-    share : fraction of the latest drive's amplitude that the boards played when it was sent;
-        below 1 during a ramp.
+    share : factor by which the ramp scaled the latest drive when it was sent; below 1 during a
+        ramp.
 
     Raises
     ------

@@ -152,7 +152,7 @@ class LinkProcess:
     def ask(self, name: str, *arguments: object, seconds: float | None = None) -> Any:
         """Call a method of the link's player and return its answer within ``seconds``.
 
-        The default time is ``ANSWER_TIMEOUT``.
+        By default, ``seconds`` is ``ANSWER_TIMEOUT``.
 
         Raises
         ------

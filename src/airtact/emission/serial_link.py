@@ -29,8 +29,8 @@ class SerialLink(Link):
 
     A Nano16 echoes the first and the last byte of each frame, which reset and swap its buffers; a
     frame that is not echoed is sent again. A SonicSurface never answers, so a frame is considered
-    sent once the port has sent all bytes. Both kinds have two buffers. Each swap brings back the
-    previous buffer, so silence is sent twice.
+    sent once the port has sent all bytes. Both kinds of board have two buffers. Each swap brings
+    back the previous buffer, so silence is sent twice.
 
     Parameters
     ----------

@@ -302,7 +302,8 @@ def compare(
 class HeldOut:
     """The pressure at the weakest focus for several drives, under random deviations.
 
-    The deviations are samples of an ``Uncertainty`` that were not used to compute the drives.
+    The deviations of the hand, the air and the transducers are samples of an ``Uncertainty`` that
+    were not used to compute the drives.
 
     Attributes
     ----------
@@ -382,7 +383,7 @@ def body_word(bodies: Sequence[str]) -> str:
 def headline(
     comparison: Comparison, drive: Drive, word: str = "hand", foci: Sequence[str] = ()
 ) -> str:
-    """Return a text on the pressure at the weakest focus and the gain from considering the bodies.
+    """State the pressure at the weakest focus, and the gain from considering the bodies.
 
     Parameters
     ----------

@@ -300,7 +300,7 @@ class Evaluation:
 
     @property
     def shares(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) ratio of pressure to requested pressure, or NaN without a request above 0 Pa."""
+        """(F,) ratio of pressure to requested pressure, or NaN if none above 0 Pa is requested."""
         return fraction(self.magnitudes, self.target)
 
     @property
@@ -324,7 +324,7 @@ class Evaluation:
 
     @property
     def mean(self) -> float:
-        """Mean of the values in ``counted``: a fraction, or a pressure [Pa] without a request."""
+        """Mean of the values in ``counted``: a fraction of the request, or a pressure [Pa]."""
         return float(self.counted.mean())
 
     @property

@@ -151,7 +151,7 @@ class Touch:
     ----------
     first, second : names of the parts.
     gap : gap between their skins, negative if they overlap [m].
-    place : (3,) position between them [m].
+    place : (3,) position midway between the skins [m].
     """
 
     first: str

@@ -149,7 +149,7 @@ class MoveMessage(msgspec.Struct, frozen=True):
     Attributes
     ----------
     name : name of the object.
-    pose : pose of its shape in the scene.
+    pose : new pose of the object's shape in the scene.
     """
 
     name: Name

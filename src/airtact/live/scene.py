@@ -130,7 +130,7 @@ class LiveScene:
     medium : medium in which the sound propagates.
     frequency : frequency of the sound [Hz].
     array : transducers, in scene coordinates like the tracked hands.
-    side : side of the hand that carries the foci.
+    side : "left" or "right", for the hand that carries the foci.
     radii : (25,) radius of the skin around each joint [m]; None for a generic hand.
     places : places on the hand, such as ``"thumb.pad"``, that carry the F foci.
     offsets : (F,) distances of the foci from the skin [m].
@@ -401,7 +401,7 @@ def turn(
     directions: Float64[np.ndarray, "*poses foci samples 3"],
     reference: Float64[np.ndarray, "foci samples 3"],
 ) -> Float64[np.ndarray, "*poses"]:
-    """Return the rms change [rad] of ``PosedHand.directions`` from those of a reference pose."""
+    """Return the rms deviation [rad] of ``PosedHand.directions`` from those of a reference pose."""
     squares = np.sum((directions - reference) ** 2, axis=-1)
     return np.asarray(np.sqrt(np.mean(squares, axis=(-2, -1))))
 

@@ -75,9 +75,8 @@ class Session:
         lost.
     sides : (M,) "left" or "right" for the hand in each frame.
     strengths : (N, F) strengths of the foci; 1 if all are equal.
-    contacts : (N, C, 3) points of the skin in contact with objects [m]; NaN if there
-        were fewer.
-    depths : (N, C) depths of the points ``contacts`` in the objects [m]; NaN if there were fewer.
+    contacts : (N, C, 3) points of the skin in contact with objects [m]; unused entries are NaN.
+    depths : (N, C) depths of the points ``contacts`` in the objects [m]; unused entries are NaN.
     other : (N, 25, 3) predicted joints of the other hand [m]; NaN if it was not
         seen.
     """

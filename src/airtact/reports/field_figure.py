@@ -143,7 +143,7 @@ def draw_plane(
 
 
 def draw_solid(axes: Axes, window: Window, depth: Float64[np.ndarray, "points"]) -> None:
-    """Fill the part of a window in which the depth is positive, that is, the bodies."""
+    """Fill the parts of a window that are inside bodies, where the depth is positive."""
     if depth.max() > 0.0:
         grid = (*grid_axes(window), depth.reshape(window.shape))
         axes.contourf(*grid, levels=[0.0, 2.0 * depth.max()], colors=[BODY])

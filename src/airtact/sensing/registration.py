@@ -138,7 +138,8 @@ def locate(
     scene : the bodies in their own frame; or a ``ScatteringFamily`` of bodies with one unknown
         parameter, such as the gap of two fingers.
     array : the transducers in their own frame, in the same order as the codes.
-    start : initial pose of the bodies in the array's frame, correct to about 5 mm and 8 degrees.
+    start : initial pose of the bodies in the array's frame, accurate to within about 5 mm and 8
+        degrees.
     scattering : scattering matrix of the scene. By default the solver computes it in the first call
         with the scene, and later calls reuse it. Omit it for a ``ScatteringFamily``, which contains
         its own matrices.

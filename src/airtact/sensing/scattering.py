@@ -213,7 +213,7 @@ def _order(reach: float, accuracy: float) -> int:
 def reaching_patterns(
     scene: Scene, centre: Float64[np.ndarray, "3"], order: int, smallest: float
 ) -> Float64[np.ndarray, "waves patterns"] | None:
-    """Return orthonormal patterns (waves, N) of the regular waves that reach the bodies.
+    """Return the orthonormal patterns (waves, N) of regular waves that reach the bodies.
 
     Each column contains the weights of the waves in one pattern. None is returned if most patterns
     reach the bodies.

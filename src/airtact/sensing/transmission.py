@@ -359,8 +359,8 @@ def noisy(
 ) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float | None]:
     """Add Gaussian noise to pressures; return the noisy pressures and the rms noise [Pa].
 
-    The noise is ``decibels`` below the rms pressure. If ``decibels`` is None, no noise is added and
-    the rms noise is None.
+    The rms noise is ``decibels`` dB below the rms pressure. If ``decibels`` is None, no noise is
+    added and the rms noise is None.
     """
     pressures = pressures.astype(np.complex128)
     if decibels is None:

@@ -140,7 +140,7 @@ class MethodComparison:
 
     @property
     def best(self) -> Contender:
-        """Method with the highest pressure at the weakest focus, or the default if equally good."""
+        """Method with the highest pressure at the weakest focus; among equals, the default one."""
         return self.ranked[0]
 
     @property

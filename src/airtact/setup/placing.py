@@ -257,8 +257,8 @@ def place(
     ------
     InvalidInput
         If no layout fits, a number is not above zero, or the board is unknown. The error is also
-        raised if the boards of the scene reflect sound, a plane is behind them, the setup has
-        traps, or a hand cannot replace the setup's body.
+        raised if the boards of the scene reflect sound, if a plane is behind the boards, if the
+        setup has traps, or if a hand cannot replace the setup's body.
 
     Examples
     --------

@@ -294,7 +294,7 @@ def calibrate_array(
     Returns
     -------
     The calibration, and the errors of the worst board's position [m] and of the speed of sound
-    [m/s]. For measured transmissions, None replaces the errors, because they are unknown.
+    [m/s]. For measured transmissions, the errors are unknown, and None is returned in their place.
 
     Raises
     ------

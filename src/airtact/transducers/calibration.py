@@ -65,7 +65,8 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
                 )
             if element in lines:
                 raise InvalidInput(
-                    f"element {element} is already in line {lines[element]}. Remove one line.",
+                    f"element {element} is already in line {lines[element]}. Remove one of the "
+                    "lines.",
                     code="given_twice",
                 )
             if not 0.0 <= gain <= 10.0:  # a larger gain is probably in per cent

@@ -171,7 +171,7 @@ class PhasedArray:
         return moved
 
     def facing(self, point: Vector, direction: Vector, distance: float) -> "PhasedArray":
-        """Return the array moved to a distance from a point, so that it radiates toward the point.
+        """Return the array moved to a given distance from a point and turned to radiate toward it.
 
         Parameters
         ----------

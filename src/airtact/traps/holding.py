@@ -107,7 +107,7 @@ def target_of(
     foci: Real[np.ndarray, "foci 3"] | None = None,
     focus_share: float = 1.0,
 ) -> Target:
-    """Return the target of an adapted method: the lobes of all traps, followed by the foci."""
+    """Return the target for methods adapted by ``holding``: lobes of all traps, then the foci."""
     points = np.concatenate([trap.lobes(wavelength) for trap in traps])
     if foci is None:
         return Target(points)

@@ -71,7 +71,7 @@ class SampledField(RadiatedField):
         if pressures.shape != (len(nodes), excitations):
             raise InvalidInput(
                 f"the pressures have shape {pressures.shape}, but {len(nodes)} nodes and "
-                f"{excitations} excitations need ({len(nodes)}, {excitations}).",
+                f"{excitations} excitations require ({len(nodes)}, {excitations}).",
                 code="wrong_shape",
             )
         check_finite(pressures, "pressures")

@@ -82,7 +82,8 @@ def sphere_rule(
     """Return directions and weights of a quadrature on the unit sphere.
 
     Gauss-Legendre latitudes and equally spaced longitudes integrate products of two spherical
-    harmonics of up to ``order`` exactly. The weight applies to each direction of a latitude.
+    harmonics of order up to ``order`` exactly. Each latitude has one weight, which applies to all
+    directions on it.
     """
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     azimuth = 2.0 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
@@ -152,7 +153,7 @@ def gmres(
 
     Parameters
     ----------
-    product : function that returns A v for each row v of an array (sides, unknowns).
+    product : function that returns A v for each row v of an array (right-hand sides, unknowns).
     right_sides : the right-hand sides b, as rows.
     tolerance : relative residual that all right-hand sides must reach.
     error : approximate relative error of the solution at which the iteration stops. If A is

@@ -122,7 +122,7 @@ def with_middles(
 
 
 def area_vectors(corners: Corners) -> TriangleVectors:
-    """Return the outward normal of each flat triangle, whose length is twice the area [m²]."""
+    """Return the outward normals of flat triangles, each as long as twice the area [m²]."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
@@ -230,8 +230,8 @@ SHARP_DEGREES = 75.0
 def edge_twins(triangles: AnyTriangles) -> Twins:
     """Return the reverse of each directed edge 01, 12, 20 as an index 3 t + e.
 
-    The index refers to edge e of triangle t. It is -1 if there is no reverse edge, and -2 if the
-    directed edge itself occurs more than once.
+    Index 3 t + e refers to edge e of triangle t. The index is -1 if there is no reverse edge, and
+    -2 if the directed edge itself occurs more than once.
     """
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)

@@ -363,8 +363,8 @@ def _distance_to_bones(points: Points, joints: Joints) -> PerPoint:
 def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer 3"]:
     """Return the mean of the points (N, 3) in each cube with edges of length ``cell`` [m].
 
-    Sparse cubes are omitted as outliers. To reduce the influence of outliers, only points near
-    the central point of a cube are averaged.
+    Cubes with few points are omitted as outliers. To reduce the influence of outliers, only points
+    near the central point of a cube are averaged.
     """
     cubes = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
     # Each cube is encoded as one integer, so that ``unique`` sorts numbers instead of rows.

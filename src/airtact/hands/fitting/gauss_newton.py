@@ -77,7 +77,7 @@ class Observation:
     Attributes
     ----------
     points : (N, 3) points of the skin, averaged in small cubes [m].
-    landmarks : (25, 3) inaccurate joints [m].
+    landmarks : (25, 3) approximate joint positions [m].
     spread : (25,) standard deviation of each coordinate of the landmarks [m].
     side : "right" or "left".
     anatomy : prior on the sizes of the hand.

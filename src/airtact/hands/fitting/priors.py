@@ -212,7 +212,7 @@ def crossed(a: Rows, b: Rows) -> Rows:
 
 
 def length_rules(joints: Joints, sizes: Sizes) -> Rules:
-    """Return residuals that compare bone lengths and palm widths with the sizes (62,)."""
+    """Return residuals that compare bone lengths and palm widths with those in ``sizes`` (62,)."""
     starts, ends = _SPAN_ENDS.T
     along = joints[ends] - joints[starts]
     length = np.sqrt((along**2).sum(axis=1))

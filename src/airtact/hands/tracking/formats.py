@@ -148,8 +148,7 @@ def _streamed(side: Any, index: int, wrist: list[float], values: list[float]) ->
     if len(wrist) != 7 or len(values) % 3 or not np.any(wrist[3:]):
         raise FaultyFrame(
             "unreadable",
-            "the line of the wrist or the line of the landmarks is missing or incomplete. Omit "
-            "this line.",
+            "the wrist or the landmarks are missing or incomplete. Remove this line.",
         )
     turn = Rotation.from_quat(wrist[3:])
     points = turn.apply(np.reshape(values, (-1, 3))) + wrist[:3]

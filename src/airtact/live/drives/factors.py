@@ -153,7 +153,7 @@ def factors_of(
     time: float,
     received: Complex128[np.ndarray, "sources points"],
 ) -> HandFactors:
-    """Return the factors for pressures (R, P) at the sources that are due to the beacons."""
+    """Return the factors for the pressures (R, P) that P beacons produce at R sources."""
     points = beacon_points(scene, posed)
     open_air = monopole_pressure(
         scene.with_images.array.positions,

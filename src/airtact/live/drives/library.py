@@ -89,7 +89,7 @@ def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
 
 
 def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
-    """Return whether solving one of the parts should yield more pressure than ignoring the hand.
+    """Return whether solving for one of the parts is expected to increase the pressure.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ class Round:
     Attributes
     ----------
     points : (N, 3) position of the focus in each frame [m].
-    outlines : the outline along which the focus runs, for each frame.
+    outlines : outline along which the focus runs in each frame.
     rate : frames per second.
     """
 
@@ -84,7 +84,7 @@ def curves_at(
 
 
 def round_along(outlines: Sequence[Outline], frequency: float) -> Round:
-    """Return one round along outlines, with evenly spaced frames.
+    """Return one round of a focus along all outlines, with evenly spaced positions.
 
     Parameters
     ----------

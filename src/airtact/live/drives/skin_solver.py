@@ -55,7 +55,7 @@ class SkinRequest:
     __repr__ = in_short
 
     def after(self, ahead: float) -> tuple["SkinRequest", Mapping[Side, Joints]]:
-        """Return the request itself, and the joints that each hand will have ``ahead`` [s] later.
+        """Return a pair: this request, and each hand's joints predicted for ``ahead`` [s] later.
 
         The joints are extrapolated with their velocities. They stay unchanged if the result would
         not form a hand.

@@ -62,8 +62,7 @@ class View:
 
     Attributes
     ----------
-    objects : vertices and triangles of virtual objects, by the number of their
-        shape.
+    objects : dict from the number of each virtual object's shape to its vertices and triangles.
     """
 
     def __init__(self, scene: LiveScene) -> None:

@@ -41,7 +41,7 @@ class BlockPairs(_kernels.Pairs):
 
     @property
     def row(self) -> Int64[np.ndarray, "pairs"]:
-        """Index of the row block of each selected block."""
+        """Row of each selected block, counted in blocks."""
         return np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))
 
 
@@ -75,7 +75,7 @@ def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks bloc
 
 @dataclass(frozen=True, eq=False)
 class BlockMatrix:
-    """A square complex matrix in blocks of ``_kernels.lanes`` rows and columns.
+    """A square complex matrix, divided into blocks of ``_kernels.lanes`` rows and columns.
 
     Attributes
     ----------

@@ -87,7 +87,7 @@ class PlacedBody:
         return near
 
     def in_box(self, points: Points, beyond: float = 0.0) -> Mask:
-        """Return a mask of the points in the box around the body or within ``beyond`` [m] of it."""
+        """Return a mask of the points in the body's bounding box, extended by ``beyond`` [m]."""
         tree = self.reduced.tree
         local = self.local.apply(points)
         return ((local > tree.mins - beyond) & (local < tree.maxes + beyond)).all(axis=1)
@@ -113,7 +113,7 @@ class PlacedBody:
     def coupling_from(self, source: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
         """Return the matrix −D(x) + i D(x') from the columns of ``source`` to this body's rows.
 
-        The rows and columns are those of the skeletons, and D is the double layer.
+        The rows and columns belong to the skeletons of the bodies, and D is the double layer.
         """
         count = len(self.reduced.rows)
         points = self.pose.apply(self.reduced.row_points)

@@ -199,7 +199,7 @@ class BodiesBeforePlane:
     def reflected(self, scene: Scene) -> Monopoles:
         """Return monopoles that radiate the additional field caused by the plane of a scene.
 
-        Monopoles with neighbouring indices are close together.
+        They are ordered so that monopoles with neighbouring indices are close together.
 
         Raises
         ------

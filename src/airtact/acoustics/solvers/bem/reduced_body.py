@@ -48,7 +48,7 @@ class RoundedMatrix:
 
     @property
     def dtype(self) -> np.dtype:
-        """Precision of the matrix's products."""
+        """Precision of products with the matrix."""
         return np.dtype(np.complex64)
 
     def as_complex(self) -> Complex[np.ndarray, "rows columns"]:

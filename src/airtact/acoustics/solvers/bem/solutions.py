@@ -99,8 +99,8 @@ def dual_surface(
 ) -> DualSurface:
     """Build the dual-surface equation, with its second collocation points inside the bodies.
 
-    Each second point lies below the surface at a depth of 0.3 times the local thickness, but at
-    most 0.2 λ.
+    Each second collocation point lies below the surface, at a depth of 0.3 times the local
+    thickness but at most 0.2 λ.
 
     Sharing each point among three nodes saves a third of the kernel evaluations at equal accuracy.
     ``least_thickness`` is a lower bound on the thickness at each node [m].
@@ -301,7 +301,7 @@ class DirectSolution:
         return layer
 
     def near(self, points: Vectors, contact: Mask | None = None, total: bool = True) -> Pressures:
-        """Return the pressure [Pa] at points on or near the surface, with smaller panels there."""
+        """Return the pressure [Pa] at points on or near the surface, refining panels near them."""
         if not len(points):
             return np.empty((0, self.pressure.shape[1]), dtype=np.complex128)
         if contact is None:

@@ -62,7 +62,7 @@ class Solution:
     Attributes
     ----------
     system : the equation that was solved.
-    outer : monopoles whose open-air field is added.
+    outer : monopoles whose open-air field is added to that of the finite elements.
     coefficients : (unknowns, S) coefficients of the finite elements.
     """
 

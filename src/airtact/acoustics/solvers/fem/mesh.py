@@ -186,8 +186,8 @@ class Tetrahedra:
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
         """Return the tetrahedron that contains each point, or -1, and the barycentric coordinates.
 
-        The points are (P, 3) [λ]. The tetrahedra with the nearest centres are tried in turn, until
-        one contains the point.
+        The points (P, 3) are in wavelengths. The tetrahedra with the nearest centres are tried in
+        turn, until one contains the point.
         """
         best = np.full(len(points), -1, dtype=np.int64)
         weights = np.zeros((len(points), 4))
