@@ -24,6 +24,9 @@ Value = TypeVar("Value")
 # A point or direction: an array or a tuple of three numbers
 Vector = Real[np.ndarray, "3"] | tuple[float | int, float | int, float | int]
 
+# Likely cause of a length that is too large
+NOT_METRES = "is it in millimetres? Use metres."
+
 # Largest length of a message [characters]; with its code and prefix, a line has up to 500
 LONGEST_SENTENCE = 450
 
@@ -245,10 +248,13 @@ def positive(value: float, what: str, unit: str) -> float:
     return result
 
 
-def between(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
+def between(
+    value: float, low: float, high: float, what: str, unit: str, slip: str = NOT_METRES
+) -> float:
     """Check that a number lies between ``low`` and ``high``, and return it as a float.
 
-    ``slip`` ends the message with a likely cause, such as "is it in kHz?".
+    ``slip`` ends the message with a likely cause, such as "is it in kHz?". The default is for
+    lengths in metres.
 
     Examples
     --------
@@ -268,7 +274,9 @@ def between(value: float, low: float, high: float, what: str, unit: str, slip: s
     return result
 
 
-def within(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
+def within(
+    value: float, low: float, high: float, what: str, unit: str, slip: str = NOT_METRES
+) -> float:
     """Check that a number is above zero and lies between ``low`` and ``high``, and return it."""
     return between(positive(value, what, unit), low, high, what, unit, slip)
 

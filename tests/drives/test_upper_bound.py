@@ -170,6 +170,7 @@ def test_a_method_that_stalls_warns_and_returns_its_best(method, foci):
     warning = warned[0].message
     assert isinstance(warning, at.drives.Stalled)
     assert f"{warning.reached:.1%} of the certified bound" in str(warning)
+    assert ("use gradient" in str(warning)) == (method is at.max_min)
     # against the bound that was computed to 1 %
     assert warning.reached == pytest.approx(
         at.upper_bound(transfer, target).reached(transfer, target, drive), rel=0.011

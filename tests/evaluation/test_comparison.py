@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.evaluation.comparison import HELD_EQUAL, compare
+from airtact.evaluation.comparison import HELD_EQUAL, compare, held_out
 from faults import raises_code
 
 SCENE = at.Scene(at.Medium(343.1, 1.293), [])
@@ -90,6 +90,20 @@ def test_a_comparison_lists_every_focus_of_every_drive(result) -> None:
     assert [row["x"], row["y"], row["z"]] == TARGET.points[1].tolist()
     with raises_code("unknown_name"):
         result.weakest("equal power")
+
+
+def test_the_weakest_focus_is_relative_to_the_shares() -> None:
+    target = at.Target(TARGET.points, shares=np.array([1.0, 0.2]))
+    # The drive for equal shares gives the focus of share 1 too little, although it is not lower.
+    drive = at.max_min(TRANSFER, TARGET)
+    result = compare(SCENE, ARRAY, {"equal": drive}, target, solver=at.FreeField())
+    first, second = result.pressures["equal peak"][0]
+    assert second < 1.01 * first
+    assert result.weakest("equal peak").tolist() == [first]
+    samples = at.drives.TransferEnsemble(TRANSFER.matrix, 0.0, geometry=TRANSFER.matrix[None])
+    held = held_out(samples, target, {"equal": drive})
+    assert held.expected[0] == pytest.approx(first, rel=1e-6)
+    assert held.lowest_tenth[0] == pytest.approx(first, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import airtact as at
 from airtact.hands.joints import NAMES
 from airtact.touch import Box, Button, Grating, HalfSpace, skin_of
 from airtact.touch.finding import find
+from faults import raises_code
 from paths import HANDS
 from worlds import directions
 
@@ -52,6 +53,23 @@ def test_two_fingers_at_a_ball_touch_where_the_paper_says() -> None:
     np.testing.assert_allclose(contacts.points, fingers.pads, atol=1e-6)
     np.testing.assert_allclose(contacts.depths, 6e-3, atol=1e-9)
     np.testing.assert_allclose(contacts.target().points, fingers.foci(0.5e-3), atol=2e-6)
+
+
+def test_the_smallest_ball_is_found_between_the_points_of_the_skin() -> None:
+    finger = at.capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.03), radius=8e-3, edge=6e-3)
+    skin = skin_of(finger)
+    # The middle of the triangle that is farthest from its corners
+    corners = skin.points[skin.triangles]
+    middles = corners.mean(axis=1)
+    widest = int(np.linalg.norm(corners - middles[:, None], axis=2).min(axis=1).argmax())
+    place = finger.shape.project(middles[[widest]])[0]
+    bead = ball(2e-3, place)
+    assert len(find(skin, [bead]).depths) == 0
+    contacts = at.contact(finger, bead)
+    np.testing.assert_allclose(contacts.points, [place], atol=1e-5)
+    np.testing.assert_allclose(contacts.depths, 2e-3, atol=1e-5)
+    with raises_code("out_of_range"):
+        ball(1.9e-3)
 
 
 def test_a_hand_on_a_half_space_touches_with_the_outermost_joints(hand) -> None:

@@ -12,21 +12,19 @@ from jaxtyping import Complex128, Float64, Real
 from scipy.special import ndtri
 
 from airtact.acoustics.medium import air
-from airtact.errors import InvalidInput, Vector, between, one_line, point_of
+from airtact.errors import NOT_METRES, InvalidInput, Vector, between, one_line, point_of
 from airtact.geometry.pose import Pose
 
 # Angles above zero and below this are probably in radians [degree].
 SMALLEST_ANGLE = 0.1
 
-_MILLIMETRES = "is it in millimetres? Use metres."
-
 # Largest value of each deviation, its unit, and the hint in the error for a larger value.
 _LIMITS = {
-    "position": (0.1, "m", _MILLIMETRES),
+    "position": (0.1, "m", NOT_METRES),
     "rotation": (90.0, "degrees", "hands are located more accurately."),
-    "own_position": (0.1, "m", _MILLIMETRES),
+    "own_position": (0.1, "m", NOT_METRES),
     "own_rotation": (90.0, "degrees", "hands are located more accurately."),
-    "along_skin": (0.1, "m", _MILLIMETRES),
+    "along_skin": (0.1, "m", NOT_METRES),
     "age": (1.0, "s", "is it in milliseconds? Use seconds."),
     "temperature": (10.0, "K", "the temperature of a room is known more precisely."),
     "humidity": (0.5, "", "5 per cent is humidity=0.05."),

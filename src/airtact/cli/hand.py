@@ -92,7 +92,7 @@ def hand(
     # Fitting takes minutes, so check the output file first.
     check_output(file, path, *([] if landmarks is None else [landmarks]))
     if edge is not None:
-        within(edge, 0.8e-3, 20e-3, "edge", "m", "is it in millimetres? Use metres.")
+        within(edge, 0.8e-3, 20e-3, "edge", "m")
     with progress() as report_step:
         if landmarks is not None:
             facts, lines = _fit(path, landmarks, file, camera, edge, report_step)

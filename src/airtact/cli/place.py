@@ -36,8 +36,8 @@ BOX = (float,) * 6
     "--distance",
     type=(float, float),
     default=(0.15, 0.25),
-    help="Smallest distance from the hand and largest distance from the foci, in metres; by "
-    "default 0.15 0.25.",
+    help="Smallest distance from bodies and foci, and largest distance of a board's centre from "
+    "the centre of the foci, in metres; by default 0.15 0.25.",
 )
 @click.option(
     "--region",

@@ -307,10 +307,11 @@ def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> Non
     smallest ratio of pressure to request; ``where`` states at which iteration the method stopped.
     """
     reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
+    instead = "" if method == "gradient" else ", or use gradient"
     warnings.warn(
         Stalled(
             f"{method} stalled {where}. At the weakest focus, its best drive reaches "
-            f"{reached:.1%} of the certified bound. Allow more iterations, or use gradient.",
+            f"{reached:.1%} of the certified bound. Allow more iterations{instead}.",
             reached,
         ),
         stacklevel=3,  # the caller of the method

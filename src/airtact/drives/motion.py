@@ -78,8 +78,7 @@ class Motion:
         if self.along is not None:
             check_choice(self.along, "the surface of a path", ALONG)
         if self.size is not None:  # a path longer than 0.1 m would leave any hand
-            hint = "is it in millimetres? Use metres."
-            size = within(self.size, 0.0, 0.1, "the radius or length of a path", "m", hint)
+            size = within(self.size, 0.0, 0.1, "the radius or length of a path", "m")
             object.__setattr__(self, "size", size)
         if self.frequency is not None:
             frequency = positive(self.frequency, "the frequency of a motion", "Hz")

@@ -187,9 +187,10 @@ def goal_value(
     Raises
     ------
     InvalidInput
-        If the drive has another number of elements than the matrices, or the matrices were computed
-        for other foci.
+        If the drive has another number of elements than the matrices, the matrices were computed
+        for other foci, or the goal is unknown.
     """
+    check_choice(goal, "the goal", get_args(Goal))
     _, requests = asked_rows(ensemble, target)
     if isinstance(ensemble, TransferEnsemble):
         pressures = ensemble.pressures(drive)

@@ -68,10 +68,10 @@ class Comparison:
         )
 
     def _strongest(self) -> tuple[float, str]:
-        # Full scale is the limit of the hardware, so equal peak decides.
-        weakest = self.weakest("equal peak")
-        best = int(np.argmax(weakest))
-        return float(weakest[best]), self.names[best]
+        # Full scale is the limit of the hardware, so equal peak decides. Pressures at different
+        # foci are only comparable relative to their requests.
+        best = int(np.argmax(_counted(self, "equal peak").min(axis=1)))
+        return float(self.weakest("equal peak")[best]), self.names[best]
 
     @cached_property
     def report(self) -> SolveReport:
@@ -152,15 +152,16 @@ class Comparison:
     def weakest(self, held_equal: str) -> Float64[np.ndarray, "drives"]:
         """Return the pressure (D,) [Pa] of each drive at its weakest focus for one normalisation.
 
-        Foci whose requested pressure or share is 0 are ignored. ``held_equal`` is the
-        normalisation: "equal peak", "equal energy" or "phase only".
+        The weakest focus has the least pressure relative to its request or share; see
+        ``Target.weakest``. ``held_equal`` is the normalisation: "equal peak", "equal energy" or
+        "phase only".
 
         Raises
         ------
         InvalidInput
             If the normalisation is unknown.
         """
-        return self.under(held_equal)[:, self.target.weights > 0.0].min(axis=1)
+        return np.array([row[self.target.weakest(row)] for row in self.under(held_equal)])
 
     def table(self) -> list[dict[str, str | int | float]]:
         """Return one row for each normalisation, drive and focus, ready for ``pandas.DataFrame``.
@@ -243,7 +244,7 @@ def compare(
     array : the transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
     drives : drives by name; the first is the reference for the ratios. The results do not
         depend on the scale of a drive.
-    target : the F foci; their requested pressures are ignored.
+    target : the F foci. Their requests only determine which focus is the weakest.
     solver : solver for the field. Use a more accurate solver than the one for the drives'
         transfer matrix, or another method.
     progress : function, such as ``print``, that is called with a description of each step as it
@@ -309,7 +310,9 @@ class HeldOut:
     ----------
     names : names of the D drives.
     pressures : (D, S) peak pressure at the weakest focus in each sample, with every drive scaled to
-        the energy of the first [Pa].
+        the energy of the first [Pa]. If the requests or shares differ, it is the smallest ratio of
+        pressure to request, times the request of the focus at which the first drive is weakest
+        without deviations.
     expected : (D,) pressure at the weakest focus without any deviation [Pa].
     left_out : number of samples skipped because they are impossible, such as a hand that overlaps a
         transducer.
@@ -361,11 +364,18 @@ def held_out(
         If a drive does not have as many elements as the samples.
     """
     # The rows of the foci come first; suppression points follow and are ignored.
-    asked = np.flatnonzero(target.weights > 0.0)
+    weights = target.weights
+    asked = np.flatnonzero(weights > 0.0)
     first = next(iter(drives.values()))
     factors = np.array([drive.factor_to_match(first) for drive in drives.values()])
-    sampled = [np.abs(samples.pressures(drive)[:, asked]).min(axis=1) for drive in drives.values()]
-    nominal = [np.abs(samples.pressure(drive)[asked]).min() for drive in drives.values()]
+    # Pressures at foci of different requests are converted to those at the weakest focus.
+    weakest = target.weakest(np.abs(samples.pressure(first)[: len(weights)]))
+    ratios = weights[asked] / weights[weakest]
+    sampled = [
+        (np.abs(samples.pressures(drive)[:, asked]) / ratios).min(axis=1)
+        for drive in drives.values()
+    ]
+    nominal = [(np.abs(samples.pressure(drive)[asked]) / ratios).min() for drive in drives.values()]
     return HeldOut(
         names=tuple(drives),
         pressures=factors[:, None] * np.stack(sampled),

@@ -13,14 +13,14 @@ from airtact.errors import (
     InvalidInput,
     Vector,
     about,
+    between,
     check_finite,
     complex_numbers,
     counted,
     in_short,
-    number,
     points_of,
-    positive,
     real_numbers,
+    within,
 )
 from airtact.files.text_table import read_text_table
 from airtact.geometry.primitives import turn_from_z
@@ -84,7 +84,7 @@ class Scan:
         # The scene is a few decimetres wide, so positions beyond 2 m are probably in millimetres.
         if away[worst] > 2.0:
             raise InvalidInput(
-                f"position {worst} of the scan is {away[worst]:.4g} m from the origin. Is it in "
+                f"position {worst} of the scan is {away[worst]:.4g} m from the origin: is it in "
                 "millimetres? Use metres.",
                 points[worst],
                 code="not_in_metres",
@@ -327,18 +327,8 @@ class Microphone:
 
     def __post_init__(self) -> None:
         # A diameter of over two wavelengths at 40 kHz is probably in millimetres.
-        if positive(self.diameter, "the diameter of a microphone", "m") > 0.02:
-            raise InvalidInput(
-                f"the diameter of a microphone is {self.diameter:g} m, but at most 20 mm "
-                "is allowed. Use metres.",
-                code="out_of_range",
-            )
-        if not 0.0 <= number(self.housing, "the housing of a microphone", "m") <= 1.0:
-            raise InvalidInput(
-                f"the housing of a microphone is {self.housing:g} m long; use a length from 0 to "
-                "1 m.",
-                code="out_of_range",
-            )
+        within(self.diameter, 0.0, 0.02, "the diameter of a microphone", "m")
+        between(self.housing, 0.0, 1.0, "the length of a microphone's housing", "m")
         axis = real_numbers(np.asarray(self.axis), "the axis of a microphone")
         if axis.shape != (3,) or not np.linalg.norm(axis) > 0.0:
             raise InvalidInput(

@@ -73,7 +73,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     bodies = [
         of_kind(body, Surface, f"body {index}", "a Surface") for index, body in enumerate(surfaces)
     ]
-    gap = within(gap, 0.1e-3, 2e-3, "the gap to be bridged", "m", "is it in millimetres?")
+    gap = within(gap, 0.1e-3, 2e-3, "the gap to be bridged", "m")
     if not bodies:
         raise InvalidInput("there are no bodies to merge; pass one or more.", code="empty")
     for body in bodies:

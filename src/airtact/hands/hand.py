@@ -181,8 +181,7 @@ class Hand:
             the offset is negative or above 0.1 m.
         """
         point, normal = self.place(name)
-        slip = "is it in millimetres? Use metres."
-        return point + within(offset, 0.0, 0.1, "the offset of a focus", "m", slip) * normal
+        return point + within(offset, 0.0, 0.1, "the offset of a focus", "m") * normal
 
     def moved(self, pose: Pose) -> "Hand":
         """Return the hand moved rigidly: joints x become ``pose.apply(x)``."""
@@ -210,8 +209,7 @@ class Hand:
             that the array has no front. Also if ``place`` is unknown, or is inside the body because
             a finger touches it.
         """
-        slip = "is it in millimetres? Use metres."
-        height = within(height, 0.0, 1.0, "the height of a hand", "m", slip)
+        height = within(height, 0.0, 1.0, "the height of a hand", "m")
         point, normal = self.place(place)
         front = array.normals.mean(axis=0)
         # The mean is small if the unit normals mostly cancel: 0 for a box, 0.5 for a hemisphere.
@@ -243,7 +241,7 @@ class Hand:
         InvalidInput
             If the gap is out of range or cannot be reached, or if a finger is unknown.
         """
-        gap = within(gap, 0.0, 0.15, "gap", "m", "is it in millimetres? Use metres.")
+        gap = within(gap, 0.0, 0.15, "gap", "m")
         if first not in FINGERS or second not in FINGERS or first == second:
             raise InvalidInput(
                 f"{first!r} and {second!r} are not two fingers; use two of {', '.join(FINGERS)}.",
@@ -465,7 +463,7 @@ def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
     >>> pinch(gap=0.012).pads.tolist()
     [[-0.006, 0.0, 0.0], [0.006, 0.0, 0.0]]
     """
-    gap = within(gap, 0.0, 0.2, "gap", "m", "is it in millimetres? Use metres.")
+    gap = within(gap, 0.0, 0.2, "gap", "m")
     side = np.array([-1.0, 1.0])
     tips = np.outer(side, [gap / 2.0 + RADIUS, 0.0, 0.0])
     roots = tips + LENGTH * np.stack(

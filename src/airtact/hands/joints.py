@@ -190,8 +190,7 @@ def radii_of(
     wrist to the tip of the middle finger [m], which by default is measured from the joints.
     """
     if radii is None and length is not None:
-        hint = "is it in millimetres? Use metres."
-        length = within(length, 0.08, 0.3, "the length of a hand", "m", hint)
+        length = within(length, 0.08, 0.3, "the length of a hand", "m")
         return fixed(length / GENERIC_LENGTH * GENERIC_RADII)
     generic = hand_length(joints) / GENERIC_LENGTH * GENERIC_RADII
     if radii is None:

@@ -103,7 +103,7 @@ class Controls:
     ignore_hand : whether scattering by the hand is ignored, so that ``method`` uses the
         transfer matrix of open air.
     method : name of the method that computes the drives; None for the scene's method.
-    cap : largest amplitude of an element, as a fraction of full scale.
+    cap : largest amplitude of an element, as a fraction of full scale; 0 silences all elements.
     offset : distance of all foci from the skin, outward [m]; None for the scene's distances.
     modulated : whether the scene's modulation is applied, which varies the amplitude or moves the
         foci along paths or outlines. Without it, the drive can hardly be felt.
@@ -131,7 +131,7 @@ class Controls:
             of_kind(flag, bool, "a setting", "true or false")
         between(self.cap, 0.0, 1.0, "the cap", "of full scale", "30 per cent is 0.3.")
         if self.offset is not None:
-            between(self.offset, 0.0, 0.1, "the offset", "m", "is it in millimetres?")
+            between(self.offset, 0.0, 0.1, "the offset", "m")
         for name, level in self.levels.items():
             between(level, 0.0, 1.0, f"the level of {name}", "", "use 1 for the full level.")
         # Robust methods require samples of an uncertain scene.

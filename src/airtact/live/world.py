@@ -99,7 +99,7 @@ class WantedFocus:
                 code="unknown_name",
             )
         between(self.strength, 0.0, 1.0, f"the strength of {what}", "", "full strength is 1.")
-        between(self.offset, 0.0, 0.1, f"the offset of {what}", "m", "is it in millimetres?")
+        between(self.offset, 0.0, 0.1, f"the offset of {what}", "m")
         slip = "for higher frequencies, set the modulation of the scene."
         between(self.modulation, 0.0, MAX_MODULATION, f"the modulation of {what}", "Hz", slip)
 

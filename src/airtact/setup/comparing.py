@@ -351,12 +351,14 @@ def _compare_methods(
         suppressed = np.abs(field.at(setup.target.suppression_points).T)
     kept: dict[str, float] = {}
     if setup.uncertainty is not None:
-        requested = np.flatnonzero(setup.target.weights > 0.0)
+        weights = setup.target.weights
+        requested = np.flatnonzero(weights > 0.0)
         with clock.step("doubt", "evaluating the drives on other samples of the uncertainty"):
             samples = other_samples(setup, beacons)
-            for name, drive in emitted.items():
-                weakest = np.abs(samples.pressures(drive)[:, requested]).min(axis=1)
-                kept[name] = float(np.quantile(weakest, 0.1))
+            for (name, drive), pressures in zip(emitted.items(), at_foci, strict=True):
+                ratios = np.abs(samples.pressures(drive)[:, requested]) / weights[requested]
+                lowest = np.quantile(ratios.min(axis=1), 0.1)
+                kept[name] = float(lowest * weights[setup.target.weakest(pressures)])
     return MethodComparison(
         setup=setup,
         default=method_for(setup.target).replace("_", " "),

@@ -300,9 +300,8 @@ def place(
             "the objective weakest.",
             code="data_missing",
         )
-    slip = "are the distances in millimetres? Use metres, such as 0.15 and 0.25."
-    nearest = within(distance[0], 0.0, MAX_ARRAY_EXTENT, "the smallest distance", "m", slip)
-    farthest = within(distance[1], 0.0, MAX_ARRAY_EXTENT, "the largest distance", "m", slip)
+    nearest = within(distance[0], 0.0, MAX_ARRAY_EXTENT, "the smallest distance", "m")
+    farthest = within(distance[1], 0.0, MAX_ARRAY_EXTENT, "the largest distance", "m")
     if farthest < nearest:
         raise InvalidInput(
             f"the largest distance, {farthest:g} m, is below the smallest, {nearest:g} m: "

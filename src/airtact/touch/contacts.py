@@ -109,7 +109,7 @@ class Contacts:
             If ``most`` is not between 1 and 64, or the wavelength is not between 0.3 mm and 0.35 m.
         """
         between(most, 1, 64, "the largest number of foci", "", "each focus takes time to compute.")
-        between(wavelength, 3e-4, 0.35, "wavelength", "m", "is it in millimetres?")
+        between(wavelength, 3e-4, 0.35, "wavelength", "m")
         objects = self.virtual_objects
         return chosen_foci(self.skin, objects, self.found, self.offset, most, wavelength)
 
@@ -172,8 +172,8 @@ def contact(
     Raises
     ------
     InvalidInput
-        If there are more than 64 objects, two have the same name, the offset is out of range, or an
-        argument has the wrong type.
+        If there are more than 64 objects, two have the same name, the offset is out of range, an
+        argument has the wrong type, or the skin is too large for objects of less than 7 mm.
 
     Examples
     --------
@@ -185,10 +185,11 @@ def contact(
     >>> ((1e3 * contacts.points).round(3) + 0.0).tolist()
     [[-6.0, 0.0, 0.0], [6.0, 0.0, 0.0]]
     """
-    slip = "is it in millimetres? Use metres."
-    offset = between(offset, 0.0, 0.1, "the offset of a focus", "m", slip)
+    offset = between(offset, 0.0, 0.1, "the offset of a focus", "m")
     things = objects_of(objects)
-    skin = skin_of(hand)
+    # A triangle with edges of at most √3 times a ball's radius cannot surround the ball.
+    smallest = min((thing.ball[1] for thing in things), default=np.inf)
+    skin = skin_of(hand, min(6e-3, np.sqrt(3.0) * smallest))
     return Contacts(skin, things, offset, _refined(skin, things, find(skin, things)))
 
 

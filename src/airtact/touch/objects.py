@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.errors import InvalidInput, check_choice, of_kind, one_line, positive
+from airtact.errors import InvalidInput, check_choice, millimetres, of_kind, one_line, positive
 from airtact.geometry.mesh.triangles import FlatMesh, PointLengths, Vector3
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
@@ -17,6 +17,9 @@ from airtact.touch.textures import Grating, HeightMap
 
 MAX_OBJECTS = 64
 """Largest number of virtual objects."""
+
+MIN_RADIUS = 2e-3
+"""Smallest radius of the ball around an object [m]."""
 
 FIRST_STRENGTH = 0.2
 """Strength at first touch, as a share of full strength."""
@@ -29,7 +32,8 @@ class VirtualObject:
     Attributes
     ----------
     shape : a closed ``Surface``, such as ``at.sphere(...)``; or a ``Box``, ``Cylinder``,
-        ``HalfSpace`` or ``Button`` from ``at.touch``.
+        ``HalfSpace`` or ``Button`` from ``at.touch``. It must be at least 4 mm across. The live
+        loop may miss objects of less than 10 mm between its skin points, except at the finger pads.
     pose : pose of the shape in the hand's frame; None if both frames are the same.
     name : name of the object in results; unnamed objects are called "object 1" and so on.
     style : "points" places foci where the skin is deepest; "outline" moves a focus along the curve
@@ -43,8 +47,8 @@ class VirtualObject:
     Raises
     ------
     InvalidInput
-        If the shape is not a closed solid or is more than 2 m from the origin, the style is
-        unknown, the stiffness is not above zero, or the texture is missing or not allowed.
+        If the shape is not a closed solid, is too small or is more than 2 m from the origin, the
+        style is unknown, the stiffness is not above zero, or the texture is missing or not allowed.
 
     Examples
     --------
@@ -73,7 +77,15 @@ class VirtualObject:
             of_kind(self.pose, Pose, "the pose of a virtual object", "Pose(rotation, translation)")
         of_kind(self.name, str, "the name of a virtual object", 'a text such as "ball"')
         check_choice(self.style, "the style of a virtual object", ("points", "outline", "texture"))
-        near_point(self.ball[0], f"the centre of the object {self.name}".rstrip())
+        name = f"the object {self.name}".rstrip()
+        centre, radius = self.ball
+        near_point(centre, f"the centre of {name}")
+        if radius < MIN_RADIUS * (1.0 - 1e-6):
+            raise InvalidInput(
+                f"{name} is {millimetres(2.0 * radius)} across and would fit between the points of "
+                f"the skin: make it at least {millimetres(2.0 * MIN_RADIUS)} across.",
+                code="out_of_range",
+            )
         if self.stiffness is not None:
             positive(self.stiffness, "the stiffness of a virtual object", "1/m")
         if (self.texture is None) == (self.style == "texture"):

@@ -98,7 +98,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     longest_edge : longest distance between neighbouring points [m]. By default, a hand has about
         6,000 points, so that a fingertip pressed 2 mm into a ball has several points in the ball.
         At 10 mm, a hand has 1,600 points, which suits a live loop; the density of points at the
-        finger pads is the same.
+        finger pads is the same. Balls of a radius below ``longest_edge``/√3 may lie between points.
 
     Returns
     -------
@@ -119,8 +119,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     >>> skin.places, bool(skin.areas.min() > 0.0)
     (('body 1', 'body 2'), True)
     """
-    slip = "is it in millimetres? Use metres."
-    longest_edge = between(longest_edge, 1e-3, 0.05, "the longest edge", "m", slip)
+    longest_edge = between(longest_edge, 1e-3, 0.05, "the longest edge", "m")
     if isinstance(bodies, Hand | Surface):
         named: dict[str, Hand | Surface] = {"skin": bodies}
     elif isinstance(bodies, Mapping):
@@ -183,7 +182,8 @@ def _fine_mesh(
         if len(vertices) + len(edges) > MAX_POINTS:
             raise InvalidInput(
                 f"the surface requires more than {MAX_POINTS:,} skin points if neighbours are at "
-                f"most {1e3 * longest_edge:g} mm apart: pass only the part that touches objects.",
+                f"most {1e3 * longest_edge:.3g} mm apart: pass only the part that touches objects, "
+                "or use objects of at least 7 mm across.",
                 code="too_many",
             )
         middles = surface.shape.project(vertices[edges].mean(axis=1))

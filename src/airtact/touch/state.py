@@ -79,16 +79,15 @@ class TouchState:
         release: float = 1e-3,
         ramp: float = 20e-3,
     ) -> None:
-        slip = "is it in millimetres? Use metres."
-        self.offset = between(offset, 0.0, 0.1, "the offset of a focus", "m", slip)
-        self.release = between(release, 0.0, 0.02, "the release distance", "m", slip)
+        self.offset = between(offset, 0.0, 0.1, "the offset of a focus", "m")
+        self.release = between(release, 0.0, 0.02, "the release distance", "m")
         self.ramp = between(ramp, 1e-3, 1.0, "the ramp of a focus", "s", "is it in ms?")
         self.most = int(
             between(
                 most, 1, 64, "the largest number of foci", "", "each focus takes time to compute."
             )
         )
-        self.wavelength = between(wavelength, 3e-4, 0.35, "wavelength", "m", slip)
+        self.wavelength = between(wavelength, 3e-4, 0.35, "wavelength", "m")
         self.objects = objects
         self.found: ContactArrays = NO_CONTACTS
         self._playing: list[_Focus] = []

@@ -41,8 +41,7 @@ class Grating:
     direction: Vector = (1.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        slip = "is it in millimetres? Use metres."
-        pitch = within(self.pitch, 0.0, 0.1, "the pitch of a grating", "m", slip)
+        pitch = within(self.pitch, 0.0, 0.1, "the pitch of a grating", "m")
         object.__setattr__(self, "pitch", pitch)
         direction = direction_of(self.direction, "the direction of a grating")
         object.__setattr__(self, "direction", direction)
@@ -93,8 +92,7 @@ class HeightMap:
                 "they must lie between 0 and 1; scale them to this range.",
                 code="out_of_range",
             )
-        slip = "is it in millimetres? Use metres."
-        width = within(self.width, 0.0, 2.0, "the width of a texture", "m", slip)
+        width = within(self.width, 0.0, 2.0, "the width of a texture", "m")
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "width", width)
 

@@ -82,8 +82,7 @@ class Element:
                 code="out_of_range",
             )
         sensitivity = positive(self.sensitivity, "the sensitivity of an element", "Pa·m")
-        hint = "is it in millimetres? Use 0 or a length in metres."
-        radius = between(self.radius, 0.0, 0.1, "the radius of an element", "m", hint)
+        radius = between(self.radius, 0.0, 0.1, "the radius of an element", "m")
         # ``vars`` bypasses the frozen dataclass.
         vars(self).update(points=points, weights=weights, sensitivity=sensitivity, radius=radius)
 
@@ -198,8 +197,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     >>> round(float(piston(4.8e-3).far_pattern(sideways, 3.5 / 4.8e-3)[0].real), 3)
     0.216
     """
-    hint = "is it in millimetres? Use metres, such as 4.5e-3."
-    radius = within(radius, 0.0, 0.1, "the radius of a piston", "m", hint)
+    radius = within(radius, 0.0, 0.1, "the radius of a piston", "m")
     if points not in MAX_PISTON_SIZE:
         raise InvalidInput(
             f"a piston cannot have {points} points: use 12 or 19.", code="out_of_range"

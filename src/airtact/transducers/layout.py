@@ -88,7 +88,7 @@ class PhasedArray:
         spread = float(np.ptp(positions, axis=0).max())
         if spread > MAX_ARRAY_EXTENT:
             raise InvalidInput(
-                f"the elements span {spread:.4g} m, more than {MAX_ARRAY_EXTENT:g} m: is this in "
+                f"the elements span {spread:.4g} m, more than {MAX_ARRAY_EXTENT:g} m: are they in "
                 "millimetres? Use metres.",
                 code="not_in_metres",
             )

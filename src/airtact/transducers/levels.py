@@ -144,7 +144,7 @@ class AmplitudeModulation:
     Raises
     ------
     InvalidInput
-        If the frequency is not above 0 and at most 1000 Hz, or the depth is not above 0 and at most
+        If the frequency is not above 0 or exceeds 1000 Hz, or the depth is not above 0 or exceeds
         1.
     """
 

@@ -324,8 +324,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     from manifold3d import Error, Manifold, OpType
 
     of_kind(array, PhasedArray, "the array", "one such as autd3_board()")
-    slip = "is it in millimetres? Use metres."
-    within(thickness, 0.5e-3, 50e-3, "the thickness of a board", "m", slip)
+    within(thickness, 0.5e-3, 50e-3, "the thickness of a board", "m")
     boards = kind_of_array(array.positions, array.normals)
     if boards is None:
         raise InvalidInput(

@@ -82,7 +82,7 @@ def repaired(
     >>> print(*notes)
     1 triangle was reversed to match its neighbours, the first near (0.00, 3.33, 3.33) mm.
     """
-    largest_hole = between(largest_hole, 0.0, 0.1, "largest_hole", "m", "is it in millimetres?")
+    largest_hole = between(largest_hole, 0.0, 0.1, "largest_hole", "m")
     vertices = real_numbers(vertices, "surface vertices")
     triangles = triangles.astype(np.int64)
     check_indices(len(vertices), triangles)

@@ -120,8 +120,7 @@ def register(
             code="sizes_differ",
         )
     if offset is not None:
-        slip = "is it in millimetres? Use metres."
-        between(offset, 0.0, 0.05, "the offset of the fingertip's joint", "m", slip)
+        between(offset, 0.0, 0.05, "the offset of the fingertip's joint", "m")
     used = np.ones(len(points), dtype=bool)
     fit = _fitted(touched, points, normals, used, offset, scale)
     repeat = None
