@@ -76,9 +76,12 @@ def _shortened(text: str) -> str:
 class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
     """Error raised for invalid input. The message states what is wrong, where, and what to do.
 
+    It is a ``ValueError`` with two additional attributes.
+
     Attributes
     ----------
-    position : (3,) position of the error in the scene [m], or None.
+    position : (3,) position of the error [m], in the frame of the argument at fault; None if the
+        error has no position.
     code : kind of error, such as "inside_body". It does not change if the message is reworded;
         ``docs/errors.md`` lists all codes.
     """

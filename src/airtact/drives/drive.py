@@ -218,12 +218,12 @@ def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:
 
     Parameters
     ----------
-    drive : the drive to round.
-    levels : the amplitude and phase levels that the board can emit.
+    drive : the drive to round, with E complex amplitudes as fractions of full scale.
+    levels : the amplitude and phase levels that the board can emit, by default 256 of each.
 
     Returns
     -------
-    The ``Frame`` of rounded levels, two bytes per element.
+    The ``Frame`` of rounded levels, two bytes per element. ``Frame.drive`` returns it as a drive.
 
     Raises
     ------

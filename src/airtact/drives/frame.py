@@ -14,19 +14,22 @@ from airtact.transducers.levels import EIGHT_BITS, Levels
 class Frame:
     """The amplitude level and the phase level of every element, as boards emit them.
 
+    ``quantise`` returns the frame for a drive, and ``Link.send`` sends a frame to the boards.
+
     Attributes
     ----------
-    amplitude : (E,) uint8 amplitude level of each element. The pressure is proportional to the
-        level; with eight bits, 255 is full scale.
-    phase : (E,) uint8 phase level of each element in the phasor Re[d e^{−iωt}]. With eight bits,
-        256 levels are a full turn, and +64 delays the wave by a quarter of a period.
-    levels : table of the amplitudes and phases that the boards' integer levels represent.
+    amplitude : (E,) uint8 index of the amplitude of each element in ``levels.amplitudes``. With the
+        default levels, the pressure is proportional to the index, and 255 is full scale.
+    phase : (E,) uint8 index of the phase of each element. Index k is the phase 2π k/N of the
+        phasor d in Re[d e^{−iωt}], with N = ``levels.phases``. With the default levels, 256 is a
+        full turn, and +64 delays the wave by a quarter of a period.
+    levels : ``Levels`` of the boards; by default 256 equally spaced amplitudes and 256 phases.
 
     Raises
     ------
     InvalidInput
         If an array is empty, not one-dimensional or not uint8, if the arrays differ in length, or
-        if a level does not exist.
+        if an index is not below the number of levels.
     """
 
     amplitude: UInt8[np.ndarray, "elements"]

@@ -106,19 +106,24 @@ def pressures_around(
 class HeadLevel:
     """Sound pressure level at a head 0.5 m from an array in open air.
 
-    The methods limit the amplitudes of the drives to a cap, where 1 is full scale. The level
-    ignores nonlinear steepening, which is negligible at ``MAX_HEAD_LEVEL`` and therefore does not
-    affect ``safe_cap``. Beyond a focus, steepening at full scale lowers the level at loud points
-    and raises it at quieter points (``python -m benchmarks.nonlinear beyond``).
+    ``at`` returns the level if the amplitudes are limited to a cap, and ``safe_cap`` the largest
+    cap (1 is full scale) at which the level is at most ``MAX_HEAD_LEVEL``, 110 dB SPL. The level is
+    the largest on a sphere around the middle of the array, 0.5 m outside the farthest element;
+    elements radiate equally in all directions. The level ignores nonlinear steepening, which is
+    negligible at ``MAX_HEAD_LEVEL`` and therefore does not affect ``safe_cap``. Beyond a focus,
+    steepening at full scale lowers the level at loud points and raises it at quieter points
+    (``python -m benchmarks.nonlinear beyond``).
 
     Attributes
     ----------
-    drives : (N, E) complex amplitudes of the drives that are played in turn; 1 is full scale.
-    positions : (E, 3) positions of the elements [m].
-    levels : amplitude and phase levels of the boards.
-    wavenumber : wavenumber of the sound [rad/m].
-    sensitivity : peak pressure of an element at 1 m [Pa·m].
-    factors : modulation factors; every drive is multiplied by every factor.
+    drives : (N, E) complex amplitudes of the drives that are played in turn; 1 is full scale. If
+        there are more than 32, only the 32 with the most power are evaluated.
+    positions : (E, 3) positions of the elements, in any frame [m].
+    levels : amplitude and phase levels of the boards, to which the drives are rounded.
+    wavenumber : wavenumber of the sound, without absorption [rad/m].
+    sensitivity : peak pressure of an element at full scale, 1 m away on its axis [Pa·m].
+    factors : factors from 0 to 1 of an amplitude modulation; every drive is multiplied by every
+        factor. By default, there is no modulation.
     """
 
     drives: Complex[np.ndarray, "frames elements"]

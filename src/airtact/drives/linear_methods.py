@@ -50,21 +50,24 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
 
 
 def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
-    """Keep the phases of ``time_reversal``, and set every element to the same amplitude.
+    """Compute the drive with the phases of ``time_reversal`` and equal amplitudes of all elements.
 
-    At equal peak amplitude, no other drive produces more pressure at a single focus, because the
-    sound of every element arrives in phase. The requested pressures or shares weight the foci
-    before the amplitudes are made equal. The method ignores suppression points.
+    The phase of element e is that of Σ_f w_f conj(H_fe), where H is the transfer matrix and w_f the
+    requested pressure or share of focus f, with its phase if one is requested. At equal peak
+    amplitude, no other drive produces more pressure at a single focus, because the sound of every
+    element arrives in phase. With several foci, the pressures are not balanced. The method ignores
+    suppression points.
 
     Parameters
     ----------
-    transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and their requested pressures.
+    transfer : the (F, E) transfer matrix H of F foci and E elements.
+    target : the foci and their requested pressures, shares and phases.
 
     Returns
     -------
-    A drive of E elements with equal amplitudes: full scale, or less if that is enough for the
-    requested pressures.
+    A ``Drive`` of E elements with equal amplitudes, or 0 for elements at which the contributions of
+    the foci cancel. The amplitudes are at full scale or, if the target requests pressures that a
+    weaker drive reaches at all foci, at the lowest amplitude that reaches them.
 
     Raises
     ------

@@ -35,22 +35,23 @@ from airtact.errors import InvalidInput, counted, one_line, positive
 
 @dataclass(frozen=True, eq=False)
 class UpperBound:
-    """Certified upper bound on the pressure at the weakest focus, for all drives up to full scale.
+    """Certified upper bound on the pressure at the weakest focus, as returned by ``upper_bound``.
 
-    Let h_f be the row of the transfer matrix for focus f, divided by the requested pressure. Let
-    μ_f ≥ 0 be multipliers that add up to 1, and y_e > 0 be such that diag(y) − Σ_f μ_f h_fᴴ h_f is
-    positive semidefinite. Then every drive has min_f |h_f d|² ≤ Σ_f μ_f |h_f d|² ≤ Σ_e y_e |d_e|² ≤
-    Σ_e y_e.
+    The bound holds for every drive d with |d_e| ≤ 1 (full scale). Let h_f be the row of the
+    transfer matrix for focus f, divided by the requested pressure or share. Let μ_f ≥ 0 be
+    multipliers that add up to 1, and y_e > 0 be such that diag(y) − Σ_f μ_f h_fᴴ h_f is positive
+    semidefinite. Then min_f |h_f d|² ≤ Σ_f μ_f |h_f d|² ≤ Σ_e y_e |d_e|² ≤ Σ_e y_e.
 
     Attributes
     ----------
     worst : √Σ_e y_e, an upper bound on the smallest ratio of pressure to requested pressure. If the
         target requests only relative pressures (shares), or nothing (equal shares), ``worst``
         instead bounds the smallest ratio of pressure to share [Pa].
-    relaxed : value reached by the relaxation; no choice of multipliers makes ``worst`` smaller than
-        this.
-    multipliers : (F,) μ_f; 0 for foci without a request.
-    elements : (E,) y_e.
+    relaxed : largest value found for the relaxed problem, in which every element may emit several
+        signals in turn, in the unit of ``worst``. No choice of μ and y makes ``worst`` smaller than
+        this, so the gap between both shows how far ``worst`` could still be lowered.
+    multipliers : (F,) multipliers μ_f; 0 for foci whose requested pressure or share is 0.
+    elements : (E,) values y_e, in the unit of ``worst`` squared.
     """
 
     worst: float
@@ -249,19 +250,22 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and their requested pressures.
-    iterations : number of weighted Gerchberg-Saxton steps at the end.
+    target : the F foci and their requested pressures or shares. The weakest focus is that with the
+        smallest ratio of pressure to request.
+    iterations : number of weighted Gerchberg-Saxton steps at the end, 1 or more.
 
     Returns
     -------
-    A drive of E elements with equal amplitudes: full scale, or less if that is enough for the
-    requested pressures.
+    A ``Drive`` of E elements with equal amplitudes. They are at full scale or, if the target
+    requests pressures that a weaker drive reaches at all foci, at the lowest amplitude that reaches
+    them.
 
     Raises
     ------
     InvalidInput
         If the transfer matrix was computed for other foci, if there are more foci than elements, if
-        two foci are too close together, if a focus is shadowed, or if ``iterations`` is below 1.
+        two foci are less than a tenth of a wavelength apart, if a focus is shadowed (its attainable
+        pressure is below 5 % of the median for the other foci), or if ``iterations`` is below 1.
 
     Warns
     -----

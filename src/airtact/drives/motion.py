@@ -37,7 +37,11 @@ Paths = Float64[np.ndarray, "foci frames 3"]
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of the foci of a target along paths (lateral or spatiotemporal modulation).
+    """Motion of the foci of a target along paths, which makes them perceptible.
+
+    ``paths`` returns the positions of the foci; ``moving_target`` and ``moving_foci`` convert them
+    to a ``Sequence`` of drives. All foci move at the same time, unless one focus moves through the
+    target's points.
 
     Attributes
     ----------
@@ -46,22 +50,23 @@ class Motion:
     path : "circle" or "line" around each focus, or "points", where one focus moves through the
         target's points in order and back to the first. The default is "points" for "stm" with 2 or
         more points, and "circle" otherwise.
-    size : radius of the circle or length of the line [m]. The default is 3 mm for "lm" (6 mm for a
-        line) and 10 mm for "stm".
-    frequency : how many times per second a focus traverses its path [Hz]. The default is 50 Hz for
-        "lm"; for "stm" it is the frequency at which the focus moves at 7 m/s.
-    frames : number of positions on a path around a focus; the default is 16.
+    size : radius of the circle or total length of the line [m], above zero and at most 0.1. The
+        default radius is 3 mm for "lm" and 10 mm for "stm"; the default length is twice as large.
+    frequency : how many times per second a focus traverses its path, back and forth in the case of
+        a line [Hz]. The default is 50 Hz for "lm"; for "stm" it is the frequency at which the focus
+        moves at 7 m/s.
+    frames : number of positions on a path around a focus, 4 to 1024; the default is 16.
     along : "skin" for a path that keeps the focus's distance from the nearest
-        surface, or "array" for a path perpendicular to the line from the focus
-        to the array's middle. The default is "skin" if a surface is within 20
-        mm, and "array" otherwise.
+        surface, or "array" for a path in the plane through the focus that is
+        perpendicular to the line from the focus to the array's middle. The
+        default is "skin" if a surface is within 20 mm, and "array" otherwise.
 
     Raises
     ------
     InvalidInput
-        If ``kind``, ``path`` or ``along`` is unknown, if a number is not above zero, if there are
-        fewer than 4 or more than 1024 frames, or if ``size``, ``frames`` or ``along`` is given for
-        a path through the points.
+        If ``kind``, ``path`` or ``along`` is unknown, if a number is outside its range, if
+        ``size``, ``frames`` or ``along`` is given for the path "points", or if this path is given
+        for "lm".
     """
 
     kind: Literal["lm", "stm"]

@@ -19,30 +19,33 @@ def nearest_drive(
 ) -> Drive:
     """Change the phases of a drive as little as possible until every focus is strong enough.
 
-    Each focus must reach the fraction ``share`` of the upper bound for drives with the same
-    amplitudes. The amplitudes do not change. The method of multipliers (J. Nocedal, S. J. Wright,
-    *Numerical Optimization*, Springer 2006, section 17.4) minimises the mean of 1 − cos of the
-    phase changes; a change common to all elements is ignored.
+    Use it to adapt the drive of another program to a hand. The goal is that the weakest focus, with
+    the smallest ratio of pressure to request, reaches the fraction ``share`` of its ``upper_bound``
+    for drives with the same amplitudes. The amplitudes do not change. The method of multipliers
+    (J. Nocedal, S. J. Wright, *Numerical Optimization*, Springer 2006, section 17.4) minimises the
+    mean of 1 − cos of the phase changes; a change common to all elements is ignored.
 
     Parameters
     ----------
     transfer : (F, E) transfer matrix, for example with the hand in place.
-    target : the F foci.
-    drive : the drive to change, for example one from another program.
+    target : the F foci and their requested pressures or shares. A requested pressure only counts
+        relative to those of the other foci.
+    drive : the drive of E elements to change, for example one from another program.
     share : fraction of the bound that the weakest focus must reach, from 0 to 1.
 
     Returns
     -------
-    The changed drive, or ``drive`` itself if it is already strong enough. If no phases reach this
-    pressure with the amplitudes of ``drive``, the weakest focus gets the pressure that
-    ``weighted_gerchberg_saxton`` reaches with these amplitudes.
+    The changed ``Drive``, or ``drive`` itself if it already reaches the goal. If the search finds
+    no phases that reach the goal, the weakest focus gets the pressure that
+    ``weighted_gerchberg_saxton`` reaches with the amplitudes of ``drive``, to within 0.2 %.
 
     Raises
     ------
     InvalidInput
         If the drive has another number of elements than the matrix or is silent, if ``share`` is
-        not between 0 and 1, if the matrix was computed for other foci, if two foci are too close
-        together, or if a focus is shadowed.
+        not between 0 and 1, if the matrix was computed for other foci, if there are more foci than
+        elements, if two foci are less than a tenth of a wavelength apart, or if a focus is shadowed
+        (its attainable pressure is below 5 % of the median for the other foci).
 
     Examples
     --------

@@ -72,15 +72,18 @@ def robust(
 ) -> Drive:
     """Compute the drive that performs best over all sampled positions of an uncertain hand.
 
-    The search ignores the random gains of single elements, because adapting to them would not help
-    with new samples; ``goal_value`` includes them. The method chooses the phases at the foci and
-    ignores suppression points.
+    The samples are random poses of the hand and random gains of the elements (see ``ensemble``).
+    The search ignores the gains, because adapting to them would not help with new samples;
+    ``goal_value`` includes them. It starts from the best drive for the expected pose and climbs to
+    a local maximum of the goal. The method chooses the phases at the foci and ignores suppression
+    points and requested phases.
 
     Parameters
     ----------
-    ensemble : transfer matrices of the samples, as returned by ``at.ensemble``. A plain transfer
-        matrix is treated as a single sample without uncertainty.
-    target : the foci and their requested pressures.
+    ensemble : transfer matrices (F, E) of the samples, as returned by ``at.ensemble``. A plain
+        ``TransferMatrix`` is treated as a single sample without uncertainty.
+    target : the F foci and their requested pressures or shares. In each sample, the weakest focus
+        is that with the smallest ratio of pressure to request.
     goal : quantity to maximise: "lowest tenth" is the pressure that the weakest focus exceeds in 9
         out of 10 samples; "mean" is the mean of its pressure over the samples; "worst" is its
         pressure in the worst sample.
@@ -89,16 +92,17 @@ def robust(
 
     Returns
     -------
-    A drive of E elements. Its largest amplitude is 1, or less if a weaker drive is enough for the
-    requested pressures. Without uncertainty, the drive maximises the pressure at the weakest focus
-    under the same limit. For one focus, this is the drive of ``time_reversal`` or, with "phases",
-    of ``phase_conjugate``.
+    A ``Drive`` of E elements. Its largest amplitude is 1 or, if the target requests pressures and
+    the goal exceeds them, the amplitude at which the goal equals them. Without uncertainty, the
+    drive maximises the pressure at the weakest focus under the same limit. For one focus, this is
+    the drive of ``time_reversal`` or, with "phases", of ``phase_conjugate``.
 
     Raises
     ------
     InvalidInput
         If the matrices were computed for other foci, if there are more foci than elements, if two
-        foci are too close together, if a focus is shadowed, or if the goal or limit is unknown.
+        foci are less than a tenth of a wavelength apart, if a focus is shadowed (its attainable
+        pressure is below 5 % of the median for the other foci), or if the goal or limit is unknown.
 
     Examples
     --------

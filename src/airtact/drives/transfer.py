@@ -34,14 +34,18 @@ from airtact.transducers.placement import check_apart, check_placement, check_re
 class TransferMatrix:
     """Complex pressure at every focus per unit drive of every element, p = H d.
 
-    ``transfer_matrix`` includes the scattering by the bodies; ``open_air_matrix`` does not.
+    ``transfer_matrix`` and ``open_air_matrix`` compute it with and without the scattering by the
+    bodies. The drive methods, such as ``max_min``, take it to compute a drive.
 
     Attributes
     ----------
-    matrix : (F, E) complex pressure H[f, e] at focus f when element e alone is at full scale [Pa].
-        The rows of suppression points, if there are any, follow those of the foci.
-    estimated_error : relative error of the matrix, as estimated by the solver; NaN if unknown.
-    foci : (F, 3) positions of the foci in the obstacles' frame [m], or None if unknown.
+    matrix : (F, E) complex pressure H[f, e] at focus f when element e alone is at full scale, with
+        its gain [Pa]. The rows of suppression points, if there are any, follow those of the foci
+        and count toward F.
+    estimated_error : relative error of the matrix, as estimated by the solver (0.01 is 1 %); NaN if
+        unknown.
+    foci : (F, 3) positions of the rows' points in the frame of the bodies [m], or None if unknown.
+        If they are known, methods check that they are the target's points.
     wavelength : wavelength of the sound in the air [m], or None if unknown.
 
     Raises
@@ -265,23 +269,27 @@ def focus_by_distance(
     """Compute a drive from the distances between elements and foci alone.
 
     The drive is d_e = Σ_f e^{−ik r_ef} (Inoue, Makino and Shinoda, 2014, equations 5 and 11),
-    scaled to a largest amplitude of 1. All foci have the same weight, regardless of their requests.
-    k is the real part of the wavenumber.
+    scaled to a largest amplitude of 1. r_ef is the distance between the centre of element e and
+    focus f, and k the real part of the wavenumber. Scattering by bodies, directivity and gains of
+    the elements are ignored, and all foci have the same weight, regardless of their requests.
 
     Parameters
     ----------
-    array, target : the transducers in the target's frame, and the foci.
-    medium, frequency : the air and the frequency of the sound [Hz].
+    array : the E transducers in the frame of the target.
+    target : the foci; suppression points are ignored.
+    medium : the air.
+    frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
 
     Returns
     -------
-    The drive of the array's elements.
+    The ``Drive`` of the E elements.
 
     Raises
     ------
     InvalidInput
-        If a focus is behind the face of a directional element, if the frequency is outside 1 kHz to
-        1 MHz, or if an argument has the wrong type.
+        If a focus is behind the face of a directional element or more than 10 m from an element, if
+        elements overlap or are too large for the frequency (see ``piston``), if the frequency is
+        outside its range, or if an argument has the wrong type.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     of_kind(target, Target, "the target", "Target(points, pressures)")

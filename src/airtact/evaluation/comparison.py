@@ -235,16 +235,18 @@ def compare(
     """Compare the pressures that several drives produce at the foci, with a single solve.
 
     The drives are compared with three normalisations: with the strongest element of each drive at
-    full scale ("equal peak"), with the same sum of squared amplitudes ("equal energy"), and with
-    the phases of each drive and every active element at full scale ("phase only").
+    full scale ("equal peak"), with the same sum of squared amplitudes, as large as full scale
+    allows for all drives ("equal energy"), and with the phases of each drive and every active
+    element at full scale ("phase only").
 
     Parameters
     ----------
-    scene : the air and the bodies in it.
-    array : the transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
-    drives : drives by name; the first is the reference for the ratios. The results do not
-        depend on the scale of a drive.
-    target : the F foci. Their requests only determine which focus is the weakest.
+    scene : the air and the bodies in it. Its frame is called the obstacles' frame.
+    array : the E transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
+    drives : dict from names to drives of E amplitudes each; the first is the reference for the
+        ratios that the result prints. The results do not depend on the scale of a drive.
+    target : the F foci in the obstacles' frame. Their requests only determine which focus is the
+        weakest.
     solver : solver for the field. Use a more accurate solver than the one for the drives'
         transfer matrix, or another method.
     progress : function, such as ``print``, that is called with a description of each step as it

@@ -25,24 +25,28 @@ def drive_sources(
 ) -> Monopoles:
     """Return the points on the faces of all elements as monopoles, one excitation per drive.
 
+    ``Solver.radiate`` computes the field of these monopoles.
+
     Parameters
     ----------
-    array : the transducers: E elements with Q face points each.
+    array : the transducers: E elements with Q face points each, in the frame of the scene.
     drives : S drives of E elements each.
-    scene : the scene; required if it contains reflecting boards, because an element in the face of
-        such a board has half the strength.
+    scene : the scene; required if it contains reflecting boards or a plane. The strength of an
+        element in the face of a board, or of a directional element flush with the plane, is halved,
+        because its sensitivity already includes the reflection.
 
     Returns
     -------
-    E·Q monopoles, ordered by element. For each of the S drives, the strength of the monopole at
-    point j of the face of element e is sensitivity · w_j · g_e · d_e [Pa·m], where w_j is the
-    weight of the point, g_e the gain of the element and d_e its drive.
+    ``Monopoles`` with E·Q positions, ordered by element, and strengths (E·Q, S). For each drive,
+    the strength at point j of the face of element e is sensitivity · w_j · g_e · d_e [Pa·m], where
+    w_j is the weight of the point, g_e the gain of the element and d_e its drive.
 
     Raises
     ------
     InvalidInput
-        If there is no drive, or if a drive is silent, does not have as many elements as the array
-        or is not a ``Drive``.
+        If there is no drive, or if a drive is silent (all amplitudes are 0 or belong to dead
+        elements), does not have as many elements as the array or is not a ``Drive``. If the scene
+        contains boards, but an element is not in the face of one.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(drives) == 0:
@@ -374,12 +378,16 @@ def evaluate(
 ) -> Evaluation:
     """Compute the pressure of a drive at the foci, with a single solve for the whole array.
 
+    The solve has the points on the faces of all elements as its sources. It does not use a transfer
+    matrix, so the result can verify a drive that was computed from one.
+
     Parameters
     ----------
-    scene : the air and the bodies in it.
-    array : the transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
-    drive : the drive of the array.
-    target : the F foci and their requested pressures.
+    scene : the air and the bodies in it. Its frame is called the obstacles' frame.
+    array : the E transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
+    drive : the drive of the array, with E complex amplitudes as fractions of full scale.
+    target : the F foci in the obstacles' frame, and their requested pressures. The requests only
+        affect the summary; suppression points are ignored.
     solver : solver for the field. To verify a drive, use a more accurate solver than the one
         for its transfer matrix, or another method.
     progress : function, such as ``print``, that is called with a description of each step as it
@@ -395,8 +403,8 @@ def evaluate(
     ------
     InvalidInput
         If the drive is silent or does not have as many elements as the array, if an element or a
-        focus is inside a body, if a focus or a body is behind the face of a directional element, if
-        a focus is on an element, or if an argument has the wrong type.
+        focus is inside a body or behind a plane, if a focus or a body is behind the face of a
+        directional element, if a focus is on an element, or if an argument has the wrong type.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     field = radiate_drives(scene, array, [drive], solver, foci=target.points, progress=progress)

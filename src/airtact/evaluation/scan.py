@@ -116,19 +116,22 @@ def load_scan(path: str | Path) -> Scan:
 
     Parameters
     ----------
-    path : file with the columns x, y, z [m], pressure in any unit and, if it was measured, phase
-        [rad]. The first line names the columns; further columns are ignored.
+    path : file with the columns x, y, z (position of the microphone [m]), pressure (amplitude in
+        any unit) and, if it was measured, phase [rad] of the phasor p in Re[p e^{−iωt}]. The first
+        line names the columns, in any order; further columns are ignored.
 
     Returns
     -------
-    The scan, whose phases are those of the phasor p in Re[p e^{−iωt}].
+    The ``Scan``, with complex pressures if the file has phases. Positions keep the frame of the
+    file; readings at the same position are averaged.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, if a column is missing, if a value is not a number, if there are
-        too few positions, if a position is more than 2 m from the origin, if a phase seems to be in
-        degrees, or if all pressures are 0.
+        If the file cannot be read, if a column is missing, if a value is not a finite number, if
+        there are fewer than 3 different positions, if a position is more than 2 m from the origin
+        of the file's frame, if the magnitude of a phase exceeds 2π (as in degrees), or if all
+        pressures are 0.
     """
     table = read_text_table(Path(path))
     table.require("x", "y", "z", "pressure")
@@ -255,17 +258,22 @@ def best_shift(
 ) -> tuple[Float64[np.ndarray, "3"], float]:
     """Find the shift of the positions that makes a scan agree best with the prediction.
 
-    The search covers at least ±9 mm along each axis.
+    Agreement is measured by the error of ``Overlay``, after fitting one scale factor. The search
+    varies one coordinate at a time, first by up to ±9 mm in steps of 3 mm and finally in steps of
+    0.25 mm. It ignores shifts for which less than 30 %, or fewer than 3, of the predictions are
+    known.
 
     Parameters
     ----------
     scan : the measurement.
-    read : function that returns the prediction (N,) at positions (N, 3) [m], with NaN where it is
-        unknown.
+    read : function that returns the complex prediction (N,) at positions (N, 3) in the frame of the
+        scan [m], with NaN where it is unknown.
 
     Returns
     -------
-    The shift (3,) to add to the positions of the scan [m], and the relative error that remains.
+    The shift (3,) to add to the positions of the scan [m], and the relative error that remains: the
+    rms of the deviation divided by the rms of the scan. The shift is 0 if none lowers the error.
+    The error is 1 if all shifts are ignored.
     """
 
     def error(shift: Float64[np.ndarray, "3"]) -> float:

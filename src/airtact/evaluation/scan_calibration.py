@@ -232,15 +232,22 @@ def calibrate_from_scans(
 ) -> ScanCalibration:
     """Fit sensitivity, gains and misalignment to scans of single elements or of a focus.
 
+    The misalignment is the rigid motion from the positions stated in the scans to the true
+    positions of the microphone in the array's frame. It is expected to be about 5 mm along and 0.2
+    rad about each axis. Gains of elements that do not emit, or that the scans do not distinguish,
+    keep their values.
+
     Parameters
     ----------
     scans : scans of the field of the empty array, in pascals (peak). All scans have the same
-        misalignment and reference phase. If a scan has no phases, magnitudes are compared and no
-        gain is determined.
-    drives : the drive of each scan.
-    array : the array at its assumed position, in the frame of the scans.
+        misalignment and reference phase. If any scan has no phases, only magnitudes are compared
+        in all scans, and no gain is determined.
+    drives : the drive of each scan, one complex amplitude per element.
+    array : the array at its assumed position, in the frame of the scans; its gains are included in
+        the model.
     scene : medium and frequency, without bodies and planes.
-    microphone : size and direction of the microphone; by default, it is a point.
+    microphone : size and direction (in the frame of the scans) of the microphone; by default, it is
+        a point.
 
     Returns
     -------
@@ -250,10 +257,12 @@ def calibrate_from_scans(
     Raises
     ------
     InvalidInput
-        If the numbers of scans, drives and elements do not match, if a drive is silent, if the
-        scene has bodies or planes, or if the scans fit far better after negating their phases.
+        If there is no scan or not one drive per scan, if a drive is silent or does not have as many
+        elements as the array, or if the scene has bodies or planes. Also if a scan deviates from
+        the fitted field by more than 20 % (rms), but by less than half as much with negated phases.
     NotConverged
-        With the code "pose_not_found", if no small misalignment explains a scan to within 50 %.
+        With the code "pose_not_found", if the rms deviation of a scan from the fitted field exceeds
+        50 % of the scan's rms pressure.
     """
     if not scans or len(scans) != len(drives):
         raise InvalidInput(

@@ -151,14 +151,24 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
 
 
 def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
-    """Return the peak pressure (F,) [Pa] that each focus would reach as the only focus.
+    """Return the peak pressure that each focus would reach as the only focus.
 
     The attainable pressure is Σ_e |H_fe|: every element is at full scale, and all contributions are
     in phase.
 
     Parameters
     ----------
-    transfer : transfer matrix H of the array and the F foci.
+    transfer : (F, E) transfer matrix H of F points and E elements. Its rows are the foci, followed
+        by the suppression points if there are any.
+
+    Returns
+    -------
+    (F,) attainable peak pressure for each row of the matrix [Pa].
+
+    Raises
+    ------
+    InvalidInput
+        If ``transfer`` is not a ``TransferMatrix``.
 
     Examples
     --------
@@ -295,31 +305,35 @@ def verify(
 
     Parameters
     ----------
-    scene : the air and the bodies in it.
-    array : the transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
-    drive : the drive of the array.
-    target : the foci and suppression points.
+    scene : the air and the bodies in it. Its frame is called the obstacles' frame.
+    array : the E transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
+    drive : the drive of the array, with E complex amplitudes as fractions of full scale.
+    target : the foci and suppression points in the obstacles' frame.
     solver : solver for the field. To verify a drive, use a more accurate solver than the one
         for its transfer matrix, or another method.
-    transfer : transfer matrix of the foci, from which the attainable pressures follow; by default,
-        it is computed with ``solver``.
-    head : (3,) or (N, 3) points of a head at which the level is evaluated [m].
-    levels : amplitude and phase levels of a board; the drive rounded to them is also verified.
+    transfer : transfer matrix of the target, from which the attainable pressures follow (see
+        ``attainable``); by default, it is computed with ``solver`` in a second solve.
+    head : (3,) or (N, 3) points of a head in the obstacles' frame, at which the sound pressure
+        level is evaluated [m]; none by default. The head itself scatters no sound.
+    levels : amplitude and phase levels of a board, by default 256 of each. The drive rounded to
+        them is also verified, unless rounding makes it silent.
     progress : function, such as ``print``, that is called with a description of each step as it
         begins.
 
     Returns
     -------
     A ``Verification`` with the pressures at the foci, before and after rounding, the attainable
-    pressures, the strongest side lobe, the forces on the skin, and the level at the head.
+    pressures, the strongest side lobe, the forces on the skin, and the levels at the head. Printing
+    it shows a summary.
 
     Raises
     ------
     InvalidInput
         If the drive is silent or does not have as many elements as the array, if an element is
-        inside a body, if a focus, a suppression point or a point of the head is in a body or on an
-        element, if a focus or a body is behind the face of a directional element, if a body is not
-        sound-hard, or if an argument has the wrong type.
+        inside a body, if a focus, a suppression point or a point of the head is in a body, behind a
+        plane or on an element, if a focus or a body is behind the face of a directional element, if
+        a body is not sound-hard, if the transfer matrix was computed for another target, or if an
+        argument has the wrong type.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     head = np.empty((0, 3)) if head is None else np.atleast_2d(head)

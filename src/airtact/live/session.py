@@ -109,29 +109,36 @@ class Session:
 
 
 class SessionWriter:
-    """Writes the session of a run to a file; ``frame`` and ``drive`` return at once.
+    """Writes the session of a run of the live loop to a file, which ``read_session`` reads.
 
-    A separate process writes the file. A slow disk therefore does not delay the loop, and a killed
-    loop or a full disk does not damage the file. An existing file is replaced when the loop begins.
-    The real and imaginary parts of amplitudes are rounded to multiples of a step, which is 1/15 to
-    1/7 of the largest amplitude in the drive. This changes the pressure at a focus by about 0.5 %.
-    Landmarks are rounded to 1 µm; positions and depths that belong to a drive are rounded to 8 µm.
+    Pass the writer to ``follow``, which calls all its methods. ``frame`` records a frame of a
+    tracker and ``drive`` a drive; both return at once, because a separate process writes the file.
+    A slow disk therefore does not delay the loop, and a killed loop or a full disk does not damage
+    the file. An existing file is replaced when the loop begins. The real and imaginary parts of
+    amplitudes are rounded to multiples of a step, which is 1/15 to 1/7 of the largest amplitude in
+    the drive. This changes the pressure at a focus by about 0.5 %. Landmarks are rounded to 1 µm;
+    positions and depths that belong to a drive are rounded to 8 µm.
 
     Parameters
     ----------
-    path : file to write.
+    path : file to write, an HDF5 file such as ``session.h5``. Its folder is created if necessary,
+        and locked against other writers until ``close``.
     scene : the parts of the scene that stay fixed during the run.
-    text : text of the scene file.
+    text : text of the scene file, which is stored in the session.
 
     Attributes
     ----------
-    dropped : number of frames and drives that were not recorded because the disk was too slow.
-    fault : message that says why recording failed and at what time; None if there was no failure.
+    dropped : number of frames and drives that were not recorded because the disk was too slow and
+        4096 others were already waiting.
+    fault : message with the reason why writing failed, and the time since the loop began after
+        which nothing was recorded; None if there was no failure. Earlier data stay in the file, and
+        later frames and drives are ignored; no exception is raised.
 
     Raises
     ------
     InvalidInput
-        If the folder cannot be created, or another run is recording into it.
+        If the folder cannot be created or written to, or if another run is writing a session to a
+        file in this folder.
     """
 
     def __init__(self, path: Path, scene: LiveScene, text: str = "") -> None:

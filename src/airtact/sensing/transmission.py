@@ -207,23 +207,28 @@ def simulate_transmissions(
 
 
 def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
-    """Return the signs of a Hadamard matrix as codes. All elements emit in every transmission.
+    """Return the signs of a Hadamard matrix as codes, for ``Echoes`` and ``simulate_echoes``.
+
+    All elements emit at full scale in every transmission.
 
     Parameters
     ----------
-    elements : number of elements E.
-    transmissions : number of transmissions M. The default and maximum is the smallest power of 2
-        that is at least E. With this number, the signals of the elements can be separated, and
-        their noise is as low as if each element emitted alone E times.
+    elements : number of elements E, 1 to 4096.
+    transmissions : number of transmissions M, from 1 to the smallest power of 2 that is at least E,
+        which is the default. With the default, the codes of all elements are orthogonal. The
+        response to a single element is then the mean over the transmissions of the received
+        pressure times the element's code, and its noise is as low as if this element alone had
+        emitted M times. With fewer transmissions, the codes are not orthogonal, and this mean also
+        contains responses to other elements.
 
     Returns
     -------
-    (E, M) amplitude of each element in each transmission, 1 or −1.
+    (E, M) amplitude of each element in each transmission, 1 or −1, as complex numbers.
 
     Raises
     ------
     InvalidInput
-        If ``elements`` or ``transmissions`` is out of range.
+        If ``elements`` or ``transmissions`` is outside its range.
     """
     # Sylvester's construction needs a power of 2; rows beyond the elements are dropped.
     size = 1 << (_count(elements, "elements") - 1).bit_length()

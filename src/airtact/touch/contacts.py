@@ -20,17 +20,20 @@ from airtact.touch.skin import Bodies, Skin, skin_of
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Contacts of skin with virtual objects, one for each part of the skin inside an object.
+    """Contacts of skin with virtual objects, as returned by ``contact``.
 
-    ``contact`` returns an instance. Call ``target`` for the foci that make the contacts
-    perceptible.
+    A contact is a connected piece of skin inside one object. Pieces that span several parts of a
+    hand, such as two fingers, are divided into one contact per part. Call ``target`` for the target
+    that makes the contacts perceptible, or ``foci`` for its foci.
 
     Attributes
     ----------
-    skin : points of the skin.
-    virtual_objects : all objects, whether touched or not.
+    skin : points of the skin, as a ``Skin``. Its frame is that of all positions here.
+    virtual_objects : all objects, whether touched or not; unnamed ones are named "object 1" and
+        so on.
     offset : distance of the foci from the skin, outward [m].
-    found : ``ContactArrays`` with the properties of all contacts, such as their depths.
+    found : ``ContactArrays`` with the properties of all contacts, which also are properties of
+        this class, such as ``points`` and ``depths``.
     """
 
     skin: Skin

@@ -21,18 +21,25 @@ WAVELENGTH = 8.6e-3
 
 @dataclass(frozen=True, eq=False)
 class TouchFoci:
-    """Foci of contacts, just outside the skin.
+    """Foci of contacts, just outside the skin, as returned by ``Contacts.foci``.
+
+    ``target`` converts them to a ``Target``, for which a drive can be computed. Besides the
+    contacts counted in ``merged`` and ``dropped``, a contact has no focus of its own if a deeper
+    contact with a focus is within 0.8 wavelengths on the same patch of skin.
 
     Attributes
     ----------
-    points : (F, 3) positions outside the skin [m].
-    strengths : (F,) strengths of the touch, from 0 to 1.
-    contacts : (F,) index of the contact to which each focus belongs.
-    names : a name for each focus, such as "index at ball".
-    skin_points : (F,) index of the skin point nearest to each focus.
-    merged : number of weak contacts that share the focus of a stronger contact less than a
-        wavelength away.
-    dropped : number of weak contacts that have no focus.
+    points : (F, 3) positions outside the skin [m], in the frame of the skin.
+    strengths : (F,) pressure at each focus as a fraction of that of the strongest possible touch,
+        from 0 to 1; see ``VirtualObject.stiffness``.
+    contacts : (F,) index of the contact to which each focus belongs, in the arrays of ``Contacts``.
+        A long contact may have several foci.
+    names : name of each focus, "PART at OBJECT" such as "index at ball", numbered if a contact has
+        several foci.
+    skin_points : (F,) index in ``Skin.points`` of the point nearest to each focus.
+    merged : number of contacts that lost their focus because there were more than allowed, but are
+        less than a wavelength from a focus of the same object.
+    dropped : number of contacts that lost their focus and are not near such a focus.
     """
 
     points: Float64[np.ndarray, "foci 3"]

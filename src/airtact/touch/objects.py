@@ -29,26 +29,35 @@ FIRST_STRENGTH = 0.2
 class VirtualObject:
     """A solid that can be felt but does not affect the sound.
 
+    ``contact`` finds the skin of a hand inside the object. Foci on this skin make it perceptible;
+    the pressure at a focus is proportional to the strength of the touch, from 0 (no sound) to 1
+    (the largest pressure that the array is allowed to produce).
+
     Attributes
     ----------
     shape : a closed ``Surface``, such as ``at.sphere(...)``; or a ``Box``, ``Cylinder``,
         ``HalfSpace`` or ``Button`` from ``at.touch``. It must be at least 4 mm across. The live
         loop may miss objects of less than 10 mm between its skin points, except at the finger pads.
-    pose : pose of the shape in the hand's frame; None if both frames are the same.
+    pose : ``Pose`` that maps the coordinates of ``shape`` to those of the skin, which are scene
+        coordinates; None if both are the same.
     name : name of the object in results; unnamed objects are called "object 1" and so on.
     style : "points" places foci where the skin is deepest; "outline" moves a focus along the curve
-        where the skin meets the object; "texture" is like "points", but modulates the strengths by
-        ``texture``.
-    stiffness : increase of the touch's strength with depth [1/m]. The strength is 0.2 at the
-        surface and at most 1. By default, it reaches 1 at a depth of 2 mm, or at the end of a
-        button's travel.
-    texture : a ``Grating`` or ``HeightMap``; only for the style "texture".
+        where the skin meets the object's surface; "texture" is like "points", but multiplies each
+        strength by the height of ``texture``, 0 to 1, at that point. ``Contacts.target`` rejects
+        contacts with both "outline" and other styles; the live loop combines them.
+    stiffness : increase of the strength per metre of depth [1/m]. The strength is 0.2 at depth 0,
+        rises linearly with the depth of the skin inside the object, and is limited to 1. By
+        default, it reaches 1 at a depth of 2 mm or, for a ``Button``, at its travel.
+    texture : a ``Grating`` or ``HeightMap`` in the coordinates of ``shape``; required for the style
+        "texture", and not allowed for the others.
 
     Raises
     ------
     InvalidInput
-        If the shape is not a closed solid, is too small or is more than 2 m from the origin, the
-        style is unknown, the stiffness is not above zero, or the texture is missing or not allowed.
+        If an argument has the wrong type, the shape is too small, the style is unknown, the
+        stiffness is not above zero, or the texture is missing or not allowed. Also if the centre of
+        the shape (the point of a half-space) is, at its pose, more than 2 m from the origin of the
+        scene.
 
     Examples
     --------

@@ -97,18 +97,19 @@ class Box(Solid):
 
 @dataclass(frozen=True, eq=False)
 class Cylinder(Solid):
-    """A cylinder with flat ends.
+    """A cylinder with flat ends, as the shape of a ``VirtualObject``.
 
     Attributes
     ----------
-    start, end : (3,) centres of the two end faces [m].
+    start, end : (3,) centres of the two end faces [m], at most 2 m from the origin of the
+        cylinder's own frame.
     radius : radius of the cylinder [m].
 
     Raises
     ------
     InvalidInput
-        If the radius or the length is not above zero, the cylinder is larger than 2 m, or it is
-        more than 2 m from the origin.
+        If the radius or the length is not above zero, if the larger of length and diameter is not
+        between 0.5 mm and 2 m, or if an end is more than 2 m from the origin.
 
     Examples
     --------
@@ -208,21 +209,28 @@ class HalfSpace(Solid):
 
 @dataclass(frozen=True, eq=False)
 class Button(Solid):
-    """A disc that can be pressed in; the touch is strongest at the end of the disc's travel.
+    """A disc that can be pressed in, as the shape of a ``VirtualObject``.
+
+    Unless the object's ``stiffness`` is set, the strength of a touch rises linearly from 0.2 at the
+    disc's face to 1 at the depth ``travel``, and stays 1 beyond. The disc does not move. The button
+    is a solid cylinder from the face to 20 mm below the end of the travel; skin farther below does
+    not touch it. Depths are distances from the nearest point of the cylinder's surface, so near its
+    side they are distances from the side.
 
     Attributes
     ----------
-    centre : (3,) centre of the disc at rest [m].
-    radius : radius of the disc [m].
-    travel : distance by which the disc can be pressed in [m].
-    normal : (3,) vector that points out of the button, opposite to the direction of
-        pressing.
+    centre : (3,) centre of the disc's face [m], at most 2 m from the origin of the button's own
+        frame.
+    radius : radius of the disc [m], at most 1.
+    travel : depth at which the button is fully pressed [m].
+    normal : (3,) vector of any length above zero that points out of the button, opposite to the
+        direction of pressing.
 
     Raises
     ------
     InvalidInput
-        If a length is not above zero, the centre is more than 2 m from the origin, or the normal is
-        zero.
+        If a length is not above zero, the normal is zero, or the cylinder is more than 2 m long,
+        more than 2 m wide or more than 2 m from the origin.
 
     Examples
     --------

@@ -19,17 +19,21 @@ Points = Real[np.ndarray, "points 3"]
 
 @dataclass(frozen=True, eq=False)
 class Grating:
-    """Parallel ridges with a sinusoidal profile.
+    """Parallel ridges with a sinusoidal profile, as the texture of a ``VirtualObject``.
+
+    The strength of a touch is multiplied by the height ½ + ½ cos(2π x·n / pitch) at its position x,
+    where n is the unit vector along ``direction``. One ridge passes through the origin.
 
     Attributes
     ----------
-    pitch : distance between neighbouring ridges [m], at most 0.1.
-    direction : (3,) direction perpendicular to the ridges, in the object's frame.
+    pitch : distance between neighbouring ridges [m], above zero and at most 0.1.
+    direction : (3,) direction across the ridges, a vector of any length above zero, in the
+        coordinates of the object's ``shape``.
 
     Raises
     ------
     InvalidInput
-        If the pitch is out of range or the direction is zero.
+        If the pitch is outside its range or the direction is zero.
 
     Examples
     --------

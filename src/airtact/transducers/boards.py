@@ -23,21 +23,23 @@ MURATA_RADIUS = 4.5e-3
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """One kind of transducer board.
+    """One kind of transducer board, as returned by ``board_named``.
 
-    In its own frame, a board lies in the plane z = 0 and radiates toward +z.
+    In its own frame, a board lies in the plane z = 0 and radiates toward +z. The origin is the
+    first element of an "autd3" board, and the centre of any other board.
 
     Attributes
     ----------
-    name : name in commands and scene files.
+    name : name in commands and scene files, such as "autd3".
     title : name in printed text.
-    positions : (E, 3) centres of the transducers [m], in the order of the elements.
-    channels : (E,) index of each element in the messages that are sent to the board, from 0.
+    positions : (E, 3) centres of the transducers in the board's frame [m]. Their order is the order
+        of the elements in drives and arrays.
+    channels : (E,) for each element, the index from 0 of its value in a message to the board.
     message_length : number of channels in a message, some of which may have no transducer.
     outline : width (along x) and height (along y) of the board [m]; None if it is unknown or
         varies.
-    placed : whether the board fixes the positions of its transducers. Otherwise, ``positions`` are
-        only an example.
+    placed : whether the board fixes the positions of its transducers. Otherwise, they are connected
+        by wires, and ``positions`` are only an example.
     max_boards : largest number of boards on one link to the computer.
     amplitudes, phases : number of amplitude levels and of phase levels.
     transducer : manufacturer's name of the transducer.

@@ -23,19 +23,21 @@ MOTION = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, "elements"]:
     """Read the gains of an array's elements from a .csv file.
 
-    The columns are ``element``, ``gain`` and ``phase``: the index of an element from 0,
-    its pressure relative to that of a nominal element, and its phase lag behind a
-    nominal element [rad]. A gain of 0 marks a dead element. Elements that are not
-    listed are nominal.
+    The columns are ``element``, ``gain`` and ``phase``: the index of an element from 0, its
+    pressure relative to that of a nominal element (0 to 10), and its phase lag behind a nominal
+    element [rad]. A gain of 0 marks a dead element. Elements that are not listed are nominal, with
+    a gain of 1 and no lag. A nominal element has the sensitivity and phase of ``Element``.
 
     Parameters
     ----------
-    path : .csv file with these columns.
-    elements : number of elements of the array.
+    path : .csv file whose first line names these columns, in any order. Other columns are ignored.
+    elements : number E of elements of the array.
 
     Returns
     -------
-    (E,) complex gains gain · e^{i phase}, for use with ``PhasedArray.calibrated``.
+    (E,) complex gains gain · e^{+i phase}, for use with ``PhasedArray.calibrated``. The sign is
+    positive because pressures are phasors p in Re[p e^{−iωt}]: for this time factor, a lag φ is the
+    factor e^{+iφ}.
 
     Raises
     ------

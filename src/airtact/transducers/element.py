@@ -166,22 +166,27 @@ def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
 def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int = 19) -> Element:
     """Return a rigid disc with the far-field pattern 2 J₁(x)/x, where x = ka sin θ.
 
-    The pattern is derived in Kinsler, Frey, Coppens and Sanders, Fundamentals of Acoustics (4th
-    edition), section 7.4.
+    k is the wavenumber, a the radius, and θ the angle from the axis. The pattern is derived in
+    Kinsler, Frey, Coppens and Sanders, Fundamentals of Acoustics (4th edition), section 7.4. The
+    disc radiates only forward.
 
     With 19 points, the disc uses Albrecht's rule of degree 9 (ZAMM 40, 514, 1960; S2
     9-1 in Stroud, Approximate Calculation of Multiple Integrals, 1971). Its error in
     the far field is of order x¹⁰: 1.8e-4 of the pressure on the axis at ka = 4 and 1e-3
     at ka = 4.8, which correspond to radii of 5.5 and 6.5 mm at 40 kHz. With 12 points,
     it uses the cheaper rule of degree 7 (S2 7-1 in Stroud), with errors of 3.3e-4 at ka
-    = 2.9 and 1.3e-3 at ka = 3.5. Once the frequency is known, a piston is rejected if
-    its ka is too large for its number of points.
+    = 2.9 and 1.3e-3 at ka = 3.5. Functions that know the frequency raise ``InvalidInput``
+    if ka exceeds 4.8 with 19 points, or 3.5 with 12 points.
 
     Parameters
     ----------
-    radius : radius of the disc a [m].
-    sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m].
+    radius : radius of the disc a [m], above zero and at most 0.1.
+    sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m], above zero.
     points : number of points on the face, 12 or 19.
+
+    Returns
+    -------
+    A directional ``Element``, for use in a ``PhasedArray``.
 
     Raises
     ------

@@ -37,18 +37,22 @@ MAX_ARRAY_EXTENT = 10.0
 class PhasedArray:
     """An array of transducers: one kind of element at many positions.
 
+    All coordinates are in one frame, which functions call the array's frame; ``moved`` and
+    ``seen_from`` return the array in other frames. The order of the elements is the order of the
+    amplitudes in a ``Drive``.
+
     Attributes
     ----------
     positions : (E, 3) centres of the elements' faces [m].
-    normals : (E, 3) directions in which the elements radiate, stored as unit vectors.
+    normals : (E, 3) directions in which the elements radiate, vectors of any length above zero;
+        stored as unit vectors. By default, +z for all elements.
     element : kind of transducer at every position. By default, a piston with a radius of 4.5 mm
         that radiates only forward; without normals, a monopole.
     tangents : (E, 3) directions of the elements' x axes, which orient the points on
         their faces; stored as unit vectors. By default, any directions perpendicular to
         the normals.
-    gains : (E,) complex gain of each element relative to a nominal one, for the
-        phasor Re[p e^{−iωt}]: 1 by default, 0 for a dead element. See
-        ``calibrated``.
+    gains : (E,) complex gain by which the pressure of each element is multiplied, for the phasor p
+        in Re[p e^{−iωt}]: 1 by default, 0 for a dead element. See ``calibrated``.
 
     Raises
     ------
@@ -287,15 +291,22 @@ def board_array(
 ) -> PhasedArray:
     """Return an array of boards of one kind.
 
-    The command ``airtact boards`` lists all kinds.
+    In its own frame, a board lies in the plane z = 0, with its rows along x, and radiates toward
+    +z. The origin is the first element of an "autd3" board, and the centre of any other board.
 
     Parameters
     ----------
-    board : name of the kind, such as "autd3".
-    poses : pose of each board, which maps the board's frame to the array's frame; in its own frame,
-        a board radiates toward +z. By default, a single board at the origin.
+    board : name of the kind: "autd3", "sonicsurface", "nano16" or "openmpd". The command ``airtact
+        boards`` describes them.
+    poses : list of one ``Pose`` for each board, which maps the board's frame to the array's frame.
+        By default, a single board whose frame is the array's frame.
     element : kind of transducer; by default, the piston of the board (see
         ``Board.radius``).
+
+    Returns
+    -------
+    A ``PhasedArray`` with the elements of the first board in the order of ``Board.positions``, then
+    those of the second, and so on.
 
     Raises
     ------
@@ -364,6 +375,10 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     board : name of a real board. Each face is then half the board's height from the centre (75.7 mm
         for "autd3"), so that thin boards touch along their long edges. By default, the box of
         Inoue, Makino and Shinoda.
+
+    Returns
+    -------
+    A ``PhasedArray`` with four times the elements of a board, face by face.
 
     Raises
     ------
@@ -485,14 +500,19 @@ KNOWN_ARRAYS = ("tinylev", "biglev", "flat_8x8", "opposed_sonicsurfaces")
 
 
 def known_array(name: str, element: Element | None = None) -> PhasedArray:
-    """Return a well-known array, centred on the origin with its axis along y.
+    """Return a well-known array with its axis along y, centred on the origin to within 2 mm.
 
     Parameters
     ----------
-    name : "tinylev" or "biglev" for two caps of 36 transducers each; "flat_8x8" for 64
-        transducers in the plane y = 0; "opposed_sonicsurfaces" for two boards of 256
-        transducers.
+    name : "tinylev" or "biglev" for two spherical caps of 36 transducers each, which face the
+        origin from y = ±59 mm or ±95 mm; "flat_8x8" for 64 transducers in the plane y = 0, 10 mm
+        apart, which radiate toward +y; "opposed_sonicsurfaces" for two boards of 256 transducers at
+        y = ±116.5 mm, which face each other. Of two parts, that at positive y comes first.
     element : kind of transducer; by default, a piston with a radius of 4.5 mm.
+
+    Returns
+    -------
+    A ``PhasedArray`` of 72, 72, 64 or 512 elements.
 
     Raises
     ------

@@ -35,10 +35,12 @@ DIRECTIONS = _columns.T
 class Bead:
     """A small bead, treated as a fluid sphere.
 
+    ``Trap.bead`` creates the bead of a trap. Values are not checked here.
+
     Attributes
     ----------
-    radius : radius of the bead [m].
-    material : medium with the bead's density and speed of sound.
+    radius : radius of the bead [m]. Gor'kov's potential is valid up to an eighth of a wavelength.
+    material : medium with the bead's density and speed of sound; its absorption is ignored.
     """
 
     radius: float
@@ -200,36 +202,38 @@ def stiffness(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points 3 3"]:
-    """Return the stiffness matrix of a trap at each point.
+    """Return the stiffness matrix of the radiation force on a bead at each point.
 
-    The matrix consists of the second derivatives of Gor'kov's potential, ∂²U/∂x_i∂x_j =
-    −∂F_i/∂x_j. The stiffness is positive along an axis if the radiation force pushes the bead
-    back. The weight of the bead does not depend on its position, so it does not affect the
-    stiffness.
+    The matrix consists of the second derivatives of Gor'kov's potential, K_ij = ∂²U/∂x_i∂x_j =
+    −∂F_i/∂x_j, along the axes x, y and z of the scene. For a small displacement s from an
+    equilibrium, the force is −K s, so the bead is trapped there if all eigenvalues of K are
+    positive. Any point is allowed, but K only describes a trap at an equilibrium, as returned by
+    ``find``. The weight of the bead does not depend on its position, so it does not affect the
+    stiffness. For the errors of Gor'kov's potential, see ``force``.
 
     Parameters
     ----------
     scene : the air and the bodies in it.
     array : transducers in the frame of the scene.
-    drive : drive of the array.
-    points : (P, 3) positions of the centre of the bead [m].
-    radius : radius of the bead [m], at most an eighth of a wavelength.
-    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
-        those of expanded polystyrene.
+    drive : drive of the array, one complex amplitude per element.
+    points : (P, 3) positions of the centre of the bead in the scene [m].
+    radius : radius of the bead [m], above zero and at most an eighth of a wavelength.
+    density, sound_speed : density [kg/m³], 0.01 to 30000, and speed of sound [m/s], 100 to 10000,
+        of the bead; by default, those of expanded polystyrene.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.
 
     Returns
     -------
-    (P, 3, 3) stiffness at each point [N/m].
+    (P, 3, 3) symmetric stiffness matrix at each point [N/m].
 
     Raises
     ------
     InvalidInput
-        If the bead's centre is closer to a body, a plane or an element than the radius of the bead
-        or a sixteenth of a wavelength, whichever is larger. Also if the bead is behind the face of
-        a directional element, if the drive is silent or does not have as many elements as the
-        array, or if a number is out of range.
+        If a point is closer to a body, a plane or an element than the radius of the bead or a
+        sixteenth of a wavelength, whichever is larger. Also if a point is behind the face of a
+        directional element, if the drive is silent or does not have as many elements as the array,
+        or if a parameter is outside its range.
     """
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return stiffness_of(derivatives(field, points, bead), bead, scene)
@@ -563,31 +567,33 @@ def find(
 ) -> Float64[np.ndarray, "points 3"]:
     """Find the minimum of Gor'kov's potential near each point, where a bead comes to rest.
 
-    The weight of the bead is not included: it lowers the bead by its weight divided by the
-    stiffness.
+    Newton's method descends from each point until a step is below 10 nm. The weight of the bead is
+    not included: it lowers the bead by its weight divided by the vertical stiffness.
 
     Parameters
     ----------
     scene : the air and the bodies in it.
     array : transducers in the frame of the scene.
-    drive : drive of the array.
-    points : (P, 3) points at which the search starts [m].
-    radius : radius of the bead [m], at most an eighth of a wavelength.
-    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
-        those of expanded polystyrene.
+    drive : drive of the array, one complex amplitude per element.
+    points : (P, 3) points in the scene at which the search starts [m].
+    radius : radius of the bead [m], above zero and at most an eighth of a wavelength.
+    density, sound_speed : density [kg/m³], 0.01 to 30000, and speed of sound [m/s], 100 to 10000,
+        of the bead; by default, those of expanded polystyrene.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.
 
     Returns
     -------
-    (P, 3) positions of the minima [m]. A row is NaN if there is no minimum within half a wavelength
-    of the point.
+    (P, 3) positions of the minima in the scene [m]. A row is NaN if the descent moves more than
+    half a wavelength away from the point, comes closer to a body, a plane or an element than the
+    radius of the bead or a sixteenth of a wavelength, or does not end at a minimum.
 
     Raises
     ------
     InvalidInput
-        If a point is in a body or behind a directional element, if the drive is silent or does not
-        have as many elements as the array, or if a number is out of range.
+        If a point is in a body, behind a plane or behind the face of a directional element, if the
+        drive is silent or does not have as many elements as the array, or if a parameter is outside
+        its range.
     """
     field, starts, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return np.stack([descend(field, start, bead) for start in starts])

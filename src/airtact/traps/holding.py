@@ -135,7 +135,19 @@ def check_free(traps: Collection[Trap], scene: Scene) -> None:
 
 
 def merged(traps: Collection[Trap], target: Target) -> Target:
-    """Return the target of ``target_of`` with one focus per trap in place of its lobes."""
+    """Return the target of ``target_of`` with one focus per trap in place of its lobes.
+
+    Parameters
+    ----------
+    traps : the traps, in the order in which they were passed to ``target_of``.
+    target : a target that begins with the lobes of these traps.
+
+    Returns
+    -------
+    A ``Target`` whose points are the centres of the beads, followed by the other foci. Each trap
+    gets the share of its first lobe. Suppression points are kept; requested pressures and phases
+    are not.
+    """
     counts = [len(trap.phasing) for trap in traps]
     points = [point_of(trap.point, "a trap")[None] for trap in traps]
     first = np.cumsum([0, *counts[:-1]])
@@ -318,33 +330,34 @@ def stiffest(
 ) -> Drive:
     """Return a drive that maximises the stiffness of the weakest trap in its weakest direction.
 
-    All elements are at full scale. Starting from the drive of ``hold``, L-BFGS improves the phases
-    to a local maximum. The optimisation also keeps the force at the points small, so that the beads
-    rest there.
+    The weakest direction is the eigenvector of the smallest eigenvalue of a trap's stiffness matrix
+    (see ``stiffness``). Starting from the drive of ``hold``, L-BFGS improves the phases to a local
+    maximum. A penalty keeps the force at the points small, so that the beads rest close to them;
+    ``find`` returns where. The weight of the beads is ignored.
 
     Parameters
     ----------
     scene : the air and the bodies in it.
     array : transducers in the frame of the scene.
-    points : (T, 3) positions of the traps [m].
-    kind : kind of the initial traps, "twin" or "vortex".
-    axis : (3,) direction of the axis of the initial traps, a vector of any length.
-    radius : radius of the beads [m], at most an eighth of a wavelength.
-    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the beads; by default,
-        those of expanded polystyrene.
+    points : (T, 3) positions of the traps in the scene [m].
+    kind : kind of the initial traps, "twin" or "vortex"; see ``hold``.
+    axis : (3,) direction of the axis of the initial traps, a vector of any length above zero.
+    radius : radius of the beads [m], above zero and at most an eighth of a wavelength.
+    density, sound_speed : density [kg/m³], 0.01 to 30000, and speed of sound [m/s], 100 to 10000,
+        of the beads; by default, those of expanded polystyrene.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.
 
     Returns
     -------
-    The drive; all amplitudes have magnitude 1.
+    A ``Drive`` with every element at full scale; only the phases are optimised.
 
     Raises
     ------
     InvalidInput
-        If a point is within a sixth of a wavelength of a body, if a lobe of an initial trap is in a
-        body or behind the array, if the kind is unknown, if the axis is zero, or if a number is out
-        of range.
+        If a point is closer than λ/(2π) to a body or a plane, if a lobe of an initial trap (λ/6
+        from its point) is in a body or behind the array, if the kind is unknown, or if another
+        parameter is outside its range.
 
     Examples
     --------

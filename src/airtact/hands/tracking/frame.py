@@ -41,10 +41,14 @@ MAX_SEQUENCE = 2**53
 class FaultyFrame(InvalidInput):
     """Error raised for a frame of a tracker that cannot be used.
 
+    ``HandFrame`` and ``from_json`` raise it. ``HandStream.feed`` returns it instead, and skips the
+    frame. It also has the attributes of ``InvalidInput``.
+
     Attributes
     ----------
-    fault : error code, such as "unreadable" or "mirrored". ``StreamHealth`` has an attribute of the
-        same name that counts the frames with this code.
+    fault : reason for the rejection, such as "unreadable" or "mirrored", which is also the ``code``
+        of the error. ``StreamHealth`` has one attribute for each reason, which explains it and
+        counts its frames: for example, ``StreamHealth.mirrored`` for "mirrored".
     """
 
     def __init__(

@@ -117,12 +117,16 @@ INSIDE = -1e-7
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """The box around the bodies that is filled with tetrahedra.
+    """The box of air around the bodies that ``FiniteElement`` fills with tetrahedra.
+
+    The sides of the box are parallel to the axes of the scene. On all sides, it is surrounded by a
+    perfectly matched layer, which absorbs the outgoing waves and is also filled with tetrahedra.
 
     Attributes
     ----------
-    low, high : (3,) lower and upper corner of the box [m].
-    layer : thickness of the perfectly matched layer around the box [m].
+    low, high : (3,) corners of the box with the smallest and the largest coordinates, without the
+        layer, in the frame of the scene [m].
+    layer : thickness of the layer on each side [m].
     """
 
     low: Float64[np.ndarray, "3"]
