@@ -5,6 +5,7 @@ python -m benchmarks.applications [MINUTES]
 
 import json
 import re
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -115,6 +116,15 @@ def memory_of(process: int) -> float:
     return total
 
 
+def steady_memory(process: int) -> float:
+    """Return the median memory over 20 s [MB]; that of the session's writer varies by 8 MB."""
+    samples = []
+    for _ in range(20):
+        samples.append(memory_of(process))
+        time.sleep(1.0)
+    return statistics.median(samples)
+
+
 def main(folder: Path, minutes: float) -> None:
     """Run the loop under load, and print what grew and what went wrong."""
     command = [sys.executable, "-m", "airtact", "live", "touch_ball", "--no-page", "--json"]
@@ -131,9 +141,9 @@ def main(folder: Path, minutes: float) -> None:
     for thread in load.threads:
         thread.start()
     time.sleep(0.25 * 60 * minutes)  # the first quarter fills what is kept of fixed size
-    before = memory_of(running.pid)
-    time.sleep(0.75 * 60 * minutes)
-    after = memory_of(running.pid)
+    before = steady_memory(running.pid)
+    time.sleep(0.75 * 60 * minutes - 40)
+    after = steady_memory(running.pid)
     load.ended.set()
     for thread in load.threads:
         thread.join()

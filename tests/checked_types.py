@@ -1,11 +1,13 @@
 """The type checker of the tests: beartype, with int taken for float and float for complex as PEP 484 has it.
 
 A function is checked in its first calls in a process, and wrapped for it in the first one: to check all calls would take
-a fifth of the time of the tests, and to wrap all functions half of the start of every worker.
+a fifth of the time of the tests, and to wrap all functions half of the start of every worker. A function within another
+is made anew in each call of that one, and wrapped anew, so only the first ones are checked.
 """
 
 import dataclasses
 import inspect
+from collections import defaultdict
 from collections.abc import Callable
 from functools import cache, partial, wraps
 from itertools import count
@@ -14,11 +16,13 @@ from typing import Any, get_type_hints
 import jaxtyping
 from beartype import BeartypeConf, beartype
 
-CHECKED_CALLS = 200
+CHECKED_CALLS = 100
+CHECKED_INNER_CALLS = 5
 
 check = beartype(conf=BeartypeConf(is_pep484_tower=True))
 
 _wrapped_at_once = jaxtyping.jaxtyped
+_calls = defaultdict(count)  # of each function, by module and name
 _one_scope = cache(partial(jaxtyping.jaxtyped, "context"))
 
 
@@ -47,11 +51,12 @@ def _wrapped(function: Callable, typechecker: Callable) -> Callable:
 
 def _checked(function: Callable, typechecker: Callable) -> Callable:
     wrapped = cache(partial(_wrapped, function, typechecker))
-    calls = count()
+    calls = _calls[function.__module__, function.__qualname__]
+    checked_calls = CHECKED_INNER_CALLS if "<locals>" in function.__qualname__ else CHECKED_CALLS
 
     @wraps(function)
     def checking(*arguments, **named):
-        if next(calls) >= CHECKED_CALLS or jaxtyping.config.jaxtyping_disable:
+        if next(calls) >= checked_calls or jaxtyping.config.jaxtyping_disable:
             return function(*arguments, **named)
         with _one_scope():  # in which the name of an axis means one length
             return wrapped()(*arguments, **named)

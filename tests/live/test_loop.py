@@ -46,7 +46,7 @@ def test_drives_are_made_for_the_time_at_which_boards_play_them(example_scene, c
     made = maker.make
     maker.make = lambda time, controls: predicted.append(time) or made(time, controls)
     writer = at.live.SessionWriter(tmp_path / "session.h5", example_scene)
-    frames = reaching_recording()[:60]
+    frames = reaching_recording()[:30]
     followed(example_scene, clock, frames, output, lambda scene: maker, session=writer)
     playing = [state == "playing" for state in at.live.read_session(tmp_path).states]
     asked = np.array(output.asked, dtype=float)[playing]

@@ -113,10 +113,13 @@ def run(
                 certificate,
             )
             closing.enter_context(shown)
+        # Without a page, nothing can make the loop consider the hand again.
+        solvers = [] if ignore_hand and page is None else None
         if scene.both:
-            maker = TouchAware(scene, rest=setup.hands[0] if setup.hands else None)
+            rest = setup.hands[0] if setup.hands else None
+            maker = TouchAware(scene, solvers=solvers, rest=rest)
         else:
-            maker = HandAware(scene)
+            maker = HandAware(scene, solvers=solvers)
         address = "" if shown is None else f"; page: {shown.address}"
         report_step(f"following {hands.words}; sound to {output.words}{address}")
         session = SessionWriter(folder / FILE, scene, setup.text)

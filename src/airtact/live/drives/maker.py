@@ -149,7 +149,8 @@ class HandAware(SolvingMaker):
             joints, velocities = predicted
             # Pause the solvers while noise makes their solutions useless.
             places = len(self._scene.places)
-            if worth_solving(self._parts, self._predictor.noise, places):
+            noise = self._predictor.noise
+            if not controls.ignore_hand and worth_solving(self._parts, noise, places):
                 request = Request(time, joints, velocities, clock.monotonic())
                 for solver in self._solvers:
                     solver.ask(request)
