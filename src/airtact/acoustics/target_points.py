@@ -99,7 +99,8 @@ def polyline(
     lengths = np.linalg.norm(steps, axis=1)
     if lengths.min() == 0.0:
         raise InvalidInput(
-            f"the ends of line {int(lengths.argmin())} of a polyline coincide. Remove one of them.",
+            f"the ends of segment {int(lengths.argmin())} of a polyline coincide. Remove one of "
+            "these two points.",
             code="all_zero",
         )
     # Rounding must not add a point if the length is a multiple of the spacing.

@@ -114,7 +114,7 @@ class Uncertainty:
 
     @property
     def shift(self) -> float:
-        """Standard deviation of a focus's position along one axis, without rotations [m]."""
+        """Standard deviation of a focus's position along one axis, ignoring rotations [m]."""
         # This is how far the hand moves during the deviation of the pose's age.
         late = self.age * np.linalg.norm(self.velocity)
         return float(np.sqrt(self.position**2 + self.own_position**2 + late**2))

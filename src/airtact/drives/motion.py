@@ -117,7 +117,7 @@ class Motion:
 
         Parameters
         ----------
-        scene : the bodies along which the paths lie.
+        scene : the bodies; paths with ``along`` "skin" follow their surfaces.
         target : the foci.
         array_middle : (3,) the middle of the array [m].
 

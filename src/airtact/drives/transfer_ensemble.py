@@ -604,7 +604,7 @@ def _groups(
 ) -> tuple[Int64[np.ndarray, "_"], ...]:
     """Group the foci that move together: by body, or each focus alone if there is only one body.
 
-    A single body counts as a hand, whose foci are on different bones.
+    A single body is treated as a hand whose foci are on different bones.
     """
     if not (independent or along_skin):
         return (np.arange(len(bodies)),)

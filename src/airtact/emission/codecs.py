@@ -51,7 +51,7 @@ class Codec:
         return self.encoded(self, frame)
 
     def decode(self, message: bytes, boards: int = 1) -> list[Frame]:
-        """Decode messages to a number of boards; return an empty list if a frame is incomplete."""
+        """Decode the messages for some boards; return an empty list if a frame is incomplete."""
         channels = self.decoded(np.frombuffer(message, dtype=np.uint8), boards)
         if channels is None:
             return []
@@ -66,7 +66,7 @@ class Codec:
         ]
 
     def fastest_frames(self, boards: int = 1) -> float:
-        """Largest frame rate of the boards' serial line [frames/s]; infinite without one."""
+        """Largest frame rate of the boards' serial line [frames/s], or infinity without one."""
         if self.baud is None:
             return np.inf
         zeros = np.zeros(boards * len(self.board), dtype=np.uint8)

@@ -302,7 +302,7 @@ def best_shift(
 def fitted(
     measured: Complex128[np.ndarray, "points"], model: Complex128[np.ndarray, "points"]
 ) -> tuple[complex, float]:
-    """Return the least-squares scale of a model for a measurement, and the relative error."""
+    """Return the least-squares factor from a model to a measurement, and the relative error."""
     # Least squares: s = ⟨model, measured⟩ / ‖model‖²; ``vdot`` conjugates its first argument
     scale = complex(np.vdot(model, measured) / np.vdot(model, model).real)
     return scale, float(np.linalg.norm(measured - scale * model) / np.linalg.norm(measured))

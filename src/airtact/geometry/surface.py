@@ -220,8 +220,9 @@ class Surface:
 def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
     """Return the least-squares rigid motion from one surface to another with the same triangles.
 
-    The second result is the largest remaining distance of a vertex or edge midpoint [m]. This
-    distance is infinite if the surfaces differ in their triangles or in how these are curved.
+    The second result is the largest distance [m] between corresponding vertices or edge midpoints
+    after this motion. It is infinite if the surfaces differ in their triangles or in how these are
+    curved.
     """
     if before is after:
         return Pose.identity(), 0.0

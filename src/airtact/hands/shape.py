@@ -58,7 +58,7 @@ class HandShape(Shape):
 
     @cached_property
     def keyframes(self) -> int:
-        """Number of keyframes before this shape."""
+        """Number of earlier shapes on which this shape is based, directly or indirectly."""
         return 0 if self.follows is None else 1 + self.follows.keyframes
 
     @staticmethod

@@ -62,8 +62,7 @@ class Session:
     time_in_air : (N,) time at which each drive reached the link, on the clock of the
         frames [s].
     drive_frame_time : (N,) timestamp of the newest frame that each drive used [s].
-    rules, states : (N,) how each drive was computed, and the state of the loop at that
-        time.
+    rules, states : (N,) rule by which each drive was computed, and state of the loop at that time.
     kept : (N,) expected fraction of the attainable pressure, as in ``Moment.kept``; NaN if unknown.
     shape_age : (N,) age of the solution that each drive used [s]; NaN without a
         solution.

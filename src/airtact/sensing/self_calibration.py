@@ -299,7 +299,7 @@ class ArrayFit:
         return reception, emission
 
     def equations(self, here: ArrayState, units: Step) -> tuple[Squares, Step]:
-        """Return the normal matrix and half of the gradient after eliminating the gains.
+        """Return the normal matrix and half the gradient of the cost, after eliminating the gains.
 
         The unknowns are the motions of all boards except the first, and the wavenumber. Each is
         divided by its entry in ``units``.

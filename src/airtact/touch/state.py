@@ -119,8 +119,8 @@ class TouchState:
 
         Returns
         -------
-        ``TouchFoci`` with their current strengths. Fading foci keep their place on the skin; the
-        index of their contact is -1.
+        The ``TouchFoci``, with the current strength of each focus. Fading foci keep their place on
+        the skin; the index of their contact is -1.
         """
         time = number(time, "the time of a frame", "s")
         # At the first frame no time has passed, so new foci start silent.

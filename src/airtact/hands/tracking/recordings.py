@@ -143,7 +143,7 @@ def save_recording(path: str | Path, frames: Iterable[HandFrame]) -> None:
     Raises
     ------
     InvalidInput
-        If there are no frames, or the name has another ending.
+        If there are no frames, or the file name does not end in ``.jsonl``.
     """
     path = Path(path)
     frames = tuple(frames)

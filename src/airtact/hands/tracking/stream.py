@@ -45,24 +45,24 @@ class StreamHealth:
     Attributes
     ----------
     received : number of frames and other messages.
-    used : valid frames, including those that report a lost hand.
-    lost : losses of a hand, reported by the tracker or detected because no frames arrived.
-    unreadable : messages that are not frames.
-    half_lost : frames with NaN, infinite or missing coordinates.
-    unknown_count : frames whose number of landmarks is not 21, 25 or 26.
-    not_in_metres : frames that span more than a metre, probably in millimetres.
-    impossible : frames with implausible bone lengths.
-    mirrored : frames of a hand that bends like the other hand, judged over many frames.
-    repeated : duplicate frames.
-    out_of_order : frames with a lower number than an earlier frame.
-    backwards : frames with a higher number but not a later time.
-    time_leap : frames whose time is ahead of the tracker's clock.
-    too_fast : frames in which the hand moved faster than 3 m/s.
-    second_tracker : frames of a hand that another connection already sends.
-    skipped : missing frames, counted from gaps in the numbers of the frames.
-    restarted : restarts of a tracker or its clock.
-    converted : frames whose time was converted from milli-, micro- or nanoseconds.
-    interrupted : connections that ended without being closed.
+    used : number of valid frames, including those that report a lost hand.
+    lost : number of times a hand was lost, as reported by the tracker or inferred from a pause.
+    unreadable : number of messages that are not frames.
+    half_lost : number of frames with NaN, infinite or missing coordinates.
+    unknown_count : number of frames whose number of landmarks is not 21, 25 or 26.
+    not_in_metres : number of frames that span more than a metre, probably in millimetres.
+    impossible : number of frames with implausible bone lengths.
+    mirrored : number of frames whose hand bends like the other hand, judged over many frames.
+    repeated : number of duplicate frames.
+    out_of_order : number of frames with a lower number than an earlier frame.
+    backwards : number of frames with a higher number but not a later time.
+    time_leap : number of frames whose time is ahead of the tracker's clock.
+    too_fast : number of frames in which the hand moved faster than 3 m/s.
+    second_tracker : number of frames of a hand that another connection already sends.
+    skipped : number of missing frames, counted from gaps in the frame numbers.
+    restarted : number of restarts of a tracker or its clock.
+    converted : number of frames whose time was converted from milli-, micro- or nanoseconds.
+    interrupted : number of connections that ended without being closed.
     """
 
     received: int = 0

@@ -67,8 +67,8 @@ class HandAware(SolvingMaker):
     as factors: the ratio of each entry of the transfer matrix with the hand to that in open air.
     For a drive, the open-air matrix of the predicted pose is multiplied by the factors of the
     stored pose that is most similar to it. If all stored poses are so different that the open-air
-    matrix alone should produce a larger pressure, the factors are omitted. The solvers pause while
-    the tracker's noise is so large that no solution can increase the pressure.
+    matrix alone is expected to produce a larger pressure, the factors are omitted. The solvers
+    pause while the tracker's noise is so large that no solution can increase the pressure.
 
     If the scene's method is "best", ``weighted_gerchberg_saxton`` is used instead. It takes less
     than 1 ms, and reaches a pressure within 1 % of that of the function ``best``.

@@ -24,7 +24,7 @@ HERE = ("127.0.0.1", "localhost")
 
 
 def path_within(path: str, host: str, origin: str | None, token: str | None) -> str | None:
-    """Return the path after the token, or None if the request must be rejected.
+    """Return the part of the path after the token, or None if the request must be rejected.
 
     Parameters
     ----------

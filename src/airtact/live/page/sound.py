@@ -153,7 +153,7 @@ class SoundSolver:
         self._hand = BendingHand(scene, accuracy=0.1, min_seen=0.0)
 
     def solved(self, request: SoundRequest) -> Sound:
-        """Compute the pressure for a request.
+        """Compute the pressure on the skin and in the slice for a request.
 
         Raises
         ------

@@ -83,7 +83,7 @@ class Solution:
     def scattered(self, points: Points, clear: bool = False) -> Pressures:
         """Return the scattered pressure at points (P, 3) [λ] outside the bodies.
 
-        The pressure is computed by the surface integral, with fewer quadrature points if the points
+        The pressure is computed by the surface integral, with a coarser quadrature if all points
         are ``clear`` of the bodies.
         """
         system = self.system

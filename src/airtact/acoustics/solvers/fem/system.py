@@ -312,7 +312,7 @@ class System:
         return points_at(self.panels.quadratic_triangles[panel], reference)[0]
 
     def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
-        """Convert barycentric coordinates in tetrahedra to NGSolve's points."""
+        """Convert barycentric coordinates in tetrahedra to mesh points of NGSolve."""
         # NGSolve stores all points in one array of records, because mapping single points is slow.
         points: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
         points[:] = self._mesh_point

@@ -67,7 +67,7 @@ class SphereModes:
     Attributes
     ----------
     radius : radius a [m].
-    wavenumber : wavenumber k outside [1/m].
+    wavenumber : wavenumber k outside the sphere [1/m].
     admittance : ρc/Z of the surface; 0 for a sound-hard sphere, and unused if there is a fluid
         inside.
     inner_wavenumber : wavenumber k1 of the fluid inside [1/m], or None.
