@@ -91,7 +91,7 @@ class TransferMatrix:
 
         Returns
         -------
-        (F,) peak pressures as phasors Re[p e^{−iωt}].
+        (F,) complex peak pressures p [Pa], for the time dependence Re[p e^{−iωt}].
 
         Raises
         ------

@@ -22,7 +22,7 @@ from airtact.transducers.levels import Levels
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
-    """Error raised by an open link. Its message describes the last frame sent.
+    """Error raised if an open link fails. Its message describes the last frame sent.
 
     Attributes
     ----------

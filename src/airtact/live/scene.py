@@ -393,7 +393,7 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
 def gap_change(
     distances: Float64[np.ndarray, "*poses pairs"], reference: Float64[np.ndarray, "pairs"]
 ) -> Float64[np.ndarray, "*poses"]:
-    """Return the rms change [m] of ``PosedHand.distances`` from those of a reference pose."""
+    """Return the rms deviation [m] of ``PosedHand.distances`` from those of a reference pose."""
     return np.asarray(np.sqrt(np.mean((distances - reference) ** 2, axis=-1)))
 
 

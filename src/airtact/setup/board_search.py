@@ -203,7 +203,7 @@ class Search:
         return False
 
     def rows(self, pose: Pose) -> list[FociRows]:
-        """Return the result of ``HandPose.rows`` for one board and each pose of the hand."""
+        """Return the transfer matrix of one board for each pose of the hand (``HandPose.rows``)."""
         board = self.single.moved(pose)
         return [hand.rows(board) for hand in self.hands]
 

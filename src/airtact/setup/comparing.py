@@ -161,7 +161,7 @@ class MethodComparison:
         return float((contender.pressures[requested] / weights[requested]).min())
 
     def of_the_bound(self, contender: Contender) -> float:
-        """Return the pressure at the weakest focus, at full scale, as a fraction of the bound."""
+        """Return the pressure at the weakest focus at full scale, divided by its upper bound."""
         return self.worst(contender) / contender.emitted.peak / self.bound
 
     def label(self, contender: Contender) -> str:

@@ -156,7 +156,7 @@ def drives_at_foci(
 def pressures_of(
     transfer: TransferMatrix, drives: list[Complex128[np.ndarray, "foci elements"]]
 ) -> dict[str, Float64[np.ndarray, "drives foci"]]:
-    """Return the pressure [Pa] at each focus at equal peak, at equal energy, and with phases only.
+    """Return the pressures [Pa] at the foci for each normalisation, such as "equal peak".
 
     Each item of ``drives`` contains one drive per focus (see ``drives_at_foci``). For equal peak or
     equal energy, all drives of an item are scaled by the same factor.

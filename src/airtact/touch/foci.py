@@ -92,7 +92,7 @@ def chosen_foci(
     most: int = MAX_FOCI,
     wavelength: float = WAVELENGTH,
 ) -> TouchFoci:
-    """Choose the foci for contacts.
+    """Choose the positions of foci that make contacts perceptible.
 
     Each contact gets a focus at its deepest point, unless a deeper focus is within 0.8 wavelengths
     on the same patch of skin. If there are too many foci, the weakest are removed. A contact whose

@@ -101,7 +101,7 @@ def potential(
     sound_speed: float = 900.0,
     solver: Solver | None = None,
 ) -> Float64[np.ndarray, "points"]:
-    """Return Gor'kov's potential of a bead at points, whose negative gradient is the force.
+    """Return Gor'kov's potential of a bead at points; its negative gradient is the force.
 
     The potential neglects streaming, viscosity, weight, and echoes of the sound that the bead
     scatters.

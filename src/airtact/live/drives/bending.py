@@ -371,7 +371,7 @@ class BendingHand:
         self._solutions: Sequence[SkinSources] = ()
 
     def solved(self, joints: Joints, time: float) -> SkinSources:
-        """Solve the scattering for joints (25, 3) at a given time [s].
+        """Solve the scattering by a hand with joints (25, 3) at a given time [s].
 
         This method raises ``InvalidInput`` if the joints do not form a hand or a focus lies inside
         the hand, and ``NotConverged`` if the iteration does not converge.

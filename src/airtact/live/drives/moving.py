@@ -41,7 +41,7 @@ class Rounds:
     def frames(
         self, posed: PosedHand, factors: Complex64[np.ndarray, "points sources"] | None, method: str
     ) -> Frames:
-        """Compute the frames for a hand in a pose.
+        """Compute the drives for all frames of the paths, for a hand in a given pose.
 
         Parameters
         ----------

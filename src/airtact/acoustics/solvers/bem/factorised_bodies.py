@@ -174,7 +174,7 @@ class Coupling:
 
     @cached_property
     def parts(self) -> list[slice]:
-        """Slices of the densities, one for each body."""
+        """Slice of each body's entries in the vector of all densities."""
         ends = np.cumsum([len(body.reduced.rows) for body in self.placed]).tolist()
         return [slice(begin, end) for begin, end in pairwise([0, *ends])]
 

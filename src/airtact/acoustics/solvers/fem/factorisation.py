@@ -43,7 +43,7 @@ class Factor(ABC):
         """Return the solution for the unknowns shared by tetrahedra, with 0 for all others."""
 
     def solve(self, right: Coefficients) -> Coefficients:
-        """Return the solution for each column of a right-hand side."""
+        """Return the solution for each column of ``right``, which contains right-hand sides."""
         form = self.form
         solution = np.empty_like(right)
         column = form.mat.CreateColVector()

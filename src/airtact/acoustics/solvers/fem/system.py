@@ -404,7 +404,7 @@ def grade_orders(
     size: float,
     surface: Real[np.ndarray, "nodes 3"],
 ) -> None:
-    """Set the orders of edges, faces and tetrahedra according to their lengths.
+    """Set the polynomial orders of edges, faces and tetrahedra according to their lengths.
 
     Edges of length ``size`` [λ] use ``order``. ``surface`` contains points on the surfaces [λ].
     """

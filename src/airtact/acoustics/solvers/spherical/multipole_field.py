@@ -258,7 +258,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
 
 
 def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
-    """Return the centre and radius [m] of nearly the smallest ball around the bodies.
+    """Return the centre and radius [m] of approximately the smallest ball around the bodies.
 
     The centre moves toward the farthest point in decreasing steps (M. Bădoiu, K. L. Clarkson, SODA
     (2003) 801).
