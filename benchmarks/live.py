@@ -51,7 +51,7 @@ LATENCY = 0.015
 JUDGED, ACCURACY = 20, 0.02
 """Every so many drives one is judged, by a solution of this accuracy."""
 
-SECONDS: dict[Rule, float] = {"phalanges": 0.015, "hand": 0.5, "carried": 0.018}
+SECONDS: dict[Rule, float] = {"phalanges": 0.015, "hand": 0.5, "carried": 0.027}
 """How long solutions take where the clock is virtual [s]."""
 
 TO_CARRY = 0.2

@@ -251,13 +251,7 @@ def _most_important(
     ranks[hidden & (away.min(axis=1) > 20e-3)] += 1.0  # [m]; after all others
     keep = np.zeros(len(ranks), dtype=bool)
     keep[np.argsort(ranks)[:count]] = True
-    return replace(
-        panels,
-        corners=panels.corners[keep],
-        inside=panels.inside[np.repeat(keep, 2)],  # each panel has two second collocation points
-        deviation=panels.deviation[keep],
-        admittance=panels.admittance[keep],
-    )
+    return panels.chosen(keep)
 
 
 def _bare(hand: Hand) -> PosedHand:

@@ -19,7 +19,7 @@ panels remain the same.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from airtact import _kernels
 from airtact.acoustics.scene import Scene, check_sources
@@ -90,13 +90,16 @@ class MovingPanels:
         # A panel faces a point that is in front of its plane.
         height = np.einsum("pd,pd->p", normals, nodes.centres)
         seen = np.einsum("pd,qd->pq", normals, points) > height[:, None]
-        facing = seen.mean(axis=1) >= share
+        return self.chosen(seen.mean(axis=1) >= share)
+
+    def chosen(self, mask: Bool[np.ndarray, "panels"]) -> "MovingPanels":
+        """Return the panels that a mask selects."""
         return replace(
             self,
-            corners=self.corners[facing],
-            inside=self.inside[np.repeat(facing, 2)],
-            deviation=self.deviation[facing],
-            admittance=self.admittance[facing],
+            corners=self.corners[mask],
+            inside=self.inside[np.repeat(mask, 2)],  # two second collocation points per panel
+            deviation=self.deviation[mask],
+            admittance=self.admittance[mask],
         )
 
     def radiated(
