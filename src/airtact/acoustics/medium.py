@@ -26,15 +26,15 @@ class Medium:
 
     Attributes
     ----------
-    sound_speed : speed of sound [m/s], above zero.
-    density : density [kg/m³], above zero.
-    absorption : decay of the amplitude per metre [Np/m], zero or more.
+    sound_speed : speed of sound [m/s], 100 to 10000.
+    density : density [kg/m³], 0.01 to 30000.
+    absorption : decay α of the amplitude of a plane wave, e^{−αx} [Np/m], 0 to 1e6. It is the same
+        at all frequencies.
 
     Raises
     ------
     InvalidInput
-        If a number is not finite, is zero or negative (absorption may be zero), or lies outside the
-        range of fluids: 100 to 10000 m/s, 0.01 to 30000 kg/m³.
+        If a number is outside its range.
 
     Examples
     --------

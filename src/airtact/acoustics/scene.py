@@ -46,9 +46,11 @@ MIN_GAP = 0.5 * NEAREST
 class Plane:
     """An infinite rigid plane. The sound is on the side to which its normal points.
 
+    ``plane`` returns an instance after checking its arguments; pass it to ``Scene``.
+
     Attributes
     ----------
-    point : (3,) any point of the plane [m].
+    point : (3,) any point of the plane, in the frame of the scene [m].
     normal : (3,) unit normal.
     """
 
@@ -277,11 +279,11 @@ def sound_hard(surface: Surface) -> Obstacle:
 
     Parameters
     ----------
-    surface : closed surface of the body.
+    surface : closed surface of the body, in the frame of the scene.
 
     Returns
     -------
-    The body, for use in a ``Scene``.
+    An ``Obstacle``, for use in a ``Scene``. All solvers except ``FreeField`` support it.
     """
     return Obstacle(surface, "sound_hard")
 
@@ -331,20 +333,25 @@ def filled(surface: Surface, medium: Medium) -> Obstacle:
 class Scene:
     """Bodies in a medium at one frequency.
 
+    The coordinates of the bodies are in one frame, whose origin and axes are arbitrary. It is
+    called the frame of the scene, of the bodies or of the obstacles.
+
     Attributes
     ----------
     medium : fluid around the bodies.
-    obstacles : the bodies, which must not touch each other; empty for a free field.
+    obstacles : list of the bodies, as built by ``sound_hard``, ``impedance`` or ``filled``. They
+        must be at least 0.3 mm apart. Empty for open air.
     frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
-    planes : list with at most one rigid plane, such as a table (see ``plane``); empty for open air.
+    planes : list with at most one rigid plane, such as a table (see ``plane``), at least 0.15 mm
+        from all bodies; empty if nothing but the bodies reflects.
 
     Raises
     ------
     InvalidInput
         If the frequency is outside its range, or so low that every body is smaller than 1/50 of a
-        wavelength; if a body is more than 10 m from the origin, overlaps another body, intersects
-        itself, or touches or crosses a plane; if the absorption exceeds 1 Np per wavelength; if
-        there are several planes; or if an argument has the wrong type.
+        wavelength; if a body is more than 10 m from the origin, too close to another body or to the
+        plane, or intersects itself; if the absorption exceeds 1 Np per wavelength; if there are
+        several planes; or if an argument has the wrong type.
 
     Examples
     --------

@@ -67,14 +67,18 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
 def polyline(
     corners: Real[np.ndarray, "corners 3"], spacing: float, closed: bool = False
 ) -> Points:
-    """Return points (F, 3) on the lines between successive corners, evenly spaced on each line [m].
+    """Return points on the lines between successive corners, evenly spaced on each line.
 
     Parameters
     ----------
-    corners : (C, 3) corners [m]. Each corner is returned as one point; a closed line does not
-        repeat the first corner at its end.
-    spacing : largest distance between neighbours [m].
-    closed : whether a line connects the last corner to the first.
+    corners : (C, 3) corners in the frame of the target [m].
+    spacing : largest distance between neighbours on a line [m].
+    closed : whether a line also connects the last corner to the first.
+
+    Returns
+    -------
+    (F, 3) points in the order of the corners [m], for example as the foci of a ``Target``. Each
+    corner is one of them; a closed polyline does not repeat the first corner at its end.
 
     Raises
     ------
@@ -190,7 +194,7 @@ def even_directions(count: int) -> Float64[np.ndarray, "directions 3"]:
 def surface_points(
     surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0
 ) -> Points:
-    """Return points (Q, 3) spread over a body's surface, or over one side of it [m].
+    """Return points spread over a body's surface, or over one side of it.
 
     Use the points as suppression points of a target.
 
@@ -198,15 +202,20 @@ def surface_points(
     ----------
     surface : the body.
     spacing : approximate distance between neighbours [m].
-    facing : (3,) direction that the side faces, or None for the whole surface.
+    facing : (3,) direction that the side faces, a vector of any length above zero; or None for the
+        whole surface.
     within : largest angle between ``facing`` and the outward normal at a point of the side
-        [degrees].
+        [degrees]; ignored for the whole surface.
+
+    Returns
+    -------
+    (Q, 3) points on the surface in the frame of the body, in no particular order [m].
 
     Raises
     ------
     InvalidInput
-        If the spacing is not above zero or results in more than 4096 points, or if no part of the
-        surface faces the given direction.
+        If the spacing is not above zero or would cover the whole surface with more than 4096
+        points, if ``facing`` is zero, or if no part of the surface faces this direction.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
     spacing = positive(spacing, "the spacing", "m")
@@ -420,26 +429,33 @@ def svg_path(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Return points (F, 3) along the lines of an SVG drawing [m].
+    """Return points along the lines of an SVG drawing.
 
-    The drawing may contain paths, polygons, circles and transforms.
+    The drawing may contain paths, polygons, circles and transforms. It is laid in the plane through
+    ``centre`` that is perpendicular to ``normal``.
 
     Parameters
     ----------
     source : an .svg file, or the text of one path, such as "M 0 0 L 10 0 C 10 5 5 10 0 10 Z".
-    width : width to which the drawing is scaled [m]; for a single vertical line, its height.
+    width : width to which the drawing is scaled, with its proportions unchanged [m]; for a single
+        vertical line, its height.
     spacing : largest distance between neighbours along a line [m].
-    centre : (3,) middle of the drawing [m].
-    normal : (3,) direction toward the viewer.
-    up : (3,) upward direction of the drawing; by default y, or z if the normal is
-        nearly parallel to y.
+    centre : (3,) position of the middle of the drawing's bounding box [m].
+    normal : (3,) direction from the drawing toward its viewer, a vector of any length above zero.
+    up : (3,) direction in space that is upward in the drawing, projected onto its plane; by default
+        y, or z if the normal is within 26 degrees of ±y.
+
+    Returns
+    -------
+    (F, 3) points in the order of the lines in the drawing [m]. Points closer than 0.6 times the
+    spacing to an earlier point are omitted, for example where lines cross.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, is not an SVG file, contains no lines or contains too many
-        curves. Also if a length is not above zero, if ``normal`` is zero or parallel to ``up``, or
-        if there are more than 4096 points.
+        If the file cannot be read, exceeds 500 kB, is not an SVG file, contains no lines or
+        contains more than 5000 curves. Also if a length is not above zero, if ``normal`` is zero or
+        parallel to ``up``, or if there are more than 4096 points.
     """
     width = positive(width, "the width of the drawing", "m")
     spacing = positive(spacing, "the spacing", "m")

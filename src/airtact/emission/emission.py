@@ -29,13 +29,15 @@ from airtact.transducers.levels import AmplitudeModulation
 
 @dataclass(frozen=True)
 class Played:
-    """Statistics of the playback of a sequence.
+    """Statistics of a playback, as returned by ``Emission.play`` and ``Emission.modulate``.
 
     Attributes
     ----------
-    rate : measured rate [frames/s].
+    rate : measured rate of the frames sent [frames/s], or the requested rate if the boards played
+        the sequence themselves.
     frames : number of frames that were sent, or that the boards played themselves.
-    dropped : number of frames dropped because they would have been late.
+    dropped : number of frames dropped because they would have been late; 0 if the boards played the
+        sequence themselves.
     """
 
     rate: float

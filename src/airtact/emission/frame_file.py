@@ -53,14 +53,17 @@ def load_drive(
     Parameters
     ----------
     path : the file.
-    rate : frames per second, if the file does not contain the rate.
-    board : kind of board for which a .bin file was written.
+    rate : frames per second, in place of a rate that the file contains; required for several frames
+        without a rate.
+    board : kind of board for which a .bin file was written, such as "autd3"; ignored for other
+        files.
     elements : number of elements of all boards together, for a .bin file; by default that of
         one board.
 
     Returns
     -------
-    A ``Sequence`` if the rate is known, and otherwise a ``Drive``.
+    A ``Sequence`` if the file or ``rate`` states the frames per second, and otherwise a ``Drive``.
+    Its elements keep the order of the file, after the sorting described above.
 
     Raises
     ------

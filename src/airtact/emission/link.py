@@ -42,8 +42,15 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
 class Link(ABC):
     """Connection that sends frames to boards of one kind, or makes them play a sequence.
 
-    A link sends every frame unchanged. ``Emission`` adds the safety features: ramp, cap,
-    watchdog, and silence at the end.
+    This is the base class of the links to the various boards. ``open`` the link, ``send`` single
+    frames or ``play`` a sequence, and ``close`` it. A link sends every frame unchanged.
+    ``Emission`` adds the safety features: ramp, cap, watchdog, and silence at the end.
+
+    Parameters
+    ----------
+    board : name of the kind of the boards, such as "autd3"; see ``Board``.
+    boards : number of boards, from 1 to ``Board.max_boards``. Their elements follow each other,
+        board by board, in every frame.
 
     Attributes
     ----------
@@ -56,8 +63,13 @@ class Link(ABC):
     fastest : largest rate of the link [frames/s].
     lead : longest possible delay between sending a frame and its effect [s]; 0 if frames take
         effect on arrival.
-    last : last frame sent; None before the first.
+    last : last ``Frame`` sent; None before the first.
     sent : number of frames sent since the link was opened.
+
+    Raises
+    ------
+    InvalidInput
+        If the kind of board is unknown, or one link cannot drive this number of boards.
     """
 
     name: str

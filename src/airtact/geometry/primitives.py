@@ -191,18 +191,20 @@ def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
 
     Parameters
     ----------
-    radius : radius of the sphere [m].
-    edge : longest triangle edge of the mesh [m]. The mesh is used only for pictures and files.
-    centre : (3,) centre of the sphere [m].
+    radius : radius of the sphere [m], 0.00025 to 1.
+    edge : longest triangle edge of the mesh [m], at least 1/250 of the radius. The mesh is used
+        only for pictures and files.
+    centre : (3,) centre of the sphere, by default the origin [m].
 
     Returns
     -------
-    The closed surface, with the sphere as its exact shape.
+    A closed ``Surface``, with the sphere as its exact shape, for ``sound_hard`` and other functions
+    that build bodies.
 
     Raises
     ------
     InvalidInput
-        If a length is not above zero or the centre is not finite.
+        If the radius or the edge is outside its range, or the centre is not finite.
 
     Examples
     --------

@@ -43,7 +43,11 @@ from airtact.geometry.shape import Shape
 
 
 class Body:
-    """Identity of a rigid body: two surfaces with the same ``Body`` are one body in two poses."""
+    """Identity of a rigid body, without contents: the attribute ``body`` of a ``Surface``.
+
+    Two surfaces whose ``body`` is the same object are one body in two poses, so solvers can reuse
+    what they computed for one of them.
+    """
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,12 +47,13 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
 
     Parameters
     ----------
-    surfaces : the bodies, in any order.
-    gap : largest distance between surfaces that is bridged [m], from 0.1 to 2 mm.
+    surfaces : the bodies, in any order. A body that lies entirely inside another is ignored.
+    gap : largest distance between surfaces that is bridged [m], 0.0001 to 0.002; by default 0.0003,
+        the smallest distance that ``Scene`` allows between bodies.
 
     Returns
     -------
-    The merged body. A single body is returned unchanged.
+    The merged body, a ``Surface`` of triangles. If only one body remains, it is returned unchanged.
 
     Raises
     ------

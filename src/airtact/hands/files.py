@@ -67,7 +67,9 @@ def load_landmarks(path: str | Path) -> tuple[Float64[np.ndarray, "joints 3"], S
 
     Returns
     -------
-    The joints (25, 3), (26, 3) or (21, 3) [m], and the side: ``"right"``, ``"left"`` or None.
+    The joints as in the file, (25, 3) in WebXR order, (26, 3) in OpenXR order or (21, 3) in
+    MediaPipe order [m], and the side: ``"right"``, ``"left"``, or None if the file does not state
+    it. ``fit_hand`` takes 25 or 21 joints as ``landmarks``, and the side.
 
     Raises
     ------

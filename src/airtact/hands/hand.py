@@ -313,24 +313,26 @@ def hand_from_joints(
 
     Parameters
     ----------
-    positions : (25, 3) joints in WebXR order, (26, 3) in OpenXR order, or (21, 3) in MediaPipe and
-        Leap order [m].
-    radii : (25,) radius of the skin around each joint [m]; by default the radii of a generic hand
-        of the same size.
-    length : length of the hand along the bones, from the wrist to the tip of the middle finger [m].
-        It scales the generic radii; by default it is measured from the joints.
+    positions : (25, 3) joints in WebXR order, (26, 3) in OpenXR order (the palm is ignored), or
+        (21, 3) in MediaPipe and Leap order (the other joints are estimated), in any frame [m].
+    radii : (25,), (26,) or (21,) distance of the skin from each joint, in the order of
+        ``positions`` [m], 0.003 to 0.035; by default the radii of a generic hand of the same
+        length.
+    length : length of the hand along the bones, from the wrist to the tip of the middle finger [m],
+        0.08 to 0.3. It scales the generic radii, not the joints; by default it is measured from the
+        joints. It is ignored if ``radii`` are given.
     side : ``"right"`` or ``"left"``; by default it is inferred from how the fingers bend.
 
     Returns
     -------
-    The hand, with 25 joints in WebXR order.
+    A ``Hand`` in the frame of ``positions``, with 25 joints in WebXR order.
 
     Raises
     ------
     InvalidInput
-        If joints are missing, NaN or in millimetres, if bones have impossible lengths, if fingers
-        are out of order, if radii are implausible, or if the fingers bend like those of the other
-        hand or are too straight to determine the side.
+        If joints are missing, NaN or span more than 1 m, if bones have impossible lengths, if
+        fingers are out of order, if ``length`` or a radius is outside its range, or if the fingers
+        bend like those of the other hand or, without ``side``, are too straight to determine it.
     """
     # The order of checks matters: swapped fingers would be reported as an unclear side.
     joints = joints_of(positions)
@@ -439,24 +441,27 @@ class Pinch:
 
 
 def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
-    """Build the thumb and the finger of a pinch.
+    """Build the thumb and the finger of a pinch, as two capsules with a radius of 8 mm.
 
-    The centres of the tips are at (∓(gap/2 + 8 mm), 0, 0). From there, the axes of the fingers run
-    44 mm downward (-z), tilted outward by 20° from the vertical.
+    The origin is the middle of the gap; the thumb is at -x and the finger at +x. The centres of
+    their rounded tips are at (∓(gap/2 + 8 mm), 0, 0). From there, their axes run 44 mm downward
+    (-z), tilted outward by 20° from the vertical.
 
     Parameters
     ----------
     gap : distance between the two skins [m], above zero and at most 0.2.
-    edge : largest edge length of the triangles [m].
+    edge : largest edge length of the triangles [m]. The mesh is used only for pictures and files;
+        solvers use the exact capsules.
 
     Returns
     -------
-    A ``Pinch`` that contains two capsules with a radius of 8 mm, their pads and normals.
+    A ``Pinch`` that contains the surfaces of thumb and finger, and the point of each skin that is
+    nearest to the other skin (its pad), with the normal there.
 
     Raises
     ------
     InvalidInput
-        If a length is not above zero, or the gap is wider than a hand.
+        If a length is not above zero, or the gap exceeds 0.2 m.
 
     Examples
     --------

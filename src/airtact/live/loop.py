@@ -175,17 +175,19 @@ def follow(
 
     Parameters
     ----------
-    scene : the parts of the scene that stay fixed during the run.
-    hands : source of the frames, which this function starts and closes.
-    maker : object that computes the drives; closed by this function.
+    scene : the parts of the scene that stay fixed during the run, as returned by ``live_scene``.
+    hands : source of the frames in scene coordinates, as returned by ``hands_from``, which this
+        function starts and closes.
+    maker : object that computes the drives, such as ``HandAware`` or ``TouchAware``; closed by this
+        function.
     output : boards that emit the drives; by default, nothing is emitted.
-    seconds : duration [s]; by default, the run lasts until the frames end.
+    seconds : duration [s], above zero; by default, the run lasts until the frames end.
     session : writer that records the run; closed by this function.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
-        own clock [s].
-    cap : largest amplitude of an element, as a fraction of full scale. By default, the cap limits
-        the level at a head 0.5 m from the array to 110 dB SPL for all positions of the foci;
-        without boards, the cap is 1.
+        own clock [s], 0 to 0.5.
+    cap : largest amplitude of an element, as a fraction of full scale, above 0 and at most 1. By
+        default, the cap limits the level at a head 0.5 m from the array to 110 dB SPL for all
+        positions of the foci; without boards, the cap is 1.
     controls : initial settings; if there is a page, the loop uses the page's settings instead.
     page : page that shows every drive and can change the controls.
     report : function called twice a second with the status.
@@ -200,7 +202,7 @@ def follow(
     Raises
     ------
     InvalidInput
-        If the duration, latency or cap is invalid, or the link cannot be opened.
+        If the duration, latency or cap is outside its range, or the link cannot be opened.
     LinkFailed
         If the boards fail. All boards that still respond are silenced first.
     """

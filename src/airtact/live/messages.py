@@ -86,11 +86,15 @@ class ObjectMessage(
 ):
     """A virtual object, with the same keys as a table ``[[objects]]`` of a scene file.
 
+    An ``ObjectsMessage`` contains it. Exactly one shape is required: ``mesh``, or one of the
+    built-in shapes ``sphere``, ``capsule``, ``box``, ``cylinder``, ``half_space`` and ``button``.
+
     Attributes
     ----------
-    name : name of the object, unique among all objects.
-    mesh : shape of the object as a mesh, instead of one of the built-in shapes.
-    pose : pose of the shape in the scene.
+    name : name of the object, 1 to 64 characters, unique among all objects.
+    mesh : shape of the object as a mesh, in the object's own coordinates.
+    pose : pose that maps the object's coordinates to those of the scene; by default, both are the
+        same.
     """
 
     one_of: ClassVar = ("sphere", "capsule", "box", "cylinder", "half_space", "button", "mesh")
@@ -182,12 +186,13 @@ class FocusMessage(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class HandsMessage(msgspec.Struct, frozen=True, tag="hands"):
-    """Frames of tracked hands, in the tracker's coordinates.
+    """Frames of tracked hands, sent by an application in place of a tracker.
 
     Attributes
     ----------
     version : version of the message format, 1.
-    hands : frames in the JSON format that trackers send.
+    hands : up to two frames (one per hand) in the JSON format that trackers send, which
+        docs/trackers.md describes, with positions in the tracker's coordinates [m].
     """
 
     version: Version
@@ -225,7 +230,7 @@ class FociMessage(msgspec.Struct, frozen=True, tag="foci"):
 
 
 class ClearMessage(msgspec.Struct, frozen=True, tag="clear"):
-    """Remove all foci and objects of the application.
+    """Request of an application to remove all foci and objects that it has added.
 
     Attributes
     ----------
@@ -276,11 +281,13 @@ class FocusState(msgspec.Struct, frozen=True):
 class StateMessage(msgspec.Struct, frozen=True, tag="state"):
     """Message from the live loop to an application about the current foci and contacts.
 
+    Positions in it are in scene coordinates.
+
     Attributes
     ----------
     version : version of the message format, 1.
-    state : state of the loop: "playing", "fading" or "silent".
-    reason : sentence with the reason for silence, or null.
+    state : state of the live loop: "playing", "fading" to silence, or "silent".
+    reason : sentence with the reason for fading or silence, or null.
     contacts : list of the places where hands touch objects.
     foci : list of all foci, those of contacts and those requested by applications.
     """

@@ -33,15 +33,19 @@ State = Literal["waiting", "playing", "fading", "silent", "stopped"]
 class Moment:
     """A drive of the live loop for one time, with the predicted hand, foci and pressures.
 
+    A ``DriveMaker`` returns it, and the loop emits it. Positions are in scene coordinates.
+
     Attributes
     ----------
     time : time at which the sound should be in the air, on the tracker's clock [s].
-    frame_time : timestamp of the newest tracker frame that the drive is based on [s].
-    joints : (25, 3) predicted joint positions at ``time`` [m]; None if the hand is
-        lost.
-    foci : (F, 3) predicted foci at ``time`` [m]; None if no hand is seen.
-    amplitudes : (E,) complex amplitudes, as fractions of full scale; zeros for silence.
-    pressures : (F,) predicted pressures at the foci [Pa]; None if unknown.
+    frame_time : timestamp of the newest tracker frame that the drive is based on, on the same clock
+        [s].
+    joints : (25, 3) joints of the hand in WebXR order, predicted for ``time`` [m]; None if the hand
+        is lost. If both hands are followed, it is the hand ``LiveScene.side``.
+    foci : (F, 3) foci predicted for ``time`` [m]; None if no hand is seen.
+    amplitudes : (E,) complex amplitudes, as fractions of full scale; zeros for silence. The cap and
+        fades are applied later.
+    pressures : (F,) peak pressures predicted at the foci for ``amplitudes`` [Pa]; None if unknown.
     rule : scattering that the drive accounts for: none ("distances"), by the last phalanges
         ("phalanges"), by the whole hand ("hand", or "carried" if the solution was moved from
         another pose), or by the skin near contacts ("contacts").
@@ -49,17 +53,19 @@ class Moment:
         solution was used.
     kept : expected pressure at the weakest focus, divided by the attainable pressure, which a drive
         computed for the exact hand would produce; None if unknown.
-    state : state of the loop, such as "playing", "fading" or "silent".
+    state : state of the live loop: "waiting" (for a hand), "playing", "fading" (to silence),
+        "silent" or "stopped" (by the emergency stop).
     frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci move; else
         None.
     rate : number of ``frames`` that are played per second; 0 without frames.
     other : (25, 3) predicted joints of the other hand [m]; None if it is not seen.
     names : a name for each focus; if empty, the names are the places of the scene.
-    strengths : (F,) strengths of the foci, from 0 to 1; None if all are equal.
-    contacts : (C, 3) points of the skin that touch an object [m]; None without
+    strengths : (F,) strengths of the foci, from 0 to 1, to which the pressures are proportional;
+        None if all are equal.
+    contacts : (C, 3) deepest point of each contact of skin with an object [m]; None without
         objects.
     depths : (C,) depths of the points ``contacts`` in the objects [m]; None without objects.
-    touching : part of the hand and name of the object for each contact.
+    touching : part of the hand, such as "left.index", and name of the object for each contact.
     objects : the virtual objects at ``time``.
     rejected : reasons why requested foci receive no sound, by name of the focus.
     """

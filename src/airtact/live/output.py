@@ -16,9 +16,10 @@ from airtact.transducers.levels import AmplitudeModulation, Levels
 class Output:
     """Output of the live loop: boards that are connected by a link, or no boards.
 
-    Use it in a ``with`` block; the output is silenced at the end of the block. Drives above the cap
-    (full scale by default) are scaled down. After silence, the amplitude is ramped up over
-    0.2 s. The methods raise ``LinkFailed`` if the boards fail.
+    Pass it to ``follow``, or use it in a ``with`` block; the output is silenced at the end. Drives
+    above the cap, set by ``limit`` (full scale by default), are scaled down. After silence, the
+    amplitude is ramped up over 0.2 s. The methods raise ``LinkFailed`` if the boards fail. Without
+    boards, they do nothing.
 
     Parameters
     ----------
@@ -27,8 +28,8 @@ class Output:
 
     Attributes
     ----------
-    words : description of the output.
-    stopped : whether the emergency stop was pressed. After that, nothing is
+    words : description of the output for the user, such as "no boards".
+    stopped : whether ``stop``, the emergency stop, was called. After that, nothing is
         emitted.
     levels : amplitude and phase levels that the boards can emit; None without boards.
     lead : longest possible delay between sending a drive and its effect [s]; 0 if drives take

@@ -84,14 +84,25 @@ class RegisteredTracker:
 
 
 def elements_to_touch(array: PhasedArray, count: int = 6) -> tuple[int, ...]:
-    """Return the indices of ``count`` transducers that are far apart, such as at corners of boards.
+    """Choose transducers that are far apart, such as at corners of boards.
 
     Touches of these transducers determine the pose of a tracker; see ``register_tracker``.
+
+    Parameters
+    ----------
+    array : the transducers.
+    count : number of transducers to choose, from 3 to that of the array.
+
+    Returns
+    -------
+    Tuple of ``count`` indices of elements, in the order in which they are chosen: first the element
+    farthest from the middle of the array, then those with the largest product of distances from the
+    elements already chosen.
 
     Raises
     ------
     InvalidInput
-        If the count is below 3 or above the number of transducers.
+        If the count is outside its range.
     """
     positions = array.positions
     if not 3 <= count <= len(positions):

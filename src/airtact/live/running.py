@@ -213,20 +213,23 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     Parameters
     ----------
     setup : setup whose attribute ``tracker`` transforms the frames of recordings and trackers to
-        the scene.
-    source : path of a recording, of a session, or of the folder of a session; "websocket" or "osc",
-        optionally with ":PORT"; or "page" for a hand that is dragged on the page. Port 0 selects a
-        free port. By default, an example motion is repeated.
+        the scene, and whose objects are the initial objects of the run. Frames of a session already
+        are in scene coordinates.
+    source : path of a recording, of a session, or of the folder of a session; "websocket" or "osc"
+        for messages at a port of this computer, optionally with ":PORT" (8765 or 8766 by default; 0
+        selects a free port); or "page" for a hand that is dragged on the page. By default, an
+        example motion is repeated.
     folder : folder for the session of this run. It must not contain the session given as source.
 
     Returns
     -------
-    The source, which can be passed to ``run``.
+    A ``HandSource``, which can be passed to ``run``.
 
     Raises
     ------
     InvalidInput
-        If the source does not exist or cannot be read, or its port is in use.
+        If the source does not exist, cannot be read or is the session in ``folder``, or if its port
+        is in use.
     """
     world = World(setup.objects)
     if source is None and setup.contacts is not None:

@@ -42,13 +42,16 @@ Rows = Complex128[np.ndarray, "foci sources"]
 class MovingFoci:
     """Paths of foci along the hand, as a sequence of frames that is repeated.
 
+    ``live_scene`` derives it from the motion of a scene file, as ``LiveScene.moving``. The paths
+    move with the bones of the hand.
+
     Attributes
     ----------
-    places : (N, K) index, in ``LiveScene.places``, of the place to which each of K foci is tied,
-        for each of N frames.
-    shifts : (N, K, 3) offset of each focus from its place [m], in the axes of the place's bone
-        (``PosedHand.frames``).
-    rate : frames per second.
+    places : (N, K) index, in ``LiveScene.places``, of the place near which each of the K foci of a
+        frame lies, for each of N frames.
+    shifts : (N, K, 3) vector from the place to the focus [m], along the axes of the bone that
+        carries the place (``PosedHand.frames``).
+    rate : frames per second; the paths are repeated ``rate``/N times per second.
     words : short description of the motion.
     """
 
@@ -173,13 +176,25 @@ class LiveScene:
 def live_scene(setup: Setup) -> LiveScene:
     """Return the part of a setup that stays fixed while the live loop follows a hand.
 
+    Parameters
+    ----------
+    setup : scene with foci at places on one or two hands, or with virtual objects whose contacts
+        with the hands are the foci, such as ``read_scene("live_pinch")`` or
+        ``read_scene("touch_ball")``.
+
+    Returns
+    -------
+    A ``LiveScene``, for ``follow``. The poses of the hands in the setup are not part of it.
+
     Raises
     ------
     InvalidInput
-        If the scene contains bodies other than one or two sound-hard hands. If a focus is not at a
-        place on a hand. If the scene requests pressures, phases or suppression. If it combines
-        paths of foci with virtual objects or two hands. If a path leaves the skin, has more than 64
-        frames, or has frames shorter than one period of the sound.
+        If the scene contains bodies other than one or two sound-hard hands, or reflecting boards.
+        If it has neither objects nor foci, or a focus that is not at a place on a hand. If it
+        requests pressures, unequal shares, phases or suppression. If its method needs samples of an
+        uncertainty. If it combines paths of foci with virtual objects or two hands. If a path
+        leaves the skin, has more than 64 frames, or has frames shorter than one period of the
+        sound.
     """
     name = _file_name(setup)
     check_no_boards(setup.scene, "live")

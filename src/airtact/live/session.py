@@ -54,26 +54,29 @@ STATES: tuple[State, ...] = get_args(State)
 class Session:
     """Contents of a session file, which records a run of the live loop.
 
+    ``read_session`` returns it. It contains N drives and M frames of the tracker. Positions are in
+    scene coordinates, and times are on the clock of the frames.
+
     Attributes
     ----------
-    scene : the part of the scene that does not change.
+    scene : the part of the scene that does not change, as a ``LiveScene``.
     text : text of the scene file.
     amplitudes : (N, E) complex amplitudes of N drives, as fractions of full scale.
-    time_in_air : (N,) time at which each drive reached the link, on the clock of the
-        frames [s].
+    time_in_air : (N,) time at which each drive reached the link [s].
     drive_frame_time : (N,) timestamp of the newest frame that each drive used [s].
-    rules, states : (N,) rule by which each drive was computed, and state of the loop at that time.
+    rules, states : (N,) rule by which each drive was computed, and state of the live loop at that
+        time, as in ``Moment.rule`` and ``Moment.state``.
     kept : (N,) expected fraction of the attainable pressure, as in ``Moment.kept``; NaN if unknown.
-    shape_age : (N,) age of the solution that each drive used [s]; NaN without a
-        solution.
+    shape_age : (N,) age of the solution of the scattering that each drive used, as in
+        ``Moment.shape_age`` [s]; NaN without a solution.
     foci : (N, F, 3) predicted foci [m]; NaN if the hand was lost or a drive has fewer
         foci.
-    joints : (N, 25, 3) predicted joints of the hand [m]; NaN if it was lost.
+    joints : (N, 25, 3) predicted joints of the hand in WebXR order [m]; NaN if it was lost.
     frame_time : (M,) timestamps of the tracker's frames [s].
-    landmarks : (M, 25, 3) landmarks in scene coordinates [m]; NaN if the hand was
+    landmarks : (M, 25, 3) joints in WebXR order in each frame [m]; NaN if the hand was
         lost.
     sides : (M,) "left" or "right" for the hand in each frame.
-    strengths : (N, F) strengths of the foci; 1 if all are equal.
+    strengths : (N, F) strengths of the foci, from 0 to 1; 1 if all are equal.
     contacts : (N, C, 3) points of the skin in contact with objects [m]; unused entries are NaN.
     depths : (N, C) depths of the points ``contacts`` in the objects [m]; unused entries are NaN.
     other : (N, 25, 3) predicted joints of the other hand [m]; NaN if it was not
@@ -491,7 +494,8 @@ def recording_of(path: str | Path) -> Recording:
 
     Returns
     -------
-    A ``Recording`` of the hand, which ``RecordedHands`` can play to the live loop.
+    A ``Recording`` of the hand, which ``RecordedHands`` can play to the live loop. Its frames are
+    numbered from 0 and have the joints in WebXR order; a frame in which the hand was lost has none.
 
     Raises
     ------

@@ -153,14 +153,15 @@ class RecordedHands(HandSource):
 
 
 class ReceivedHands(HandSource):
-    """Source that receives messages from trackers and applications at a port.
+    """Source that receives messages from trackers and applications at a port of this computer.
 
-    The port is opened when the object is created.
+    The port is opened when the object is created. Pass the source to ``run`` or ``follow``.
 
     Parameters
     ----------
     port : port to listen on; 0 selects a free port.
-    tracker : pose of the tracker in the scene.
+    tracker : pose that maps the tracker's coordinates to those of the scene; by default, both are
+        the same.
     world : objects and foci that applications can change; empty by default.
     kind : protocol: "websocket", or "osc" for OSC over UDP.
 

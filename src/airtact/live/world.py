@@ -53,21 +53,23 @@ class WantedFocus:
     Attributes
     ----------
     name : name of the focus, unique in its application.
-    strength : strength of the focus, from 0 to 1; pressures are proportional to it.
+    strength : strength of the focus, from 0 to 1. Pressures at the foci are proportional to their
+        strengths, and 1 is the largest pressure that the array is allowed to produce.
     point : (3,) position in scene coordinates, or in those of the object named in
-        ``on`` [m].
+        ``on`` (of its ``shape``) [m], at most 2 m from the origin.
     place : place on a hand, such as ``"right.index.pad"``; if no side is given, the
-        scene's hand is used.
-    on : name of the object that the point moves with; None if the point is fixed in the scene.
-    offset : distance from the skin [m]; only used with ``place``.
+        scene's hand is used. Either ``point`` or ``place`` is required.
+    on : name of the object that the point moves with; None if the point is fixed in the scene. Not
+        allowed with ``place``.
+    offset : distance from the skin, outward [m], 0 to 0.1; only used with ``place``.
     modulation : frequency at which the strength varies between 0 and its full value [Hz], at most
         20; 0 keeps it constant.
 
     Raises
     ------
     InvalidInput
-        If neither or both of ``point`` and ``place`` are given, the place is unknown, or a value
-        is out of range.
+        If neither or both of ``point`` and ``place`` are given, ``on`` is given with ``place``, the
+        place is unknown, or a value is outside its range.
     """
 
     name: str

@@ -45,18 +45,20 @@ class Echoes:
     """Coded transmissions of an array and the received pressures, at one frequency.
 
     ``locate`` expects only the echoes: the received pressures minus those of the empty array.
+    ``calibrate`` expects the received pressures of the empty array.
 
     Attributes
     ----------
-    codes : (E, M) complex emission of each of E elements in each of M transmissions; |c| = 1 is
-        full scale.
+    codes : (E, M) complex amplitude of each of E elements in each of M transmissions, in which the
+        elements emit together; a magnitude of 1 is full scale. Gains of the elements are not
+        included.
     pressures : (R, M) mean pressure over the face of each of R receivers in each transmission,
         times the receiver's gain [Pa]; the phasor is Re[p e^{−iωt}].
-    receivers : (R,) indices of the receiving elements. None selects all E in order; the
-        attribute then contains their indices.
-    frequency : frequency of the sound [Hz].
+    receivers : (R,) indices of the receiving elements, in the order of the rows of ``pressures``.
+        None selects all E in order; the attribute then contains their indices.
+    frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
     noise : rms magnitude of the complex noise of one pressure [Pa], measured without a
-        transmission; None if unknown.
+        transmission, above zero; None if unknown.
     valid : (R, M) whether each pressure was received; None if all were received. An element cannot
         receive while it still rings after its own emission. Invalid pressures are stored as 0.
 
@@ -65,7 +67,8 @@ class Echoes:
     InvalidInput
         If the shapes do not match, an array is empty, or a value is NaN or infinite (omit dead
         receivers from ``receivers``). If a code exceeds full scale, or a transmission is silent. If
-        a receiver does not exist or is listed twice, or no pressure is valid.
+        a receiver does not exist or is listed twice, or no pressure is valid. If the frequency or
+        the noise is outside its range.
 
     Examples
     --------

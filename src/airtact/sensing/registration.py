@@ -48,9 +48,12 @@ Squares = Float64[np.ndarray, "unknowns unknowns"]
 class Located:
     """Pose of the bodies and its uncertainty, as returned by ``locate``.
 
+    The array's frame is that of the array passed to ``locate``.
+
     Attributes
     ----------
-    pose : pose of the bodies in the array's frame; ``PhasedArray.seen_from`` takes this pose.
+    pose : pose that maps the bodies' own frame to the array's frame; ``PhasedArray.seen_from``
+        takes this pose.
     covariance : (6, 6) covariance of the translation of ``centre`` [m] and of a small rotation
         about it [rad], along the array's axes. For a ``ScatteringFamily``, the seventh row and
         column belong to ``opening``. The covariance follows from the residual. It is increased if
@@ -59,13 +62,13 @@ class Located:
     bound : Cramér-Rao lower bound of the covariance, with the same shape and units as
         ``covariance``; NaN if the noise is unknown.
     residual : rms of the difference between modelled and measured echoes, including noise, divided
-        by the rms of the echoes.
+        by the rms of the measured echoes.
     misfit : ``residual`` without the contribution of noise. A value of 0.2 or more indicates a
         wrong model, such as another hand.
-    converged : whether the iteration converged with a misfit of at most 0.1. If False, do not
-        use the pose.
-    steps : number of steps from the initial pose.
-    centre : (3,) centre of the bodies in the array's frame [m].
+    converged : whether the iteration converged with a misfit of at most 0.1 and, for a
+        ``ScatteringFamily``, an opening inside its range. If False, do not use the pose.
+    steps : number of steps of the final iteration.
+    centre : (3,) centre of the ball around the bodies, at ``pose`` in the array's frame [m].
     left_out : element indices of the receivers that were excluded because their signals do not
         match any pose, such as dead receivers.
     opening : best value of the parameter of a ``ScatteringFamily``, such as the gap of two fingers

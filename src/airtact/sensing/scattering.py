@@ -90,18 +90,20 @@ def scattering_matrix(
 ) -> ScatteringMatrix:
     """Solve for the response of the bodies of a scene to all regular spherical waves.
 
-    One solve covers all waves, which are several hundred excitations. If the solver is
-    ``Stored(solver, folder)``, the result is stored in the folder. With the matrix,
-    ``simulate_echoes`` and ``locate`` compute the echoes of any rigid pose in milliseconds.
+    The matrix relates the outgoing spherical waves that the bodies scatter to the regular waves
+    that reach them, about one centre. One solve covers all waves, which are several hundred
+    excitations. If the solver is ``Stored(solver, folder)``, the result is stored in the folder.
+    With the matrix, ``simulate_echoes`` and ``locate`` compute the echoes of any rigid pose in
+    milliseconds.
 
     Parameters
     ----------
     solver : solver for the bodies, such as ``BoundaryElement(accuracy=0.01, estimate=False)``.
     scene : the bodies, in their own frame.
     accuracy : relative error due to the truncation of the waves, 0.0001 to 0.1; it determines the
-        highest order.
-    ball : (3,) centre of the waves and radius of a ball around it that contains the bodies [m];
-        by default nearly the smallest such ball.
+        highest order. It does not include the error of ``solver``.
+    ball : (3,) centre of the waves in the bodies' frame, and radius of a ball around it that
+        contains the bodies [m]; by default nearly the smallest such ball.
 
     Returns
     -------

@@ -146,34 +146,36 @@ def simulate_transmissions(
 ) -> Echoes:
     """Compute the direct sound of coded transmissions between the boards of an empty array.
 
-    Elements of the same board do not receive each other, and directional elements do not emit or
-    receive behind their faces.
+    The result is a test case for ``calibrate``. All elements emit and receive at the same time. An
+    element receives the mean pressure over its face, times its reception gain. Elements of the same
+    board do not receive each other, and directional elements do not emit or receive behind their
+    faces.
 
     Parameters
     ----------
-    array : the array of boards; its gains apply to emission.
+    array : the array of two or more boards; its E gains apply to emission.
     medium : the air.
-    codes : (E, M) complex amplitude that each element emits in each transmission, of magnitude at
-        most 1 (full scale).
+    codes : (E, M) complex amplitude that each element emits in each of M transmissions, of
+        magnitude at most 1 (full scale), such as ``hadamard_codes``.
     boards : number of boards, all with the same number of elements. The array must contain the
         elements board by board. By default, the number is inferred, which requires boards of a
-        known kind.
-    frequency : frequency of the sound [Hz].
-    reception : (E,) reception gains; by default those of the array.
-    noise : signal-to-noise ratio, the rms of the pressures relative to the rms of the added complex
-        noise [dB]. None adds no noise.
-    seed : seed of the noise, 0 or more.
+        known kind (see ``Board``).
+    frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
+    reception : (E,) complex reception gains; by default the gains of the array.
+    noise : signal-to-noise ratio from -300 to 300, the rms of the pressures relative to the rms
+        magnitude of the added complex noise [dB]. None adds no noise.
+    seed : seed of the noise, an integer of at least 0.
 
     Returns
     -------
-    ``Echoes`` with the codes and the received pressures (E, M) [Pa].
+    ``Echoes`` with the codes, the received pressures (E, M) [Pa] and the rms of the noise [Pa].
 
     Raises
     ------
     InvalidInput
-        If there is not one row of codes and one gain per element. If a code exceeds full scale, or
-        a transmission is silent. If the number of boards, the frequency, the noise or the seed is
-        invalid.
+        If there is not one row of codes and one gain per element, if a transmission is silent, if
+        the array cannot be divided into this number of boards (or no number is given, and their
+        kind is unknown), or if a parameter is outside its range.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     parts = boards_of(array, boards)
@@ -288,25 +290,27 @@ def simulate_echoes(
 ) -> Echoes:
     """Compute the echoes of coded transmissions, with measurement noise.
 
-    An element receives the mean scattered pressure over its face, times its gain. The array itself
-    does not reflect sound.
+    All elements emit at the same time. A receiver receives the mean scattered pressure over its
+    face, times its gain; the direct sound is not included. The array itself does not reflect sound.
+    ``locate`` takes the result.
 
     Parameters
     ----------
-    made_by : a solver, which computes the field for each code; or the scattering matrix of the
+    made_by : a solver, which computes the field for each code; or the ``ScatteringMatrix`` of the
         scene, with which the computation only takes milliseconds.
-    scene : the bodies.
+    scene : the bodies, without planes and reflecting boards.
     array : the E transducers in the frame of the bodies; see ``PhasedArray.seen_from``.
-    codes : (E, M) complex amplitude that each element emits in each transmission, of magnitude at
-        most 1 (full scale).
-    receivers : indices of the receiving elements; by default all elements.
-    noise : signal-to-noise ratio, the rms of the echoes relative to the rms of the added complex
-        noise [dB]. None adds no noise.
-    seed : seed of the random numbers, 0 or more.
+    codes : (E, M) complex amplitude that each element emits in each of M transmissions, of
+        magnitude at most 1 (full scale), such as ``random_codes``.
+    receivers : (R,) indices of the receiving elements; by default all elements.
+    noise : signal-to-noise ratio from -300 to 300, the rms of the echoes relative to the rms
+        magnitude of the added complex noise [dB]. None adds no noise.
+    seed : seed of the noise, an integer of at least 0.
 
     Returns
     -------
-    ``Echoes`` with the codes and the scattered pressures (R, M) at the receivers [Pa].
+    ``Echoes`` with the codes, the scattered pressures (R, M) at the receivers [Pa] and the rms of
+    the noise [Pa].
 
     Raises
     ------

@@ -43,18 +43,20 @@ from airtact.transducers.layout import PhasedArray
 
 @dataclass(frozen=True, eq=False)
 class Contender:
-    """A method and the drive that it computed.
+    """A method and the drive that it computed, as one entry of a ``MethodComparison``.
 
     Attributes
     ----------
-    name : name of the method.
+    name : name of the method, such as "max min"; the name of a drive from a file, or of its
+        corrected version; or a name such as "hand ignored" for the drive computed without the
+        bodies (the control).
     drive : drive computed by the method.
-    emitted : the drive rounded to the levels of the setup.
-    pressures : (F,) peak pressure of ``emitted`` at each focus [Pa].
+    emitted : the drive rounded to the amplitude and phase levels ``setup.levels``.
+    pressures : (F,) peak pressure of ``emitted`` at each focus, with the bodies in place [Pa].
     suppression_points : (Q,) peak pressure of ``emitted`` at each suppression point [Pa].
-    seconds : computing time of the method [s].
+    seconds : computing time of the method, without the solve for the transfer matrix [s].
     kept : pressure that the weakest focus exceeds in 9 out of 10 samples of the setup's
-        ``uncertainty`` [Pa]; None if the setup has none.
+        ``uncertainty``, computed from ``emitted`` [Pa]; None if the setup has none.
     """
 
     name: str

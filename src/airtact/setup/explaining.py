@@ -49,13 +49,17 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Explanation of the pressure at each focus, from the maximum in open air to the emitted drive.
+    """Explanation of the pressure at each focus, as returned by ``why``.
+
+    It leads from the largest pressure in open air to that of the emitted drive, by adding causes
+    such as the hand, the number of foci or the rounding to levels one by one.
 
     Attributes
     ----------
     foci : names of the F foci.
-    causes : the causes in the order in which they are added. The first contains the reference: the
-        largest pressure that the array can produce anywhere in open air.
+    causes : the ``Cause`` objects in the order in which they are added, each with the pressures at
+        the foci after it. The first contains the reference: the largest pressure that the array,
+        with all elements nominal, can produce anywhere in open air.
     advice : sentence on the change that would increase the pressure at the weakest
         focus most.
     weakest : index of the focus that is weakest relative to its request.

@@ -222,9 +222,10 @@ def place(
 
     Parameters
     ----------
-    setup : scene, target, and the array with which the layouts are compared.
-    boards : number of boards to place.
-    board : kind of the boards, such as "autd3". The command ``airtact boards`` lists all kinds.
+    setup : scene, target, and the array with which the layouts are compared. All positions are in
+        the frame of the scene.
+    boards : number of boards to place, 1 or more.
+    board : kind of the boards: "autd3", "sonicsurface", "nano16" or "openmpd".
     distance : smallest distance of any part of a board from the bodies and foci, and largest
         distance of a board's centre from the centre of the foci [m].
     region : two opposite corners of a box that must contain all boards [m], or a function that
@@ -233,16 +234,18 @@ def place(
     hands : poses of the hand for which the layouts are optimised, instead of the setup's pose. Each
         is either a hand or a ``Pose``. A hand replaces the only body of the scene, and its named
         points are the foci. A pose moves all bodies and foci.
-    tries : number of layouts to try before refinement; in a small region, fewer may fit.
-    seed : seed of the search. The same arguments lead to the same result.
+    tries : number of random layouts to try before refinement, 1 or more; in a small region, fewer
+        may fit.
+    seed : seed of the search, an integer of at least 0. The same arguments lead to the same result.
     refine : number of layouts to refine, 0 or more. The best layouts are refined, except those
         within 40 mm of a better one.
     progress : function called with a description of each step as it begins.
     keep_out : boxes that must not contain any board, each given by two opposite corners [m].
     fixed : indices of boards of the setup's array that are part of every layout. In the results,
         they come after the placed boards.
-    symmetric : axis along which boards are mirrored to form pairs. The mirror plane passes through
-        the centre of the region if it is a box, and otherwise through the centre of the foci.
+    symmetric : axis along which boards are mirrored to form pairs, which requires an even number of
+        boards; None places boards independently. The mirror plane passes through the centre of the
+        region if it is a box, and otherwise through the centre of the foci.
     tilted : whether boards may be tilted; otherwise each faces the centre of the
         foci.
     objective : quantity to maximise: "weakest" is the pressure at the weakest focus in the worst

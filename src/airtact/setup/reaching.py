@@ -29,18 +29,21 @@ Vertices = Float64[np.ndarray, "vertices 3"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReachMap:
-    """The largest pressure that any drive can produce at each point of the skin.
+    """The largest pressure that any drive can produce at points all over the skin.
+
+    ``reach`` returns it. The attribute ``bounds`` contains this pressure for each of P points, and
+    ``points`` the points.
 
     Attributes
     ----------
     setup : scene and array.
-    vertices, vertex_normals : (V, 3) vertices on the skin of all bodies [m], and outward unit
-        normals.
+    vertices, vertex_normals : (V, 3) vertices on the skin of all bodies in the frame of the scene
+        [m], and outward unit normals.
     triangles : (T, 3) indices of the vertices of each triangle.
     chosen : (P,) indices of the vertices at which the pressure was computed.
     places : for each chosen vertex, the name of its part of the skin, such as "index", "palm" or a
         body's name.
-    transfer : transfer matrix for the chosen vertices.
+    transfer : (P, E) transfer matrix for the chosen vertices and the E elements.
     report : report of the solve for the transfer matrix.
     """
 

@@ -264,15 +264,19 @@ def render(
 ) -> Rendering:
     """Compute the drive of a setup, and verify it with a more accurate solve.
 
+    The drive is computed by the setup's method from the transfer matrix of its solver. The
+    verification solves for the field of the drive with ``verification_solver``.
+
     Parameters
     ----------
-    setup : scene, array, target and settings.
+    setup : scene, array, target and settings, such as ``read_scene`` returns.
     store : folder in which solved fields are stored and reused; by default, fields are not stored.
     progress : function called with a description of each step as it begins.
 
     Returns
     -------
-    A ``Rendering`` with the drive and its verified pressures.
+    A ``Rendering`` with the drive, its verified pressures at the foci, and the drive computed
+    without the bodies for comparison.
 
     Raises
     ------

@@ -227,10 +227,11 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 def verification_solver(setup: Setup) -> Solver:
     """Return a solver for verifying the drive, which is more accurate than the setup's solver.
 
-    For bodies filled with a fluid, the solver uses finite elements of the next higher order. For
-    other bodies, it uses boundary elements with at least 1.8 times as many unknowns, as far as
-    memory and time allow; its report contains a warning if the estimated error exceeds the setup's
-    accuracy. For open air, the solver evaluates the closed-form solution.
+    If bodies are filled with a fluid and the setup's solver is ``FiniteElement``, it is the same
+    solver with the next higher order. For other bodies, it is ``BoundaryElement`` with at least 1.8
+    times as many unknowns as ``setup.accuracy`` requires, up to about 19,000 unknowns; its report
+    contains a warning if the estimated error exceeds ``setup.accuracy``. For open air, it is
+    ``FreeField``, which is exact.
 
     Parameters
     ----------

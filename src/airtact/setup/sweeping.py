@@ -80,8 +80,8 @@ def sweep(
         Instead of a function, you can pass a scene file, or a setup read from
         one: ``sweep`` then computes the drive for each point, with the values
         that the point sets for keys of the file (see ``read_scene``).
-    points : mappings from names to values. For a scene, the names are paths of keys, such as
-        ``"foci[0].offset"``.
+    points : list of 1 to 1,000,000 mappings from names to values, which are numbers, text, True,
+        False or None. For a scene, the names are paths of keys, such as ``"foci[0].offset"``.
     executor : executor that computes the points, such as ``ThreadPoolExecutor()`` or
         the ``get_executor()`` of a Dask client; or the number of processes, each with a
         single thread. By default, one process per processor, or as many as fit into
@@ -90,14 +90,15 @@ def sweep(
         its arguments and module, and the version of airtact. Stored points are not computed again,
         so an interrupted sweep can be resumed. Use another folder after changing other modules
         that the function uses.
-    progress : function called with the numbers of completed points, of all points and of failed
-        points.
+    progress : function called after each point with the numbers of completed points, of all points
+        and of failed points.
 
     Returns
     -------
-    A row (a dict) for each point, in the same order, with its values followed by the results. If a
-    point raises an exception, ``"error"`` and ``"sentence"`` contain its code and message;
-    otherwise they are empty.
+    A row (a dict) for each point, in the same order, with its values followed by the results. The
+    results for a scene are the pressure at each focus [Pa], summaries of the drive and the solve,
+    and the drive without the bodies for comparison. If a point raises an exception, ``"error"`` and
+    ``"sentence"`` contain its code and message; otherwise they are empty.
 
     Raises
     ------

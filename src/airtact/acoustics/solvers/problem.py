@@ -38,18 +38,22 @@ BOARDS = "reflecting_boards"
 class SolveReport:
     """Report of a solve: its method, errors, times and settings.
 
+    It is the attribute ``report`` of a field. Relative errors are fractions: 0.01 is 1 %.
+
     Attributes
     ----------
-    solver : name of the method.
-    residual : largest relative residual of the linear systems; 0 for closed-form solvers.
-    iterations : number of iterations until the slowest right-hand side converged.
-    nodes : number of unknowns.
+    solver : name of the method, such as "BoundaryElement".
+    residual : largest residual of the linear systems, relative to the right-hand side; 0 for
+        closed-form solvers.
+    iterations : number of iterations until the slowest right-hand side converged; 0 without
+        iteration.
+    nodes : number of unknowns; 0 for closed-form solvers.
     nodes_per_square_wavelength : unknowns per λ² of the bodies' surfaces; infinite for closed-form
         solvers.
     estimated_error : the solver's own estimate of the relative error of the field away from the
-        surfaces.
-    seconds : wall time of each step [s].
-    settings : the solver's settings.
+        surfaces; NaN if it was not estimated.
+    seconds : wall time of each step by its name [s].
+    settings : the solver's settings by name.
     warnings : warnings, one sentence each.
     citations : references for the method.
     farthest_off_triangles, mean_off_triangles : largest and mean distance between the solver's
@@ -303,10 +307,12 @@ def surrounding_points(scene: Scene, points: Vectors) -> Float64[np.ndarray, "ar
 
 
 class Solver(ABC):
-    """Interface of the solvers, which compute the sound field around the bodies of a scene.
+    """Abstract base class of the solvers, which compute the sound field around bodies.
 
-    Implementations are ``BoundaryElement``, ``FiniteElement``, ``SphereSeries`` and ``FreeField``.
-    Create one with its settings, and pass it to ``render`` or call ``radiate``.
+    Solvers are ``BoundaryElement`` (any bodies), ``FiniteElement`` (also bodies filled with a
+    fluid), ``SphereSeries`` (a single sphere) and ``FreeField`` (no bodies). Create one with its
+    settings, and pass it as the argument ``solver`` of a function such as ``evaluate``, or call
+    ``radiate`` with a scene and monopoles.
     """
 
     @abstractmethod

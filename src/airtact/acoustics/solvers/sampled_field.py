@@ -164,17 +164,19 @@ def load_samples(
 ) -> SampledField:
     """Load a field that another program exported as a text table.
 
-    The table has the columns x, y, z and, for each excitation, one column of complex numbers such
-    as ``0.5-1.2i`` or two columns named ``..._real`` and ``..._imag``. Lines that begin with % or #
-    are comments; the last one may name the columns, as in COMSOL's files. Rows with NaN, which
-    COMSOL writes inside solids, are skipped. If the file contains several frequencies, the columns
-    at the frequency of the scene are used.
+    The table has the columns x, y, z and, for each excitation, one column of complex pressures [Pa]
+    such as ``0.5-1.2i`` or two columns named ``..._real`` and ``..._imag``. Each row is a node.
+    Lines that begin with % or # are comments; the last one may name the columns, as in COMSOL's
+    files. Rows with NaN, which COMSOL writes inside solids, are skipped, and a warning in the
+    field's report states their number. If the file contains several frequencies, the columns at the
+    frequency of the scene are used.
 
     Parameters
     ----------
     path : the file with the table.
-    scene : the scene for which the field was computed.
-    sources : the monopoles that emit the sound, with one excitation for each pressure column.
+    scene : the scene for which the field was computed, in the frame of the file.
+    sources : the monopoles that emit the sound, with one excitation for each pressure, in the order
+        of the columns.
     time_sign : time factor of the pressures, "e^{-iωt}" as in airtact or "e^{+jωt}" as in COMSOL.
         With the latter, the pressures are conjugated on loading.
     scale : length of the file's unit in metres, such as 1e-3 for mm. By default the unit is
@@ -182,14 +184,16 @@ def load_samples(
 
     Returns
     -------
-    The field between the nodes; it is NaN outside their convex hull.
+    A ``SampledField`` with the field interpolated between the nodes; it is NaN outside their convex
+    hull. If the phases near the sources fit neither time factor, its report contains a warning.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, if columns are missing, if nodes coincide or lie in one plane,
-        if numbers are NaN, if all pressures are 0, or if the phases near the sources contradict
-        ``time_sign``.
+        If the file cannot be read, if columns are missing, if the number of pressures per row
+        differs from that of the excitations, if no pressure is at the scene's frequency, if nodes
+        coincide or lie in one plane, if a number is infinite, if all pressures are 0, or if the
+        phases near the sources fit the other time factor better.
     """
     path = Path(path)
     check_choice(time_sign, "time_sign", ("e^{-iωt}", "e^{+jωt}"))

@@ -81,11 +81,14 @@ class FittedHand:
 
     Attributes
     ----------
-    hand : the fitted hand.
-    anatomy : sizes of the person's hand, learned from the frames so far.
-    joint_errors : (25,) standard deviation of the position of each joint [m].
-    points : (N, 3) points of the cloud near the hand, averaged in small cubes [m].
-    distances : (N,) distances of these points from the skin [m], positive outside.
+    hand : the fitted ``Hand``, in the frame of the cloud.
+    anatomy : sizes of the person's hand, learned from the frames so far. Pass it, or this object,
+        to the next call of ``fit_hand``.
+    joint_errors : (25,) standard deviation of the position of each joint in WebXR order [m]: the
+        root of the summed variances of its three coordinates, at least 1.7 mm.
+    points : (N, 3) points of the cloud near the landmarks, averaged in cubes of 4 mm, in the frame
+        of the cloud [m].
+    distances : (N,) distances of these points from the fitted skin [m], positive outside.
     outliers : (N,) mask of the points that had no weight in the fit.
     misfit : root mean square distance of the points, without outliers, from the skin [m].
     """

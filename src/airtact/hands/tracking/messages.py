@@ -33,7 +33,7 @@ _decoder = msgspec.json.Decoder(Message)
 
 
 def to_json(frame: HandFrame) -> bytes:
-    """Return a frame as a JSON message.
+    """Return a frame as a JSON message, which ``from_json`` and ``HandStream.feed_json`` read.
 
     Parameters
     ----------
@@ -41,8 +41,9 @@ def to_json(frame: HandFrame) -> bytes:
 
     Returns
     -------
-    One line of JSON in UTF-8 with the keys ``time`` [s], ``side``, ``sequence`` and, if the frame
-    contains them, ``landmarks`` and ``cloud`` [m]. Coordinates are rounded to micrometres.
+    UTF-8 bytes of a JSON object without line breaks, with the keys ``time`` [s], ``side``,
+    ``sequence`` and, if the frame contains them, ``landmarks`` and ``cloud`` (lists of points [m]).
+    Coordinates keep their frame of reference and are rounded to micrometres.
     """
     missing = msgspec.UNSET
     landmarks = missing if frame.landmarks is None else np.round(frame.landmarks, 6).tolist()

@@ -53,18 +53,19 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
     path : a file of JSON lines (``.jsonl``); an action recording written by IWER (``.json``);
         matrices of both hands from vuer or VisionProTeleop (``.json``); or lines from
         hand-tracking-streamer (``.txt``).
-    leave_out : whether faulty frames are omitted and counted, as in a stream. Otherwise a single
-        faulty frame makes the file invalid.
+    leave_out : whether faulty frames are omitted and counted, as by a ``HandStream``. Otherwise a
+        single faulty frame makes the file invalid.
 
     Returns
     -------
-    A ``Recording`` with the frames, the counts of faulty frames, and a note.
+    A ``Recording`` with the valid frames in the tracker's coordinates, the counts of faulty frames,
+    and a note on data that the format lacks. ``replay`` plays its frames.
 
     Raises
     ------
     InvalidInput
         If the file is unreadable or has no valid frame, or if a frame is faulty and ``leave_out``
-        is False. The message begins with the name of the file and states the line.
+        is False. The message begins with the name of the file and states the line or frame.
     """
     path = Path(path)
     if path.suffix not in (ENDING, *OTHER_ENDINGS):

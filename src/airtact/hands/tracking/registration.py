@@ -22,20 +22,24 @@ INDEX_TIP = 9
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Pose of a tracker, found by touching known points with a fingertip, and its uncertainty.
+    """Pose of a tracker and its uncertainty, as returned by ``register``.
+
+    ``register`` fits the pose to T touches of known points, such as transducers, with a fingertip.
 
     Attributes
     ----------
-    tracker : pose of the tracker in the scene.
+    tracker : pose that maps the tracker's coordinates, multiplied by ``scale``, to those of the
+        scene.
     scale : factor by which the tracker's lengths are multiplied before the pose is applied; 1
-        unless fitted.
-    offset : distance of the joint in the fingertip from a touched face [m].
-    residuals : (T,) distance of each touch from its point [m].
+        unless another factor was given or fitted.
+    offset : distance of the joint in the fingertip from a touched face [m], as given or fitted.
+    residuals : (T,) distance of each touch, after the fit, from its point shifted outward by
+        ``offset`` [m].
     position_error : standard deviation of the position at the middle of the touched points, in the
         least certain direction [m].
     angle_error : standard deviation of the rotation about the least certain axis [rad].
-    repeat : index of the touch that contradicts all others and is excluded from the fit; None if
-        all touches agree.
+    repeat : index of the touch that contradicts all others and is excluded from the fit, so that it
+        should be repeated; None if all touches agree.
     likely_scale : scale at which the residuals would be less than 0.4 times as large; None if the
         scale was fitted, or no scale reduces the residuals that much.
     """

@@ -147,17 +147,21 @@ class _TrackedHand:
 
 
 class HandStream:
-    """The latest valid frame of each hand.
+    """The latest valid frame of each hand, from the frames that a tracker sends.
 
-    Pass frames to ``feed`` or ``feed_json``, and read them with ``wait`` or ``latest``. Faulty
-    frames are skipped and counted in ``health``.
+    Pass frames to ``feed`` or ``feed_json``, and read them with ``wait`` or ``latest``. Several
+    threads may do so at the same time. Faulty frames are skipped and counted in ``health``.
 
     Parameters
     ----------
-    silence : time without frames after which a hand is treated as lost [s].
-    on_frame : function called with every used frame, in order, in the receiving thread.
-    tracker : pose of the tracker in another frame of reference, to which frames are transformed.
-    clock : function that returns the time [s]; by default ``time.monotonic``.
+    silence : time without frames after which a hand is treated as lost [s], above zero. ``latest``
+        then returns a frame without landmarks and cloud.
+    on_frame : function called with every used ``HandFrame``, in order, in the thread that calls
+        ``feed``; by default, nothing is called.
+    clock : function that returns the time at which a frame arrives, to which ``silence`` refers
+        [s]; by default ``time.monotonic``.
+    tracker : pose that maps the tracker's coordinates to those of the frames that are read, such as
+        the scene's; by default, coordinates are not changed.
 
     Raises
     ------

@@ -88,21 +88,25 @@ class _Foci:
 class TouchAware(SolvingMaker):
     """Computes drives for contacts of both hands with virtual objects and for requested foci.
 
-    For each drive, contacts are found on the predicted hands. Their foci appear, move and fade as
-    described in ``TouchState``; requested foci rise and fall at the same rate. Each entry of the
-    open-air transfer matrix is multiplied by a factor: the ratio of the pressure with the skin to
-    that in open air. The factors come from the newest solution for the skin near contacts. A
-    separate process computes such solutions, starting before the skin touches an object. A single
-    focus runs along the outlines of all contacts with objects of the style "outline". The pressures
-    at the foci are proportional to their strengths, and the largest amplitude of the drive equals
-    the strength of the strongest focus.
+    ``follow`` takes it as ``maker``. For each drive, contacts are found on the hands at their
+    predicted positions. Their foci appear, move and fade as described in ``TouchState``; requested
+    foci (of applications, and at places of the scene) rise and fall at the same rate, within 20 ms
+    between silence and full strength. Each entry of the open-air transfer matrix is multiplied by a
+    factor: the ratio of the pressure with the skin to that in open air. The factors come from the
+    newest solution for the skin near contacts; without one, they are 1. A separate process computes
+    such solutions, starting before the skin touches an object. A single focus runs along the
+    outlines of all contacts with objects of the style "outline". The pressures at the foci are
+    proportional to their strengths, from 0 to 1, and the largest amplitude of the drive, as a
+    fraction of full scale, equals the strength of the strongest focus.
 
     Parameters
     ----------
-    scene : the parts of the scene that stay fixed during the run.
+    scene : the parts of the scene that stay fixed during the run, as returned by ``live_scene``. If
+        ``scene.both`` is False, only the hand ``scene.side`` is followed.
     noise : standard deviation of each coordinate of the tracker's landmarks [m]; by default, it is
         estimated from the frames.
-    agility : standard deviation of the acceleration of the palm [m/s²].
+    agility : standard deviation of the acceleration of the palm, for the prediction of its motion
+        [m/s²]; by default 0.5.
     solvers : processes that solve the scattering by skin; by default, a single one. If the sequence
         is empty, phases are set from path lengths alone.
     rest : the hand that will be followed, in any pose. Passing this hand avoids a delay of half a

@@ -9,13 +9,19 @@ ENDINGS = (".csv", ".glb", ".json", ".jsonl", ".ply", ".toml")
 
 
 def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
-    """Return the path of a file that is included in airtact.
+    """Return the path of an example file that is included in airtact.
+
+    Functions that read files, such as ``read_scene`` and ``load_hand``, take the path.
 
     Parameters
     ----------
-    name : name of a scene, such as "pinch", or of another file including its ending, such as
-        "relaxed.json".
-    endings : accepted endings of the file name.
+    name : name of a scene file, with or without ".toml", such as "pinch"; or of another file
+        including its ending, such as "relaxed.json".
+    endings : endings of the files that are searched; by default, those of all examples.
+
+    Returns
+    -------
+    The ``Path`` of the installed file.
 
     Raises
     ------

@@ -407,14 +407,15 @@ def near_surface(nodes: Nodes, points: Points, reach: float) -> Mask:
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """Points and their positions relative to the panels.
+    """Points and their positions relative to the panels of all bodies, as returned by ``locate``.
 
     Attributes
     ----------
-    points : positions [m]; those in contact with the surface are projected onto their panel.
-    near : mask of the points that need accurate integrals over near panels.
-    contact : mask of the points in contact with the surface.
-    outside : mask of the points outside the bodies or in contact.
+    points : (P, 3) positions in the frame of the scene [m]; those in contact with the surface are
+        projected onto their panel.
+    near : (P,) mask of the points that need accurate integrals over near panels.
+    contact : (P,) mask of the points that touch a panel.
+    outside : (P,) mask of the points outside the bodies or in contact; False behind a plane.
     """
 
     points: Vectors
