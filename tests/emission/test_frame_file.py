@@ -40,6 +40,15 @@ def test_bytes_for_openmpd_are_what_its_receiver_takes(tmp_path) -> None:
     )
 
 
+def test_sequences_too_fast_for_the_serial_line_are_rejected(tmp_path) -> None:
+    """Two SonicSurface boards receive 44 frames/s, so 16 frames can be repeated 2.7 times."""
+    drives = np.tile(tone(512).amplitudes, (16, 1))
+    with raises_code("out_of_range", "at most 2.7 times"):
+        write_frames(tmp_path / "a.bin", Sequence(drives, 701.0), "sonicsurface")
+    assert not (tmp_path / "a.bin").exists()
+    assert write_frames(tmp_path / "a.bin", Sequence(drives, 16 * 2.7), "sonicsurface")[0] == 16
+
+
 def test_files_that_cannot_be_are_rejected(tmp_path) -> None:
     for file, board, code in (
         ("a.txt", "autd3", "unknown_format"),

@@ -13,6 +13,7 @@ from scipy.special import j1
 import airtact as at
 from airtact.drives.drive_file import read_drive_file
 from airtact.reports.run_page import fields_of
+from airtact.setup.safe_emission import plan
 from airtact.setup.sequences import paths_of
 from airtact.timing import Clock
 from faults import raises_code
@@ -237,7 +238,7 @@ def test_moving_foci_are_saved_as_a_sequence_and_an_older_one_goes(tmp_path):
     stored = read_drive_file(tmp_path / "sequence.h5")
     assert isinstance(sequence, at.drives.Sequence)
     assert (len(sequence), sequence.rate) == (4, 400.0)
-    assert "spatiotemporal" in result.sensation[-1]
+    assert "spatiotemporal" in result.sensation[-2]
     sources = at.evaluation.drive_sources(
         setup.array, [sequence.drive(frame) for frame in range(4)]
     )
@@ -272,6 +273,26 @@ def test_moving_foci_have_the_pressures_in_real_air_of_each_drive():
         assert moving.expected[frame] < 0.85 * moving.pressures[frame]
     steepest = moving.expected[moving.steepening.second.argmax()]
     assert f"{1e-3 * steepest:.2f} kPa" in " ".join(result.sensation)
+    # By default, the focus moves at 7 m/s; the threshold need not hold at other speeds.
+    assert moving.speed == pytest.approx(7.0)
+    assert not any(" m/s" in words for words in result.sensation)
+    slow = replace(moving, speed=0.4).sentences(("tip",))
+    assert "0.4 m/s" in slow[-1]
+    assert "strongest at tip in frame" in slow[1]
+
+
+def test_the_level_that_emit_plays_by_default_is_stated(tmp_path):
+    setup = at.Setup(
+        at.Scene(at.air(), []),
+        at.autd3_board(),
+        at.Target((0.09, 0.07, 0.2)),
+        modulation=at.transducers.AmplitudeModulation(),
+    )
+    result = at.render(setup)
+    result.save(tmp_path)
+    emitted = plan(tmp_path / "drive.h5", "autd3").weakest
+    assert f"plays only {emitted:.3g} Pa" in result.sensation[-1]
+    assert "below this threshold" in result.sensation[-1]
 
 
 def test_a_setup_rejects_parts_that_do_not_fit(result):

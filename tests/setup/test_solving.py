@@ -32,6 +32,19 @@ def test_foci_that_no_method_separates_are_named() -> None:
     assert reach_cautions(PINCH) == ()
 
 
+def test_modulations_too_fast_for_the_boards_are_named() -> None:
+    board = at.transducers.board_array("sonicsurface")
+    setup = at.Setup(at.Scene(at.air()), board, at.Target((0.0, 0.0, 0.15)))
+    for modulation, highest in (
+        (at.transducers.AmplitudeModulation(200.0), "44 Hz or less"),
+        (at.drives.Motion("stm", frequency=44.0), "at most 5.5 times"),
+        (at.drives.Motion("lm", frequency=44.0, frames=4), "at most 22 times"),
+    ):
+        (words,) = reach_cautions(replace(setup, modulation=modulation))
+        assert highest in words
+    assert not reach_cautions(replace(setup, modulation=at.drives.Motion("stm", frequency=5.5)))
+
+
 def test_foci_close_to_a_transducer_are_named() -> None:
     board = at.flat_boards(1, 1)
     close = at.Target(board.positions[:1] + [[0.0, 0.0, 1e-3]])

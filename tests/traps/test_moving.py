@@ -65,7 +65,7 @@ def test_the_messages_of_boards_carry_the_bead(name, tmp_path) -> None:
         [lower, lower.moved(at.Pose.turn((1, 0, 0), np.pi, (0.0, 0.0, 0.2)))]
     )
     corners = np.array([[0.0, 0.0, 0.1], [0.5e-3, 0.0, 0.101]])
-    sequence = at.traps.path(SCENE, pair, corners, axis=(0, 0, 1), speed=0.03)
+    sequence = at.traps.path(SCENE, pair, corners, axis=(0, 0, 1), speed=0.015)
     file = tmp_path / "path.bin"
     count, rate = at.emission.write_frames(file, sequence, name)
     assert count == len(sequence)

@@ -179,8 +179,13 @@ class Motion:
             return self.frequency
         if self.kind == "lm":
             return 50.0  # the middle, in octaves, of the 10 to 200 Hz of Takahashi and others
-        steps = np.linalg.norm(np.roll(paths, -1, axis=1) - paths, axis=2)
-        return 7.0 / float(steps.sum(axis=1).max())  # within the 5 to 8 m/s of Frier and others
+        return 7.0 / longest_path(paths)  # within the 5 to 8 m/s of Frier and others
+
+
+def longest_path(paths: Paths) -> float:
+    """Return the length of the longest closed path [m]."""
+    steps = np.linalg.norm(np.roll(paths, -1, axis=1) - paths, axis=2)
+    return float(steps.sum(axis=1).max())
 
 
 def moving_target(target: Target, paths: Paths) -> Target:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from airtact.drives.frame import Frame
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.levels import EIGHT_BITS, Levels
 
@@ -72,6 +72,25 @@ class Codec:
         zeros = np.zeros(boards * len(self.board), dtype=np.uint8)
         # A byte takes 10 bits, including the start and stop bits.
         return self.baud / 10.0 / len(self.encode(Frame(zeros, zeros, self.levels)))
+
+    def check_rate(self, frames: int, rate: float, boards: int = 1) -> None:
+        """Raise ``InvalidInput`` if a sequence is too fast for the boards' serial line.
+
+        The message states the largest frequency [Hz] at which the line can repeat all frames.
+        """
+        fastest = self.fastest_frames(boards)
+        if rate <= fastest:
+            return
+        # Two digits, rounded down, because the line cannot play a frequency that is rounded up.
+        step = 10.0 ** (np.floor(np.log10(fastest / frames)) - 1.0)
+        frequency = step * np.floor(fastest / frames / step)
+        line = counted(boards, f"{self.board.name} board", f"{self.board.name} boards")
+        raise InvalidInput(
+            f"{rate:g} frames/s exceed the {np.floor(fastest):g} frames/s that the serial line of "
+            f"{line} can carry: repeat the sequence at most {frequency:.2g} times per second "
+            "(frequency in [drive.modulation]), or use fewer frames.",
+            code="out_of_range",
+        )
 
     def channels(
         self, values: UInt8[np.ndarray, "elements"]

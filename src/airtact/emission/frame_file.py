@@ -157,8 +157,8 @@ def write_frames(
     Raises
     ------
     InvalidInput
-        If the drive does not fit the boards, the modulation is too fast for them, the cap is not
-        in the interval (0, 1], or the file cannot be written.
+        If the drive does not fit the boards, the sequence or the modulation is too fast for them,
+        the cap is not in the interval (0, 1], or the file cannot be written.
     """
     path = Path(of_kind(path, str | Path, "the file of frames", "its path"))
     ending = checked_ending(path, (".h5", ".bin"), "frame")
@@ -167,6 +167,8 @@ def write_frames(
     drives = sound.drives if isinstance(sound, Sequence) else sound.amplitudes[None]
     rate = sound.rate if isinstance(sound, Sequence) else None
     boards = boards_needed(codec.board, drives.shape[1])
+    if rate is not None:
+        codec.check_rate(len(drives), rate, boards)
     factors = np.ones(1)
     if modulation is not None:
         count, rate = frames_of_period(modulation.frequency, codec.fastest_frames(boards))

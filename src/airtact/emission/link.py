@@ -60,7 +60,6 @@ class Link(ABC):
     poses : poses of the boards in the array's frame; None if unknown.
     plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves;
         otherwise every frame must be sent in time.
-    fastest : largest rate of the link [frames/s].
     lead : longest possible delay between sending a frame and its effect [s]; 0 if frames take
         effect on arrival.
     last : last ``Frame`` sent; None before the first.
@@ -74,7 +73,6 @@ class Link(ABC):
 
     name: str
     plays_itself: bool = False
-    fastest: float = np.inf
     lead: float = 0.0
 
     def __init__(self, board: str, boards: int = 1) -> None:
@@ -111,8 +109,8 @@ class Link(ABC):
 
     @property
     def fastest_frames(self) -> float:
-        """Largest frame rate of the link and of the boards' serial line [frames/s]."""
-        return min(self.fastest, self.codec.fastest_frames(self.boards))
+        """Largest frame rate of the boards' serial line [frames/s]; infinite without one."""
+        return self.codec.fastest_frames(self.boards)
 
     @property
     def devices(self) -> str:
@@ -201,16 +199,14 @@ class Link(ABC):
         Raises
         ------
         InvalidInput
-            If there are no frames, or the rate is not above zero or exceeds ``fastest``.
+            If there are no frames, or the rate is not above zero or exceeds
+            ``fastest_frames``.
         """
         if frames < 1:
             raise InvalidInput(f"a sequence needs at least 1 frame, not {frames}.", code="empty")
-        if positive(rate, "the rate of a sequence", "frames/s") > self.fastest:
-            raise InvalidInput(
-                f"{rate:g} frames/s exceed the {np.floor(self.fastest):g} frames/s that the "
-                f"{self.name} link to {self.devices} can carry: use a lower rate.",
-                code="out_of_range",
-            )
+        self.codec.check_rate(
+            frames, positive(rate, "the rate of a sequence", "frames/s"), self.boards
+        )
 
     def check_elements(self, count: int) -> None:
         """Raise ``InvalidInput`` if ``count`` is not the number of elements of the boards."""

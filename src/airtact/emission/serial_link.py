@@ -61,8 +61,6 @@ class SerialLink(Link):
         of_kind(port, str, "the port", 'the name of a device, such as "/dev/ttyUSB0"')
         self.port: str = port
         self.boot: float = boot
-        # The baud rate also limits the link.
-        self.fastest = self.fastest_frames
         self._line: Any = None
 
     def _resource(self) -> str:

@@ -431,7 +431,10 @@ def headline(
                 f"the pressures is {_per_cent(error)}. Set a smaller value of accuracy."
             )
         same = _per_cent(max(error, 0.01))
-        return f"{sentence} With and without the {word}, the result is the same to within {same}."
+        return (
+            f"{sentence} Whether or not the drive considers the {word}, the result is the same to "
+            f"within {same}."
+        )
     same = "hardware" if drive.is_full_scale else "energy"
     sentence += f" Same {same}: {_signed(gain)}"
     if values.shape[1] == 1:

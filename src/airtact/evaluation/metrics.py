@@ -219,7 +219,10 @@ def at_weakest(
 
 
 def in_real_air(
-    pressures: Num[np.ndarray, "foci"], target: Target, steepening: Steepening | None
+    pressures: Num[np.ndarray, "foci"],
+    target: Target,
+    steepening: Steepening | None,
+    foci: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """Return a sentence on the focus with the strongest nonlinear steepening, if it is noticeable.
 
@@ -228,6 +231,8 @@ def in_real_air(
     pressures : (F,) linear pressures [Pa].
     target : the F foci; those whose requested pressure or share is 0 are ignored.
     steepening : nonlinear steepening at these foci; None if it was not estimated.
+    foci : a name for each focus. If there are several foci, the sentence names the one that it is
+        about, which is often not the weakest.
     """
     if steepening is None:
         return ()
@@ -237,18 +242,21 @@ def in_real_air(
     if known[focus] < 0.1:
         return ()
     computed = pascals(float(np.abs(pressures[focus])))
+    cause = "nonlinear steepening in air"
+    if len(known) > 1:
+        # Tables without names number the foci from 0.
+        name = foci[focus] if foci else f"focus {focus}"
+        computed = f"Nonlinear steepening in air is strongest at {name}: {computed}"
+        cause = "it"
     kept = float(steepening.kept[focus])
     if np.isnan(kept):
         return (
-            f"{computed} computed, but shocks caused by nonlinear steepening limit the pressure: "
+            f"{computed} computed, but shocks caused by {cause} limit the pressure: "
             "the real pressure is lower by an unknown amount.",
         )
     expected = pascals(kept * float(np.abs(pressures[focus])))
     second = f"{steepening.second_harmonic[focus]:.0%}".replace("%", " %")
-    return (
-        f"{computed} computed, {expected} expected with nonlinear steepening in air (second "
-        f"harmonic {second}).",
-    )
+    return (f"{computed} computed, {expected} expected with {cause} (second harmonic {second}).",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -443,6 +451,7 @@ def sensation(
     modulation: Modulation | None,
     depth: float = 1.0,
     fastest: float = np.inf,
+    speed: float | None = None,
 ) -> str:
     """Return a sentence that compares the weakest focus with the threshold of perception.
 
@@ -452,6 +461,7 @@ def sensation(
     modulation : kind of modulation; None for a constant drive.
     depth : modulation depth of the force.
     fastest : highest modulation frequency of the boards [Hz].
+    speed : speed of the focus along its path [m/s]; None if it does not move along one.
 
     Examples
     --------
@@ -460,14 +470,26 @@ def sensation(
     """
     if modulation is None:
         return constant_force_note(fastest)
-    # The depth refers to the force, which is proportional to the square of the pressure.
-    felt = max(pressure * np.sqrt(depth), np.finfo(float).tiny)
-    # Nine digits hide the rounding of the logarithm.
-    level = round(20.0 * float(np.log10(felt / THRESHOLDS[modulation])), 9)
-    return (
-        f"The weakest focus is {abs(level):.0f} dB {'above' if level >= 0 else 'below'} the "
+    words = (
+        f"The weakest focus is {level_above_threshold(pressure, modulation, depth)} the "
         f"threshold of detection with {modulation} modulation, {THRESHOLDS[modulation]:g} Pa "
         "(T. Howard et al. 2019, measured with an Ultraleap STRATOS and cited from a secondary "
         "source that states neither peak nor rms; thresholds vary between people and places on "
         "the skin by several decibels)."
     )
+    if speed is not None and not 5.0 <= speed <= 8.0:
+        words += (
+            f" The focus moves at {speed:.2g} m/s, but feels strongest at 5 to 8 m/s (W. Frier et "
+            "al. 2018). The source of the threshold does not state its speed, so at this speed the "
+            "focus may be hardly felt."
+        )
+    return words
+
+
+def level_above_threshold(pressure: float, modulation: Modulation, depth: float = 1.0) -> str:
+    """Format the level of a pressure [Pa] relative to the threshold, such as "20 dB above"."""
+    # The depth refers to the force, which is proportional to the square of the pressure.
+    felt = max(pressure * np.sqrt(depth), np.finfo(float).tiny)
+    # Nine digits hide the rounding of the logarithm.
+    level = round(20.0 * float(np.log10(felt / THRESHOLDS[modulation])), 9)
+    return f"{abs(level):.0f} dB {'above' if level >= 0 else 'below'}"

@@ -382,7 +382,7 @@ def _compare_methods(
             *reach_cautions(setup),
             *all_at_once(setup),
             *warnings,
-            *in_real_air(at_foci[strongest], setup.target, steepened),
+            *in_real_air(at_foci[strongest], setup.target, steepened, setup.foci),
             *named(field.report.warnings, setup.bodies),
         ],
         transfer=transfer,

@@ -333,6 +333,8 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     -------
     A ``Rendering`` with the drive, its verified pressures and their estimated error.
     """
+    from airtact.setup.safe_emission import default_level
+
     setup = computed.setup
     transfer = computed.transfer
     drive = computed.drive
@@ -442,13 +444,18 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
             *remarks,
             standing,
             # The sentences of a sequence state the effect of real air on it.
-            *(() if setup.in_turn else in_real_air(pressures, setup.target, steepening)),
+            *(
+                ()
+                if setup.in_turn
+                else in_real_air(pressures, setup.target, steepening, setup.foci)
+            ),
         ),
         # The steepening estimate is only invalid far above the threshold, where it is not needed.
         sensation=sensations(
             setup,
             changes * np.fmin(pressures, pressures * steepening.kept),
             computed.sequence,
+            default_level(setup, drive, transfer, computed.sequence),
         ),
         warnings=warnings,
         seconds=clock.seconds,

@@ -1,5 +1,6 @@
 """Plans for emitting a drive at a safe level, by limiting the amplitude of all elements."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128
 
+import airtact as at
 from airtact.acoustics.medium import air
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
@@ -14,15 +16,27 @@ from airtact.drives.drive_file import DriveFile, read_drive_file
 from airtact.drives.frame import frame_at, share_under_cap
 from airtact.drives.head_level import MAX_HEAD_LEVEL, HeadLevel
 from airtact.drives.sequence import Sequence
+from airtact.drives.transfer import TransferMatrix
 from airtact.emission.codecs import codec_of
 from airtact.emission.emission import Emission, Played, frames_of_period
 from airtact.emission.frame_file import write_frames
 from airtact.emission.link import Link
 from airtact.errors import InvalidInput, about
-from airtact.evaluation.metrics import constant_force_note, sensation
+from airtact.evaluation.metrics import (
+    constant_force_note,
+    level_above_threshold,
+    pascals,
+    sensation,
+)
 from airtact.geometry.pose import Pose
 from airtact.timing import Progress, no_progress
-from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
+from airtact.transducers.boards import (
+    Board,
+    board_named,
+    boards_needed,
+    kind_of_array,
+    poses_of_boards,
+)
 from airtact.transducers.element import DEFAULT_SENSITIVITY
 from airtact.transducers.levels import AmplitudeModulation
 
@@ -180,7 +194,8 @@ def plan(
     ------
     InvalidInput
         If the file contains no drive for such boards, a modulation is given for a sequence, the cap
-        is not in the interval (0, 1], or the cap silences all elements. Without a cap, the error is
+        is not in the interval (0, 1], the cap silences all elements, or the boards cannot play the
+        frame rate. Without a cap, the error is
         also raised if the boards can only switch elements on and off, and the level at full scale
         exceeds ``MAX_HEAD_LEVEL``.
     """
@@ -188,7 +203,7 @@ def plan(
     stored = read_drive_file(path)
     with about(path.name):
         rate = stored.frame_rate()
-        boards_needed(kind, stored.drives.shape[1])
+        boards = boards_needed(kind, stored.drives.shape[1])
         if stored.positions is None or stored.normals is None:
             raise InvalidInput(
                 "the file contains no positions of transducers: save the drive again, together "
@@ -207,6 +222,12 @@ def plan(
                 code="options_clash",
             )
         modulation = (modulation or stored.modulation) if rate is None and not constant else None
+        # Whatever the link, the boards cannot play more frames than their line carries.
+        codec = codec_of(kind)
+        if modulation is not None:
+            frames_of_period(modulation.frequency, codec.fastest_frames(boards))
+        elif rate is not None:
+            codec.check_rate(len(stored.drives), rate, boards)
         made = Plan(stored, kind, modulation)
         head = made.head
         made.poses  # noqa: B018 (raises if the transducers are not those of such boards)
@@ -218,6 +239,54 @@ def plan(
             code="all_zero",
         )
     return replace(made, cap=chosen, limited=cap is None and chosen < 1.0)
+
+
+def default_level(
+    setup: "at.Setup", drive: Drive, transfer: TransferMatrix, moving: "at.setup.MovingDrive | None"
+) -> Iterator[str]:
+    """State the pressure that ``airtact emit`` plays by default, if it limits the drive.
+
+    Parameters
+    ----------
+    setup, drive, transfer : the setup, its drive, and the transfer matrix of the drive.
+    moving : sequence that is emitted instead of the drive; None if the foci do not move.
+    """
+    array = setup.array
+    made = kind_of_array(array.positions, array.normals)
+    if made is None or abs(setup.frequency - FREQUENCY) > 1.0:
+        return
+    target = setup.target if moving is None else moving.target
+    stored = DriveFile(
+        drive.amplitudes[None] if moving is None else moving.sequence.drives,
+        rate=None if moving is None else moving.sequence.rate,
+        medium=setup.medium,
+        positions=array.positions,
+        normals=array.normals,
+        sensitivity=array.element.sensitivity,
+        foci=target.points,
+        wanted_pressures=target.pressures,
+        transfer_matrix=(transfer if moving is None else moving.transfer).matrix,
+    )
+    modulation = setup.modulation if isinstance(setup.modulation, AmplitudeModulation) else None
+    plan = Plan(stored, made[0], modulation)
+    try:
+        limited = replace(plan, cap=plan.head.safe_cap())
+    except InvalidInput:
+        yield (
+            f"airtact emit requires --cap or --full-scale, because these boards produce up to "
+            f"{plan.head.full:.0f} dB at a head 0.5 m away and cannot be turned down."
+        )
+        return
+    if limited.cap < 1.0 and limited.weakest is not None:
+        if modulation is None:
+            level = level_above_threshold(limited.weakest, "spatiotemporal")
+        else:
+            level = level_above_threshold(limited.weakest, "amplitude", modulation.depth)
+        yield (
+            f"By default, airtact emit limits the level at a head to {MAX_HEAD_LEVEL:g} dB and "
+            f"plays only {pascals(limited.weakest)} at the weakest focus, {level} this threshold; "
+            "--full-scale plays the pressures above."
+        )
 
 
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
@@ -282,8 +351,6 @@ def emit(
     played = None
     if made.rate is not None:
         link.check_sequence(len(stored.drives), made.rate)
-    if made.modulation is not None:
-        frames_of_period(made.modulation.frequency, link.fastest_frames)
     progress(f"opening the {link.name} link to {link.devices}")
     with Emission(link, cap=made.cap, log=log) as emission:
         progress(f"emitting for {seconds:g} s")

@@ -1,6 +1,6 @@
 """Sentences about a setup and its drive: warnings before the solve and remarks after it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -11,9 +11,11 @@ from airtact.acoustics.target_points import outward
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import upper_bound
 from airtact.drives.methods import METHODS
+from airtact.drives.sequence import MIN_FRAMES
 from airtact.drives.transfer import MIN_FOCUS_DISTANCE, TransferMatrix, fraction
 from airtact.emission.codecs import codec_of
-from airtact.errors import counted, in_mm, millimetres
+from airtact.emission.emission import frames_of_period
+from airtact.errors import InvalidInput, counted, in_mm, millimetres
 from airtact.evaluation.metrics import pascals, sensation
 from airtact.setup.setup import Setup
 from airtact.transducers.boards import kind_of_array
@@ -99,6 +101,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     if setup.contacts is not None and not setup.contacts.runs:
         note = setup.contacts.foci(wavelength=scene.wavelength).note
         cautions += [f"{note}."] if note else []
+    cautions += _too_fast(setup)
     # A focus in mid-air may be intended, so it is not an error.
     bare = int(np.count_nonzero(~with_skin(setup))) - setup.lobes
     if bare:
@@ -162,6 +165,27 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     return tuple(cautions)
 
 
+def _too_fast(setup: Setup) -> Iterator[str]:
+    """Warn before the solve if the boards' serial line is too slow for the modulation."""
+    made = kind_of_array(setup.array.positions, setup.array.normals)
+    if made is None:
+        return
+    board, poses = made
+    codec = codec_of(board)
+    try:
+        if isinstance(setup.modulation, AmplitudeModulation):
+            frames_of_period(setup.modulation.frequency, codec.fastest_frames(len(poses)))
+        elif setup.motion is not None and codec.baud is not None:
+            from airtact.setup.sequences import paths_of
+
+            paths = paths_of(setup)
+            # Short paths repeat every position.
+            frames = -(-MIN_FRAMES // paths.shape[1]) * paths.shape[1]
+            codec.check_rate(frames, frames * setup.motion.turns(paths), len(poses))
+    except InvalidInput as error:
+        yield str(error)
+
+
 def all_at_once(setup: Setup) -> tuple[str, ...]:
     """Warn if all foci are treated as simultaneous although one focus runs through the points."""
     if not setup.in_turn:
@@ -196,8 +220,11 @@ def sensations(
     setup: Setup,
     pressures: Float64[np.ndarray, "foci"],
     moving: "at.setup.MovingDrive | None" = None,
+    default_level: Iterable[str] = (),
 ) -> tuple[str, ...]:
     """Compare the foci, or the weakest focus of a sequence, with the tactile threshold.
+
+    The sentences in ``default_level`` (see ``safe_emission``) follow the comparison.
 
     Foci away from all bodies are ignored. If all foci are away from bodies, the sentence says so.
     """
@@ -212,10 +239,10 @@ def sensations(
             "that could feel it.",
         )
     if moving is not None:
-        return moving.sentences(setup.foci)
+        return (*moving.sentences(setup.foci), *default_level)
     weakest = float(pressures[skin].min())
     if isinstance(setup.modulation, AmplitudeModulation):
-        return (sensation(weakest, "amplitude", setup.modulation.depth),)
+        return (sensation(weakest, "amplitude", setup.modulation.depth), *default_level)
     fastest = np.inf
     made = kind_of_array(setup.array.positions, setup.array.normals)
     if made is not None:

@@ -9,7 +9,7 @@ from jaxtyping import Complex128, Float64
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Amplitudes, Drive
 from airtact.drives.methods import FOR_SAMPLES
-from airtact.drives.motion import Motion, moving_foci, moving_target
+from airtact.drives.motion import Motion, longest_path, moving_foci, moving_target
 from airtact.drives.sequence import Sequence
 from airtact.drives.transfer import TransferMatrix
 from airtact.evaluation.metrics import at_weakest, drive_sources, in_real_air, sensation
@@ -34,6 +34,8 @@ class MovingDrive:
         ignored.
     rounding : (P,) factors by which rounding to levels changes these pressures.
     warnings : warnings of methods that stopped early.
+    speed : mean speed of the fastest focus along its path [m/s]; None for lateral modulation, which
+        moves each focus only within its own area.
     """
 
     sequence: Sequence
@@ -43,6 +45,7 @@ class MovingDrive:
     steepening: Steepening
     rounding: Float64[np.ndarray, "positions"]
     warnings: tuple[str, ...]
+    speed: float | None
 
     @property
     def expected(self) -> Float64[np.ndarray, "positions"]:
@@ -63,13 +66,18 @@ class MovingDrive:
         if abs(self.rounding[self.target.weakest(self.pressures)] - 1.0) > 0.1:
             emitted = at_weakest(self.rounding * self.pressures, self.target, foci)
             words += f"; as emitted, rounded to the boards' levels: {emitted}"
+        names = foci
+        if foci and len(foci) < len(self.pressures):
+            frames = len(self.pressures) // len(foci)
+            names = tuple(
+                f"{name} in frame {frame + 1}" for frame in range(frames) for name in foci
+            )
         return (
             f"The foci move in {len(self.sequence)} frames, with {words}.",
-            *(
-                f"While moving: {words}"
-                for words in in_real_air(self.pressures, self.target, self.steepening)
+            *in_real_air(self.pressures, self.target, self.steepening, names),
+            sensation(
+                float(felt[self.target.weights > 0.0].min()), "spatiotemporal", speed=self.speed
             ),
-            sensation(float(felt[self.target.weights > 0.0].min()), "spatiotemporal"),
         )
 
     def save(self, path: Path, setup: Setup) -> None:
@@ -135,6 +143,7 @@ def moving_drive(
         Steepening(*np.concatenate(effects, axis=1)),
         np.concatenate(factors),
         tuple(dict.fromkeys(stalled)),
+        None if motion.kind == "lm" else turns * longest_path(paths),
     )
 
 
