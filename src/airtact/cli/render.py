@@ -62,7 +62,7 @@ def render(
         writable_folder(folder)
         if pictures:
             # Import Matplotlib while the kernels compute, because this takes half a second.
-            Thread(target=import_module, args=["mpl_toolkits.mplot3d.art3d"], daemon=True).start()
+            Thread(target=import_module, args=["airtact.reports.run_page"], daemon=True).start()
         files: list[Path] = []
         unverified = ""
         clock = Clock(report_step)

@@ -2,7 +2,6 @@
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.optimize import minimize
 
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
@@ -87,6 +86,8 @@ def _move(phases: Phases, begin: Phases) -> tuple[float, Phases]:
 
 
 def _nearest(rows: np.ndarray, goal: float, begin: Phases, start: Phases) -> Phases:
+    from scipy.optimize import minimize
+
     multipliers = np.zeros(len(rows))
     stiffness = 10.0
     phases = start

@@ -122,14 +122,41 @@ def _finer(
     values: Inexact[np.ndarray, "planes rows columns"], counts: Sequence[int]
 ) -> Complex128[np.ndarray, "more_planes more_rows more_columns"]:
     # Interpolate to more points between the first and the last along each axis by cubic splines.
-    from scipy.interpolate import make_interp_spline
-
     out = np.asarray(values, dtype=np.complex128)
     for axis, (count, more) in enumerate(zip(values.shape, counts, strict=True)):
         if more > count:
-            spline = make_interp_spline(np.arange(count), out, k=3, axis=axis)
-            out = spline(np.linspace(0.0, count - 1.0, more))
+            out = _interpolated(out, axis, np.linspace(0.0, count - 1.0, more))
     return out
+
+
+def _interpolated(
+    values: Inexact[np.ndarray, "..."], axis: int, positions: Float64[np.ndarray, "positions"]
+) -> Inexact[np.ndarray, "..."]:
+    """Interpolate along an axis by a cubic spline; ``positions`` are in steps of the samples.
+
+    The third derivative is continuous at the second and the last but one sample ("not a knot": C.
+    de Boor, A Practical Guide to Splines, Springer 2001, chapter IV). Importing SciPy's splines
+    would take longer than interpolating a report.
+    """
+    count = values.shape[axis]
+    identity = np.eye(count)
+    # The curvatures c follow from c[i-1] + 4 c[i] + c[i+1] = 6 (v[i-1] - 2 v[i] + v[i+1]).
+    neighbours = np.eye(count, k=1) + np.eye(count, k=-1)
+    left = neighbours + 4.0 * identity
+    right = 6.0 * (neighbours - 2.0 * identity)
+    left[0, :3] = left[-1, -3:] = (1.0, -2.0, 1.0)
+    right[[0, -1]] = 0.0
+    curvatures = np.linalg.solve(left, right)
+    first = np.clip(positions.astype(int), 0, count - 2)
+    after = (positions - first)[:, None]
+    before = 1.0 - after
+    weights = (
+        before * identity[first]
+        + after * identity[first + 1]
+        + (before**3 - before) / 6.0 * curvatures[first]
+        + (after**3 - after) / 6.0 * curvatures[first + 1]
+    )
+    return np.moveaxis(np.tensordot(weights, values, (1, axis)), 0, axis)
 
 
 def box_pressure(
@@ -152,15 +179,13 @@ def box_pressure(
     -------
     (P,) complex pressure [Pa], NaN in bodies and behind planes.
     """
-    from scipy.interpolate import make_interp_spline
 
     def at_box(values: np.ndarray) -> np.ndarray:
         for index, direction in enumerate(directions):
-            first = slices.corner[direction]
-            last = first + slices.steps[2 - index] * (slices.depth.shape[index] - 1)
-            samples = np.linspace(first, last, values.shape[index])
+            finer = (slices.depth.shape[index] - 1) / (values.shape[index] - 1)
+            step = slices.steps[2 - index] * finer
             along = box.origin[direction] + box.step[direction] * np.arange(box.counts[direction])
-            values = make_interp_spline(samples, values, k=3, axis=index)(along)
+            values = _interpolated(values, index, (along - slices.corner[direction]) / step)
         return values.transpose(np.argsort(directions)).ravel(order="F")
 
     # Planes, rows and columns each lie along one axis of the frame.
@@ -240,13 +265,15 @@ def _carried_inside(
     pressure: Complex128[np.ndarray, "planes rows columns excitations"],
 ) -> Complex128[np.ndarray, "planes rows columns excitations"]:
     # Replace NaN by the nearest pressure, because splines would ring at the edge of bodies.
-    from scipy.ndimage import distance_transform_edt
+    from scipy.spatial import KDTree
 
     unknown = np.isnan(pressure[..., 0])
     if not unknown.any() or unknown.all():
         return np.nan_to_num(pressure)
-    nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
-    return pressure[tuple(np.asarray(nearest))]
+    nearest = KDTree(np.argwhere(~unknown)).query(np.argwhere(unknown))[1]
+    filled = pressure.copy()
+    filled[unknown] = pressure[~unknown][nearest]
+    return filled
 
 
 @dataclass(frozen=True, eq=False)

@@ -112,12 +112,18 @@ def draw_plane(
     window = cut.window
     left, right, bottom, top = window.extent
     # There may be other axes below these, so draw the colour bar next to them.
-    location = "right"
+    place: dict[str, Any] = {"ax": axes, "location": "right", "pad": 0.02, "aspect": 30}
     if axes is None:
-        location = "bottom"
         inches = min(3.9 / (right - left), 4.6 / (top - bottom))
-        size = ((right - left) * inches + 0.8, (top - bottom) * inches + 1.2)
-        axes = Figure(figsize=size, layout="constrained").subplots()
+        across = (right - left) * inches
+        up = (top - bottom) * inches
+        # Fixed margins for the labels, because Matplotlib's layouts take longer than drawing.
+        width = across + 1.0
+        height = up + 1.4
+        figure = Figure(figsize=(width, height))
+        axes = figure.add_axes((0.8 / width, 1.2 / height, across / width, up / height))
+        bar = figure.add_axes((0.8 / width, 0.6 / height, across / width, 0.13 / height))
+        place = {"cax": bar, "orientation": "horizontal"}
     rows, columns = window.shape
     # Each pixel is centred on its point, so the picture extends half a pixel beyond the window.
     half_width = (right - left) / (columns - 1) / 2
@@ -137,8 +143,7 @@ def draw_plane(
     axes.set(xlabel=window.labels[0], ylabel=window.labels[1])
     _mark_foci(axes, window, foci, names)
     extend = "both" if scale is DIFFERENCES else "neither"
-    style: dict[str, Any] = {"location": location, "pad": 0.02, "aspect": 30, "extend": extend}
-    axes.figure.colorbar(scale, ax=axes, label=label, **style)
+    axes.figure.colorbar(scale, label=label, extend=extend, **place)
     return axes.figure  # pyright: ignore (no subfigure)
 
 
@@ -166,13 +171,15 @@ def _past_the_surface(
 
     Otherwise there would be a gap between the interpolated values and the outlines.
     """
-    from scipy.ndimage import distance_transform_edt
+    from scipy.spatial import KDTree
 
     inside = np.isnan(values)
     if not inside.any() or inside.all():
         return values
-    distance, (row, column) = distance_transform_edt(inside, return_indices=True)  # pyright: ignore
-    return np.where(distance <= 3, values[row, column], np.nan)
+    distance, nearest = KDTree(np.argwhere(~inside)).query(np.argwhere(inside))
+    extended = values.copy()
+    extended[inside] = np.where(distance <= 3.0, values[~inside][nearest], np.nan)
+    return extended
 
 
 def _mark_foci(

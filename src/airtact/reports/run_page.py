@@ -24,7 +24,6 @@ from airtact.reports.field_figure import (
 )
 from airtact.reports.page import picture, write_page
 from airtact.reports.plots import draw_shares
-from airtact.reports.trap_figures import trap_pictures
 from airtact.reports.viewer import (
     SceneView,
     scene_view,
@@ -254,13 +253,21 @@ def _foci(run: Rendering) -> dict[str, Any]:
     ]
     return {
         "trap_rows": trap_rows,
-        "trap_pictures": [trap_pictures(run, index) for index in range(min(len(run.traps), 6))],
+        "trap_pictures": _trap_pictures(run),
         "focus_header": header,
         "focus_rows": list(zip(*columns, strict=True)),
         "emitted": _emitted(run),
         "comparison_header": ["focus", *(f"{name} [Pa]" for name in run.drives), "ratio"],
         "comparisons": _comparisons(run) if run.setup.bodies else {},
     }
+
+
+def _trap_pictures(run: Rendering) -> list[list[Markup]]:
+    if not run.traps:
+        return []
+    from airtact.reports.trap_figures import trap_pictures  # imports scipy.integrate
+
+    return [trap_pictures(run, index) for index in range(min(len(run.traps), 6))]
 
 
 def _emitted(run: Rendering) -> str:
