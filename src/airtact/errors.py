@@ -99,13 +99,14 @@ class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
 
 
 class NotConverged(RuntimeError):  # noqa: N818
-    """Error raised when a solver stops before it reaches its tolerance.
+    """Error raised when an iterative solver or fit stops before it reaches its tolerance.
 
-    The message states the residual and the cause.
+    No result is returned. The message states the cause and, for solvers, the residual.
 
     Attributes
     ----------
-    code : kind of error, such as "not_converged"; ``docs/errors.md`` lists all codes.
+    code : kind of error, such as "not_converged". It does not change if the message is reworded;
+        ``docs/errors.md`` lists all codes.
     """
 
     def __init__(self, sentence: str, *, code: str) -> None:

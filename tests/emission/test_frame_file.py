@@ -57,3 +57,11 @@ def test_files_that_cannot_be_are_rejected(tmp_path) -> None:
     ):
         with raises_code(code):
             write_frames(tmp_path / file, tone(), board)
+    with raises_code("options_clash"):
+        sequence = Sequence(tone().amplitudes[None], 100.0)
+        write_frames(
+            tmp_path / "a.h5",
+            sequence,
+            "autd3",
+            modulation=at.transducers.AmplitudeModulation(50.0),
+        )

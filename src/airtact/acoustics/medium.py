@@ -71,7 +71,7 @@ class Medium:
 
 
 def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -> Medium:
-    """Return the ``Medium`` of humid air at one atmosphere (101 325 Pa).
+    """Return the ``Medium`` of humid air at one atmosphere (101 325 Pa), for use in a ``Scene``.
 
     The speed of sound follows Cramer (1993, equation 15), the density follows CIPM-2007, and
     the absorption follows ISO 9613-1.
@@ -81,11 +81,13 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
     celsius : temperature [°C], -20 to 50 (the range of ISO 9613-1; the formulas of Cramer and
         CIPM-2007 were fitted from 0 to 30 °C).
     humidity : relative humidity, 0 to 1.
-    frequency : frequency at which the absorption is computed [Hz].
+    frequency : frequency at which the absorption is computed [Hz], above 0. The absorption does not
+        follow the frequency of a scene, so pass the same frequency to both.
 
     Returns
     -------
-    The medium, with the absorption at ``frequency``.
+    The ``Medium`` with the speed of sound [m/s], the density [kg/m³], and the absorption at
+    ``frequency`` [Np/m].
 
     Raises
     ------

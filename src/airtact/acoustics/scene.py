@@ -86,7 +86,7 @@ class Plane:
 
 
 def plane(point: Vector, normal: Vector) -> Plane:
-    """Build a rigid plane, such as a table or a wall.
+    """Build an infinite rigid plane, such as a table or a wall, for ``Scene.planes``.
 
     On the plane, ∂p/∂n = 0; the sound field exists only in front of it. The field is exact, because
     it is computed with mirror images of the sources and bodies. A point source on the plane
@@ -95,12 +95,13 @@ def plane(point: Vector, normal: Vector) -> Plane:
 
     Parameters
     ----------
-    point : (3,) any point of the plane [m].
-    normal : (3,) vector of any length that points to the side with the sound.
+    point : (3,) any point of the plane, in the frame of the scene [m].
+    normal : (3,) vector of any length that points to the side with the sound. All bodies and
+        elements must be on this side; elements may lie in the plane.
 
     Returns
     -------
-    The plane, with a normal of unit length.
+    The ``Plane``, with a normal of unit length.
 
     Raises
     ------
@@ -291,9 +292,12 @@ def sound_hard(surface: Surface) -> Obstacle:
 def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
     """Build a body with a locally reacting surface, ∂p/∂n + (ik/ratio) p = 0 with n outward.
 
+    Such a surface absorbs part of the sound, like felt or foam. With a ratio of 1, it absorbs plane
+    waves at normal incidence completely; with a large ratio, it reflects like ``sound_hard``.
+
     Parameters
     ----------
-    surface : closed surface of the body.
+    surface : closed surface of the body, in the frame of the scene.
     ratio : relative impedance Z/(ρc), where Z is the pressure divided by the particle velocity into
         the surface, for the time factor e^{-iωt}. It must be finite and not zero, and its real part
         must not be negative. ``BoundaryElement`` and ``FiniteElement`` support such bodies;
@@ -301,7 +305,7 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 
     Returns
     -------
-    The body, for use in a ``Scene``.
+    The body as an ``Obstacle``, for use in ``Scene.obstacles``.
 
     Raises
     ------

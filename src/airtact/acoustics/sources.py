@@ -17,13 +17,15 @@ STANDS_ON = 1e-9
 class Monopoles:
     """N point sources with S independent excitations, each of which is solved separately.
 
-    A monopole of strength s in open air produces the pressure p = s e^{ikr}/r.
+    Pass them to ``Solver.radiate``, which returns one field per excitation. A monopole of strength
+    s in open air produces the pressure p = s e^{ikr}/r at the distance r, with wavenumber k.
 
     Attributes
     ----------
-    positions : (N, 3) positions [m], stored as float64.
-    strengths : (N, S) complex strengths [Pa·m]; in each excitation, all N points emit at once. An
-        array of shape (N,) is a single excitation and is stored as (N, 1).
+    positions : (N, 3) positions in the frame of the scene [m], stored as float64.
+    strengths : (N, S) complex strengths [Pa·m]: the peak pressure at 1 m, and its phase. In each
+        excitation, all N points emit at once. An array of shape (N,) is a single excitation and is
+        stored as (N, 1).
 
     Raises
     ------

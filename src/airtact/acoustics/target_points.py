@@ -122,14 +122,20 @@ def polyline(
 def circle(
     centre: Vector, radius: float, spacing: float, normal: Vector = (0.0, 0.0, 1.0)
 ) -> Points:
-    """Return evenly spaced points (F, 3) on a circle, anticlockwise about the normal [m].
+    """Return evenly spaced points on a circle, such as for the foci of a ``Target``.
 
     Parameters
     ----------
-    centre : (3,) centre of the circle [m].
-    radius : radius of the circle [m].
-    spacing : largest distance between neighbours along the circle [m].
-    normal : (3,) direction perpendicular to the circle's plane.
+    centre : (3,) centre of the circle [m], in the frame in which the points are wanted.
+    radius : radius of the circle [m], above 0.
+    spacing : largest distance between neighbours along the circle [m], above 0. There are at least
+        3 points.
+    normal : (3,) vector of any length perpendicular to the circle's plane.
+
+    Returns
+    -------
+    (F, 3) points [m], anticlockwise as seen from the side to which the normal points. For the
+    default normal, the first point is at +x from the centre.
 
     Raises
     ------
@@ -241,25 +247,26 @@ def surface_points(
 
 
 def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
-    """Project points (P, 3) [m] onto a surface, and shift them outward along its normal.
+    """Project points onto a surface, and shift them outward along its normal.
 
-    Use the function to place a drawing on the hand.
+    Use the function to place foci, such as those of a drawing, just above the skin of a hand.
 
     Parameters
     ----------
-    points : (P, 3) points near the surface [m].
-    surface : the body.
+    points : (P, 3) points in the frame of the surface [m], inside or outside the body. Each is
+        moved to the nearest point of the surface.
+    surface : surface of the body, such as ``hand.surface``.
     offset : distance of the shifted points from the surface [m], 0 to 0.02.
 
     Returns
     -------
-    (P, 3) points at the given distance from the surface [m].
+    (P, 3) shifted points in the same order [m].
 
     Raises
     ------
     InvalidInput
-        If the offset is negative or above 20 mm, or if a shifted point is closer to the surface
-        than half of the offset, as in a crevice.
+        If the offset is outside its range, or if a shifted point is closer to the surface than half
+        of the offset, as in a crevice.
 
     Examples
     --------

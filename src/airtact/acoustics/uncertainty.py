@@ -38,34 +38,38 @@ _LIMITS = {
 class Uncertainty:
     """Standard deviations of the hand's pose, the air and the transducers.
 
-    All attributes are standard deviations, except ``velocity`` and ``dead``, and are 0 by
-    default.
+    ``ensemble`` draws random samples of them, for which ``robust`` computes a drive. All attributes
+    are standard deviations of normally distributed errors with mean 0, except ``velocity`` and
+    ``dead``, and are 0 by default.
 
     Attributes
     ----------
-    position : standard deviation of the hand's position along each of x, y and z [m].
+    position : standard deviation of the hand's position along each of x, y and z [m], up to 0.1.
     rotation : standard deviation of the angle by which the hand rotates about a random axis through
-        the middle of the foci [degree].
+        the middle of the foci [degree], up to 90.
     own_position, own_rotation : standard deviations of an additional, independent shift along each
         axis [m] and rotation [degree] of each body. A body rotates about the middle of its foci. A
         single body is treated as a hand in which each focus is on a separate bone that moves
         independently.
     along_skin : standard deviation of the position of each focus on its body, in each of two
-        directions along the surface [m].
-    age : standard deviation of the time between the measurement of the pose and the emission [s].
-        An older pose shifts the hand farther along ``velocity``.
-    velocity : (3,) velocity of the hand in the obstacles' frame [m/s].
-    temperature : standard deviation of the air's temperature [K].
-    humidity : standard deviation of the air's relative humidity, which is a fraction from 0 to 1.
-    gain : standard deviation of each element's amplitude, as a fraction of its nominal amplitude.
-    phase : standard deviation of each element's phase [degree].
-    dead : expected fraction of the elements that emit nothing.
+        directions along the surface [m], up to 0.1.
+    age : standard deviation of the time between the measurement of the pose and the emission [s],
+        up to 1. An older pose shifts the hand farther along ``velocity``.
+    velocity : (3,) velocity of the hand in the obstacles' frame [m/s], up to 20 in magnitude. It
+        only matters together with ``age``.
+    temperature : standard deviation of the air's temperature [K], up to 10.
+    humidity : standard deviation of the air's relative humidity, which is a fraction from 0 to 1;
+        up to 0.5.
+    gain : standard deviation of each element's amplitude, as a fraction of its nominal amplitude;
+        up to 0.5.
+    phase : standard deviation of each element's phase [degree], up to 90.
+    dead : probability that an element emits nothing, independent for each element; up to 0.9.
 
     Raises
     ------
     InvalidInput
-        If a value is not a number, is not finite, is negative or is implausibly large in its unit,
-        or if an angle is between 0 and 0.1 degrees and therefore probably in radians.
+        If a value is not a finite number, is negative or exceeds its limit, or if an angle is
+        between 0 and 0.1 degrees and therefore probably in radians.
 
     Examples
     --------

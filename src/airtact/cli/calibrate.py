@@ -89,13 +89,15 @@ def calibrate(
 
     ECHOES is an .h5 file with the pressures that the elements receive from each other, including
     the direct sound. It must be measured without bodies in the array. The boards must face each
-    other, and the codes that the elements emit must be linearly independent. The command writes a
-    calibration table. To use this table in a scene, set calibration = "calibration.csv" in [array].
+    other, and the codes that the elements emit must be linearly independent. The poses in the scene
+    file may be wrong by up to 2 mm and 1 degree. The command writes a calibration table. To use
+    this table in a scene, set calibration = "calibration.csv" in [array].
 
     With --scan, the argument is a scene file instead of ECHOES. The command then estimates the
-    sensitivity, the misalignment of the scans, and the gains that the scans determine. A scan is a
-    .csv file with the columns x, y, z (metres, in the obstacles' frame), pressure (pascals, peak)
-    and, if measured, phase (radians).
+    sensitivity of the elements, the rotation and shift of the scanned positions relative to the
+    obstacles' frame, and the gains that the scans determine. A scan is a .csv file with the columns
+    x, y, z (metres, in the obstacles' frame), pressure (pascals, peak) and, if measured, phase
+    (radians).
     """
     if scans:
         if simulate:

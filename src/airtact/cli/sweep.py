@@ -57,10 +57,12 @@ def sweep(
     """Compute the drive of SCENE for many values of its keys; write sweep.csv and sweep.html.
 
     PATH is a key of the scene file, such as foci[0].offset, medium.celsius or
-    obstacles[0].pose.translation[2]. If there is only one body of a kind, hand.gap,
-    pinch.gap or sphere.radius is sufficient. The result of each point is stored in the
-    folder, so the same command resumes an interrupted sweep. If a point fails, its row
-    contains the error.
+    obstacles[0].pose.translation[2]. If there is only one body of a kind, hand.gap, pinch.gap or
+    sphere.radius is sufficient. LOW and HIGH are the first and the last of COUNT evenly spaced
+    values, in the unit of the key. With several --vary, all combinations of their values are
+    computed; with --recording, all of them for each frame. The table has a row for each
+    combination, with the pressures at the foci. Results are stored in the folder, so the same
+    command resumes an interrupted sweep. If a combination fails, its row contains the error.
     """
     table = folder / "sweep.csv"
     page = folder / "sweep.html"

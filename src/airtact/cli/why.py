@@ -33,10 +33,12 @@ def why(
 ) -> None:
     """List the causes that reduce the pressure at each focus of SCENE, and the effect of each.
 
-    The first row is the largest pressure that the array can produce anywhere in open air. Each
-    further row adds the effect of one cause, such as the distance of the focus, the shadow of the
-    hand, the other foci, or rounding. The last line names the change that would increase the
-    pressure most.
+    SCENE is a scene file or the name of an example. The command computes its drive and prints a
+    table with a column for each focus. The first row is the largest pressure [Pa] that the array
+    can produce anywhere in open air. Each further row adds the effect of one cause, such as the
+    distance of the focus, the shadow of the hand, the other foci, or rounding, and shows the
+    pressure that remains and its change. The line below the table names the change of the scene
+    that would increase the pressure at the weakest focus most. Scenes with traps are not supported.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

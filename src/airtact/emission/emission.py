@@ -69,10 +69,11 @@ class Emission:
         scaled down. By default, each drive is limited to a level of 110 dB SPL at a head 0.5 m
         from the array in open air. Computing this limit takes about 50 ms for 1,000 elements.
         A cap of 1 allows full scale.
-    ramp : duration of the ramp [s].
-    patience : time without a call after which the boards are silenced [s].
+    ramp : duration of the ramp from silence to the first drive [s], 0 or more.
+    patience : time without a call after which the boards are silenced [s], above 0.
     log : file to which the link process writes one line per event: the time in seconds on the
-        clock of ``time.monotonic``, and the event.
+        clock of ``time.monotonic``, and the event. An earlier log is replaced; another file raises
+        ``InvalidInput``. By default, no log is written.
     resumes : whether the emission continues after the boards have been silenced because no call was
         made in time. The next drive then rises over a ramp. Otherwise the emission ends.
 
@@ -80,16 +81,17 @@ class Emission:
     ----------
     cap : largest amplitude of an element, as a fraction of full scale; it may be changed during the
         emission.
-    process : id of the process that opened the link; None before opening, or if it is this process.
+    process : id of the process that opened the link; None before opening, after the end, or if it
+        is this process.
     share : factor by which the ramp scaled the latest drive when it was sent; below 1 during a
         ramp.
 
     Raises
     ------
     InvalidInput
-        If the cap is not in the interval (0, 1], or a time is negative or not finite. Without a
-        cap, a drive is rejected if it is too loud for boards without amplitude levels, or if the
-        poses of several boards are unknown.
+        If the cap is not in the interval (0, 1], or a time is out of its range. Without a cap, a
+        drive is rejected if it is too loud for boards that only switch elements on and off, or if
+        the poses of several boards are unknown.
     """
 
     link: Link

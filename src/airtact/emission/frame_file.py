@@ -137,18 +137,23 @@ def write_frames(
 ) -> tuple[int, float | None]:
     """Write a drive or a sequence, rounded to the levels of the boards, to a file.
 
+    Use the function for boards that no link of the package supports, or to inspect what a link
+    would send. ``load_drive`` reads the file.
+
     Parameters
     ----------
-    path : file name that ends in .h5 or .bin (the bytes of the messages to the boards). An
-        existing file is replaced.
+    path : file name that ends in .h5 (the rounded amplitudes) or .bin (the bytes of the messages to
+        the boards, frame after frame). An existing file is replaced.
     sound : a sequence or a drive. A drive is written as a single frame, or as one period of its
         modulation.
-    board : name of the kind of board.
+    board : name of the kind of board, such as "autd3". The number of boards follows from the number
+        of elements.
     modulation : amplitude modulation applied to a drive; none by default.
-    seconds : duration of a sequence or a modulated drive [s]; by default, that of one repetition of
-        the sequence or one period of the modulation.
-    cap : largest amplitude of an element, as a fraction of full scale; larger drives are scaled
-        down.
+    seconds : duration of a sequence or a modulated drive [s], which is shortened or repeated to it;
+        by default, one repetition of the sequence or one period of the modulation. It is ignored
+        for a constant drive.
+    cap : largest amplitude of an element, as a fraction of full scale; above 0 and at most 1. A
+        drive or sequence that exceeds it is scaled down as a whole.
 
     Returns
     -------
@@ -157,8 +162,9 @@ def write_frames(
     Raises
     ------
     InvalidInput
-        If the drive does not fit the boards, the sequence or the modulation is too fast for them,
-        the cap is not in the interval (0, 1], or the file cannot be written.
+        If the board or the ending of the path is unknown, if the drive does not fit whole boards,
+        if the sequence or the modulation is too fast for them, if a sequence is modulated, if the
+        duration or the cap is out of its range, or if the file cannot be written.
     """
     path = Path(of_kind(path, str | Path, "the file of frames", "its path"))
     ending = checked_ending(path, (".h5", ".bin"), "frame")
@@ -170,6 +176,8 @@ def write_frames(
     if rate is not None:
         codec.check_rate(len(drives), rate, boards)
     factors = np.ones(1)
+    if modulation is not None and rate is not None:
+        raise InvalidInput("a sequence cannot be modulated: omit modulation.", code="options_clash")
     if modulation is not None:
         count, rate = frames_of_period(modulation.frequency, codec.fastest_frames(boards))
         factors = modulation.envelope(count)

@@ -359,17 +359,21 @@ class Link(ABC):
 
 
 class RecordingLink(Link):
-    """Link that only records the frames sent to it, for tests and trials.
+    """Link without boards that only records the frames sent to it, for tests and trials.
+
+    Pass it to ``Emission``, as any other link. Opening the link deletes earlier frames.
 
     Parameters
     ----------
-    board : name of the kind of board, such as "autd3".
-    boards : number of boards.
+    board : name of the kind of board to imitate, such as "autd3".
+    boards : number of boards, from 1 to the number that one link of this kind can drive.
 
     Attributes
     ----------
-    frames : frames that were sent.
-    seconds : time at which each frame was sent, measured from the opening of the link [s].
+    frames : list of the ``Frame`` objects that were sent, in order; each contains the levels of all
+        elements.
+    seconds : time at which each of these frames was sent, measured from the opening of the link
+        [s].
 
     Raises
     ------

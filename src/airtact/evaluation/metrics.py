@@ -132,14 +132,16 @@ def field_map(
 
     Returns
     -------
-    (P,) total pressure [Pa], NaN inside bodies.
+    (P,) complex peak value of the total pressure [Pa], NaN inside bodies (except filled ones) and
+    behind a rigid plane.
 
     Raises
     ------
     InvalidInput
         If the drive is silent or does not have as many elements as the array, if an element is
         inside a body, if a body is behind the face of a directional element, if a point is NaN,
-        infinite or on a source, or if an argument has the wrong type.
+        infinite or within 1 nm of a source, if the solver does not support the bodies, or if an
+        argument has the wrong type.
     """
     points = points_of(points, "points", least=0)
     # Check before the solve, because that may take a minute.

@@ -155,16 +155,20 @@ def load_scan(path: str | Path) -> Scan:
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """A scan and the pressures predicted at its positions, with a common scale factor.
+    """A scan and the pressures predicted at its N positions, with a common scale factor.
+
+    ``overlay_scan`` returns it. If no phase was measured, magnitudes are compared.
 
     Attributes
     ----------
-    scan : the measurement.
-    predicted : (N,) pressures [Pa], NaN where the prediction is not defined.
-    used : (N,) mask of the positions at which the prediction is defined.
-    scale : least-squares ratio of measured to predicted pressure; real and positive if no phase was
-        measured.
-    error : rms of the measured minus the scaled predicted pressure, divided by the measured rms.
+    scan : the measured ``Scan``.
+    predicted : (N,) complex predicted pressures, without the scale [Pa]; NaN at positions where a
+        body overlaps the microphone.
+    used : (N,) mask of the positions with a prediction; only these are compared.
+    scale : factor for the predicted pressures that fits the measured ones best by least squares, in
+        the unit of the scan per Pa; complex, but real and positive if no phase was measured.
+    error : rms of the difference between measured and scaled predicted pressures, divided by the
+        rms of the measured ones; 0 if they agree.
     """
 
     scan: Scan
@@ -310,23 +314,24 @@ def fitted(
 
 @dataclass(frozen=True)
 class Microphone:
-    """A round microphone at the end of a straight housing.
+    """A round microphone at the end of a straight housing, to predict what a scan measures.
 
-    A reading is the mean pressure over the face, or NaN if a body overlaps the face or the housing.
-    Scattering by the microphone is ignored.
+    A reading of ``read`` is the mean complex pressure over the face, or NaN if a body overlaps the
+    face or the housing. The position of the microphone is the centre of its face. Scattering by the
+    microphone is ignored.
 
     Attributes
     ----------
-    diameter : diameter of the face and the housing [m]; by default a quarter of an inch, as in
-        Inoue, Makino and Shinoda (2014), section 4.2.
-    axis : (3,) vector of any length that points outward from the face.
-    housing : length of the housing behind the face [m].
+    diameter : diameter of the face and the housing [m], above 0 and at most 0.02; by default a
+        quarter of an inch, as in Inoue, Makino and Shinoda (2014), section 4.2.
+    axis : (3,) vector of any length that points outward from the face, in the frame of the scene;
+        by default −z, so that the face looks down and the housing extends upward.
+    housing : length of the housing behind the face [m], 0 to 1.
 
     Raises
     ------
     InvalidInput
-        If the diameter is not above zero or exceeds 20 mm, if the axis has no length, or if the
-        length of the housing is not between 0 and 1 m.
+        If a length is outside its range, or the axis is not three numbers of which one is not 0.
     """
 
     diameter: float = 6.35e-3

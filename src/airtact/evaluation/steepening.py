@@ -33,13 +33,21 @@ NONLINEARITY = 0.4
 
 @dataclass(frozen=True, eq=False)
 class Steepening:
-    """Nonlinear steepening of the sound at F points.
+    """Nonlinear steepening of the sound at F points, which moves energy into harmonics.
+
+    Linear acoustics, as used by all solvers, overestimates strong pressures. Use ``kept`` for the
+    fraction of the pressure that remains. ``second`` and ``depletion`` are perturbation results,
+    which exceed the true values if the steepening is strong. They are NaN if no sound of the array
+    reaches the point directly.
 
     Attributes
     ----------
-    second : (F,) ratio of the second harmonic to the linear fundamental, by second-order theory.
-    depletion : (F,) lost fraction of the fundamental, by third-order theory.
-    doubt : (F,) relative error of the wave amplitudes that is caused by simplifying the bodies.
+    second : (F,) peak pressure of the second harmonic divided by that of the fundamental in linear
+        acoustics, by second-order theory.
+    depletion : (F,) fraction of the fundamental's pressure that is lost to harmonics, by
+        third-order theory.
+    doubt : (F,) relative error of the pressure that is caused by simplifying the bodies, compared
+        with the solved field; 0 if the simplification is exact.
     """
 
     second: Float64[np.ndarray, "points"]

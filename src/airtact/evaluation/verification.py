@@ -28,22 +28,24 @@ def radiation_pressure(
     velocity: Complex128[np.ndarray, "points 3"],
     medium: Medium,
 ) -> Float64[np.ndarray, "points"]:
-    """Return the mean pressure of sound on a sound-hard surface [Pa], positive inward.
+    """Return the acoustic radiation pressure on a sound-hard surface.
 
-    To second order the mean pressure is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2. No air crosses a hard surface at
-    rest. With peak values the mean pressure is therefore |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc.
+    This is the time average of the excess pressure, to second order ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2 with
+    density ρ and sound speed c. No air crosses a hard surface at rest. With the peak values P and U
+    of pressure and velocity, the average is therefore |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc.
     R. Soc. Lond. A 147, 212, 1934; T. Hasegawa, K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969).
     A plane wave of pressure p at normal incidence exerts 2⟨p²⟩/(ρc²) on a wall.
 
     Parameters
     ----------
     pressure : (P,) complex peak value of the total pressure on the surface [Pa].
-    velocity : (P, 3) complex peak value of the particle velocity along the surface [m/s].
+    velocity : (P, 3) complex peak value of the particle velocity, which is tangential to the
+        surface, such as ``field.velocity(points)[:, :, 0]`` [m/s].
     medium : the air.
 
     Returns
     -------
-    (P,) mean pressure [Pa].
+    (P,) radiation pressure [Pa]; positive values push the surface into the body.
 
     Examples
     --------
@@ -181,12 +183,14 @@ def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
 
 @dataclass(frozen=True, eq=False)
 class SideLobe:
-    """The strongest pressure away from the foci.
+    """The strongest pressure more than a wavelength from every focus, as found by ``verify``.
+
+    The search covers the surfaces of the bodies and the air up to two wavelengths beyond the foci.
 
     Attributes
     ----------
-    pressure : peak pressure [Pa].
-    point : (3,) position at which this pressure occurs [m].
+    pressure : peak value of the pressure [Pa].
+    point : (3,) position in the scene at which this pressure occurs [m].
     """
 
     pressure: float

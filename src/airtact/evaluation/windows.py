@@ -14,14 +14,16 @@ AXES = dict(zip("xyz", np.eye(3), strict=True))
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A rectangular grid of points in a plane.
+    """A rectangular grid of points in a plane, at which the field of a picture is evaluated.
 
     Attributes
     ----------
-    centre : (3,) centre of the rectangle [m].
-    right, up : (3,) unit vectors along the sides of the rectangle.
+    centre : (3,) centre of the rectangle in the scene [m].
+    right, up : (3,) perpendicular unit vectors along the sides of the rectangle, as seen in the
+        picture.
     width, height : lengths of the sides along ``right`` and ``up`` [m].
-    step : distance between neighbouring points [m].
+    step : intended distance between neighbouring points [m]. The actual distance along each side
+        differs slightly, so that points lie on all borders; each side has at least 2 points.
     """
 
     centre: Float64[np.ndarray, "3"]

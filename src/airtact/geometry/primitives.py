@@ -219,18 +219,22 @@ def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
 
     Parameters
     ----------
-    start, end : (3,) ends of the axis [m]; equal ends produce a sphere.
-    radius : radius of the capsule [m].
-    edge : longest edge of the triangles of its mesh [m].
+    start, end : (3,) ends of the axis, which are ``radius`` from the ends of the capsule [m]; equal
+        ends produce a sphere.
+    radius : radius of the capsule [m], above 0.
+    edge : longest edge of the triangles of its mesh [m], above 0. Solvers use the exact shape, so
+        the mesh only matters for pictures and files.
 
     Returns
     -------
-    The closed surface, with the capsule as its exact shape.
+    The closed ``Surface``, with the capsule as its exact shape, in the frame of ``start`` and
+    ``end``.
 
     Raises
     ------
     InvalidInput
-        If a length is not above zero or an end is not finite.
+        If the radius or the edge is not above zero, if an end is not finite, or if the capsule is
+        shorter than 0.5 mm or longer than 2 m in total.
     """
     first = point_of(start, "capsule start")
     last = point_of(end, "capsule end")

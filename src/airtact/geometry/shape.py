@@ -26,10 +26,15 @@ BEND = math.pi / 5
 class Shape(ABC):
     """The true surface of a body: an exact shape such as a sphere, or a curved mesh.
 
-    A shape measures the distance of points from the surface, projects points onto it, and covers it
-    with curved panels.
+    This is the abstract base class. ``Surface.shape`` contains an instance; solvers use it instead
+    of the flat triangles. A shape measures the distance of points from the surface, projects points
+    onto it, and covers it with curved panels. The arguments and results of all methods are in the
+    frame of the scene.
 
-    ``pose`` maps the frame in which the other attributes are given to the frame of the scene.
+    Attributes
+    ----------
+    pose : maps the shape's own frame, in which its attributes such as lengths along z are given, to
+        the frame of the scene.
     """
 
     pose: Pose

@@ -54,19 +54,22 @@ class Body:
 class Surface:
     """The surface of a body: a closed mesh of triangles, anticlockwise when seen from outside.
 
+    Functions such as ``sphere`` and ``load_surface`` return surfaces, and ``sound_hard`` and others
+    make bodies of them for a ``Scene``. Solvers replace the flat triangles by curved panels.
+
     Attributes
     ----------
-    vertices : (V, 3) positions of the vertices [m].
-    triangles : (T, 3) vertex indices.
-    midpoints : (T, 3, 3) points of the true surface at the middles of edges 01, 12, 20 [m]. If
-        None, the curvature of the panels follows from the normals of the triangles around each
-        vertex.
+    vertices : (V, 3) positions of the vertices [m], in the frame in which the body is used.
+    triangles : (T, 3) indices in ``vertices`` of the corners of each triangle.
+    midpoints : (T, 3, 3) points of the true surface at the middles of edges 01, 12, 20 of each
+        triangle [m]. If None, the curvature of the panels follows from the normals of the triangles
+        around each vertex.
     primitive : the exact shape that the triangles approximate, or None.
-    sharp_degrees : angle between neighbouring triangles above which their edge remains sharp
-        [degrees]; 0 keeps the triangles flat.
-    repairs : a sentence for each kind of damage that was repaired.
-    shape : the true surface, which is the exact shape if there is one, or else the curved
-        triangles.
+    sharp_degrees : angle between the normals of neighbouring triangles above which their edge
+        remains sharp [degrees], 0 to 180; 75 by default. 0 keeps the triangles flat.
+    repairs : a sentence for each kind of damage that ``load_surface`` repaired; empty by default.
+    shape : the true surface, which is ``primitive`` if there is one, or else the curved triangles;
+        computed, not passed.
 
     Raises
     ------

@@ -145,13 +145,16 @@ OWNER = np.array([0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4])
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """A position where the skins of two parts of a hand merge.
+    """A place where the skins of two parts of a hand touch, and are therefore merged into one skin.
+
+    Only parts that are separate in an open hand count. Skins less than 0.3 mm apart merge, and next
+    to such a place, skins less than 2 mm apart. ``Hand.touches`` lists all places of a hand.
 
     Attributes
     ----------
-    first, second : names of the parts.
-    gap : gap between their skins, negative if they overlap [m].
-    place : (3,) position midway between the skins [m].
+    first, second : names of the parts, such as "last phalanx of the thumb" and "palm".
+    gap : distance between their skins before they were merged, negative if they overlapped [m].
+    place : (3,) position midway between the skins, in the frame of the joints [m].
     """
 
     first: str

@@ -20,7 +20,16 @@ CLOUD_ENDINGS = (".ply", ".xyz")
 
 
 class Pose(msgspec.Struct, forbid_unknown_fields=True):
-    """A pose in a JSON file; ``joints`` are the names of the positions in WebXR order."""
+    """The contents of a JSON file with the pose of a hand; ``load_hand`` reads and checks it.
+
+    Attributes
+    ----------
+    positions_m : positions of 25 joints in WebXR order, 26 in OpenXR order or 21 in MediaPipe order
+        [m]. Their frame becomes the frame of the hand.
+    joints : the 25 names of WebXR in order; None if the file does not contain them.
+    radii_m : radius of the skin around each joint [m]; None for a generic hand of the same size.
+    side : "right" or "left"; None to infer the side from how the fingers bend.
+    """
 
     positions_m: list[tuple[float, float, float]]
     joints: list[str] | None = None
@@ -111,25 +120,29 @@ def _read_pose(path: Path) -> Pose:
 
 
 def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = None) -> Hand:
-    """Build a hand from the joints of the rig in a mesh file.
+    """Build a hand from the joints of the rig in a mesh file; the mesh itself is not used.
 
-    The nodes and their transforms are defined in *glTF 2.0* (Khronos Group), section 3.5.
+    The skin is a generic one around the joints. For the skin in the file, use ``load_surface`` and
+    ``places_on``. The nodes and their transforms are defined in *glTF 2.0* (Khronos Group), section
+    3.5.
 
     Parameters
     ----------
-    path : a GLB file with nodes that have the 25 joint names of WebXR.
-    scale : metres per unit of length in the file.
+    path : a GLB file with nodes that have the 25 joint names of WebXR, such as "wrist" and
+        "index-finger-tip". Other nodes are ignored.
+    scale : metres per unit of length in the file, above 0; 1 by default, as glTF specifies.
     side : ``"right"`` or ``"left"``; by default it is inferred from how the fingers bend.
 
     Returns
     -------
-    The hand, in metres, in the rest pose of the mesh.
+    The ``Hand``, in metres, in the pose of the nodes and in the frame of the file.
 
     Raises
     ------
     InvalidInput
-        If the file is unreadable, if its rig lacks joints, or if the joints do not form a plausible
-        hand.
+        If the file is unreadable, if its rig lacks joints, if the scale is not above 0, if the
+        joints do not form a plausible hand, or if they bend like those of the other side or too
+        little to infer the side.
     """
     of_kind(path, str | Path, "the path of a hand", "the name of a file")
     path = Path(path)

@@ -342,23 +342,26 @@ def hand_from_joints(
 
 
 def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
-    """Return the named positions of a hand on another surface of the same hand, such as a scan.
+    """Find the named positions of a hand on another surface of the same hand, such as a scan.
+
+    Use the function to place foci on a scanned skin by name, such as "index.pad".
 
     Parameters
     ----------
-    surface : surface of the hand, in the same coordinates as the joints.
-    hand : hand built from the joints.
+    surface : surface of the hand, in the frame and the pose of ``hand``.
+    hand : hand built from the joints of the scanned hand.
 
     Returns
     -------
-    A mapping from each name in ``hand.places`` to the nearest point (3,) of the surface [m] and the
-    outward unit normal (3,) at this point.
+    A mapping from each name in ``hand.places`` to a tuple: the point (3,) of the surface nearest to
+    the position on ``hand`` [m], and the outward unit normal (3,) at this point.
 
     Raises
     ------
     InvalidInput
-        If a position is more than 10 mm from the surface or its normal deviates by more than 60
-        degrees. Possible causes are joints in another frame or pose, and fingers that touch.
+        If a position on ``hand`` is more than 10 mm from the surface, or its normal deviates by
+        more than 60 degrees from that of the surface. Possible causes are joints in another
+        frame or pose, and fingers that touch.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as load_surface(path)")
     of_kind(hand, Hand, "the hand", "one Hand, such as load_rigged_hand(path)")

@@ -191,7 +191,12 @@ LAYOUT = {
 def load_echoes(path: str | Path) -> Echoes:
     """Read echoes from an HDF5 file written by ``Echoes.save`` or by another program.
 
-    The documentation of the module ``airtact.sensing.echoes`` lists the datasets of the file.
+    Pass the result to ``locate`` or ``calibrate``. The documentation of the module
+    ``airtact.sensing.echoes`` lists the datasets of the file.
+
+    Parameters
+    ----------
+    path : file name that ends in ``.h5``.
 
     Returns
     -------
@@ -200,8 +205,9 @@ def load_echoes(path: str | Path) -> Echoes:
     Raises
     ------
     InvalidInput
-        If the file is missing or unreadable, or has another format or version. If a dataset is
-        missing, or contains values that ``Echoes`` rejects, such as NaN or codes above full scale.
+        If the file is missing or unreadable, or has another ending, format or version. If a dataset
+        is missing, or contains values that ``Echoes`` rejects, such as NaN or codes above full
+        scale.
     """
     path = _checked_path(path)
     raw = datasets_of(path, LAYOUT, newest=2)

@@ -135,11 +135,14 @@ def locate(
 ) -> Located:
     """Find the rigid pose of bodies from echoes, and optionally the value of a shape parameter.
 
+    The echoes of the bodies are modelled for a pose, and the pose is changed by least squares until
+    they match the measured echoes.
+
     Parameters
     ----------
-    echoes : measured pressures minus those of the empty array.
-    scene : the bodies in their own frame; or a ``ScatteringFamily`` of bodies with one unknown
-        parameter, such as the gap of two fingers.
+    echoes : coded transmissions, and the received pressures minus those of the empty array.
+    scene : the bodies in their own frame, the air and the frequency; or a ``ScatteringFamily`` of
+        bodies with one unknown parameter, such as the gap of two fingers.
     array : the transducers in their own frame, in the same order as the codes.
     start : initial pose of the bodies in the array's frame, accurate to within about 5 mm and 8
         degrees.
@@ -151,8 +154,9 @@ def locate(
 
     Returns
     -------
-    A ``Located`` with the pose that matches the echoes best, and its uncertainty. Use it only if
-    its attribute ``converged`` is True.
+    A ``Located`` with the pose that matches the echoes best, which maps the frame of the bodies to
+    that of the array, and its uncertainty. Use it only if its attribute ``converged`` is True; a
+    search that fails raises no error.
 
     Raises
     ------

@@ -258,15 +258,19 @@ def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
 class ScatteringFamily:
     """Scattering matrices for one shape parameter, as returned by ``scattering_family``.
 
-    Each entry of the matrix is interpolated by the polynomial through Chebyshev points, which is
+    Pass a family to ``locate`` to find the parameter, such as the gap between two fingers, together
+    with the pose of the bodies. ``at`` returns the matrix for any value of the parameter. Each
+    entry of the matrix is interpolated by the polynomial through Chebyshev points, which is
     nearly optimal for smooth functions (L. N. Trefethen, Approximation Theory and Approximation
     Practice (2013), chapters 3 and 4). The polynomial also yields the derivative.
 
     Attributes
     ----------
-    low, high : smallest and largest value of the parameter.
-    start : initial value of the parameter for ``locate``.
-    matrices : the matrices at the N solved values, all about the same centre.
+    low, high : smallest and largest value of the parameter, in the unit of the function that was
+        passed to ``scattering_family``. The matrix is not accurate outside this range.
+    start : value of the parameter at which ``locate`` begins its search.
+    matrices : the N matrices at the solved values in increasing order, all with waves about the
+        same point. The values are Chebyshev points, so they lie inside the range.
     """
 
     low: float

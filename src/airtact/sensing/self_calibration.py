@@ -48,17 +48,21 @@ Squares = Float64[np.ndarray, "unknowns unknowns"]
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """Calibration of an array, as returned by ``calibrate``.
+    """Calibration of an array of E elements on B boards, as returned by ``calibrate``.
 
     Attributes
     ----------
-    array : the array with the corrected boards and the emission gains.
-    sound_speed : speed of sound [m/s].
-    motions : motion of each board from its assumed to its true pose, in the array's frame; board 0
-        does not move.
-    emission, reception : (E,) emission and reception gains; 0 for dead elements, and 1 in
-        ``reception`` for elements that do not receive. Only their products can be measured, so both
-        are scaled to the same mean.
+    array : the array at the estimated poses of its boards, with the emission gains; use it in place
+        of ``believed``.
+    sound_speed : estimated speed of sound [m/s].
+    motions : B poses that map the assumed positions of each board's elements to the estimated ones,
+        in the array's frame. Board 0 does not move, because a motion of the whole array cannot be
+        measured.
+    emission, reception : (E,) complex factors on the pressure that an element emits and on the one
+        that it reports, relative to an element with the nominal sensitivity; 0 for dead elements,
+        and 1 in ``reception`` for elements that do not receive. Only their products can be
+        measured, so both are scaled to the same mean (with two boards, separately for each
+        direction).
     covariance : (6 B − 5, 6 B − 5) covariance for boards 1 to B − 1 and for the sound speed [m/s],
         which comes last. The six entries of a board are the translation of its centre [m] and a
         small rotation about the centre [rad], along the array's axes.
@@ -71,8 +75,9 @@ class Calibrated:
     converged : whether the iteration converged with a misfit of at most 0.1. If False, do not
         use the result.
     steps : number of iteration steps.
-    believed : the array that was passed to ``calibrate``.
-    dead : indices of the elements that emit or receive less than a tenth of the median signal.
+    believed : the array with the assumed poses, as passed to ``calibrate``.
+    dead : indices of the elements that emit or receive less than a tenth of the median signal; they
+        are left out of the fit.
     """
 
     array: PhasedArray

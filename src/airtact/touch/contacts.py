@@ -161,16 +161,18 @@ def contact(
 
     Parameters
     ----------
-    hand : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to them, in the
-        frame of the objects.
-    objects : at most 64 virtual objects. Unnamed objects are called "object 1" and so
-        on.
-    offset : distance of the foci from the skin, outward [m], at most 0.1.
+    hand : a ``Hand``, a ``Surface``, a list of these (which may be mixed), or a mapping from names
+        to them. Their coordinates are those to which the objects' poses refer.
+    objects : one virtual object, or a sequence of up to 64. Unnamed objects are called "object 1"
+        and so on.
+    offset : distance from the skin, outward, at which ``Contacts.foci`` and ``Contacts.target``
+        place the foci [m], 0 to 0.1. It does not affect the contacts.
 
     Returns
     -------
-    ``Contacts`` with one contact for each connected part of a finger, palm or surface inside an
-    object; empty if nothing is touched.
+    ``Contacts`` with one contact for each connected part of a finger, palm, back of the hand or
+    surface inside an object; empty if nothing is touched. ``skin_of`` describes the names of these
+    parts.
 
     Raises
     ------

@@ -15,20 +15,25 @@ Indices = Int64[np.ndarray, "contacts"]
 
 
 class ContactArrays(NamedTuple):
-    """Contacts: connected pieces of skin inside an object, divided by finger or other part.
+    """Properties of C contacts, one array per property, as in ``Contacts.found``.
+
+    A contact is a connected piece of skin inside one object that belongs to one finger or other
+    part of the skin. A piece that spans several parts is divided into one contact per part.
 
     Attributes
     ----------
-    points : (C, 3) deepest point of each contact on the skin [m].
-    normals : (C, 3) outward unit normals at the deepest points.
-    depths : (C,) depths of the deepest points in the object [m].
+    points : (C, 3) point of the skin that is deepest in the object, which may lie between the
+        points of ``Skin`` [m].
+    normals : (C, 3) unit normals of the skin at these points, out of the hand.
+    depths : (C,) depths of these points in the object [m].
     areas : (C,) area of skin inside the object [m²].
-    objects : (C,) index of the touched object.
-    places : (C,) index of the part of the skin, such as a finger.
-    patches : (C,) index of the connected piece of skin, which may span several parts.
-    deepest : (C,) index of the skin point nearest to the deepest point.
-    members : for each contact, the indices of its skin points.
-    member_depths : for each contact, the depths of its skin points [m].
+    objects : (C,) index of the touched object among the objects that were passed.
+    places : (C,) index in ``Skin.places`` of the part, such as a finger.
+    patches : (C,) number of the connected piece of skin; equal for contacts that are parts of one
+        piece. The numbers are not consecutive.
+    deepest : (C,) index in ``Skin.points`` of the deepest of the contact's skin points.
+    members : for each contact, the indices in ``Skin.points`` of its skin points, deepest first.
+    member_depths : for each contact, the depths of its skin points in the same order [m].
     """
 
     points: Float64[np.ndarray, "contacts 3"]

@@ -35,19 +35,20 @@ Bodies = Hand | Surface | Sequence[Hand | Surface] | Mapping[str, Hand | Surface
 class Skin:
     """Points of the skin, and the properties that do not change as the skin moves.
 
-    ``skin_of`` builds the skin of a hand. For a moving hand, build it once and call ``moved``.
+    Contacts with virtual objects are found at these points. ``skin_of`` builds the skin of a hand.
+    For a moving hand, build it once and call ``moved``.
 
     Attributes
     ----------
-    points : (N, 3) positions of the points [m].
-    normals : (N, 3) outward unit normals.
-    areas : (N,) area that each point represents [m²].
-    triangles : (T, 3) indices of the points of each triangle.
-    places : names of the parts of the skin, such as fingers.
-    place : (N,) index of the part to which each point belongs.
+    points : (N, 3) positions of the points in the frame of the hand [m].
+    normals : (N, 3) unit normals of the skin that point out of the hand.
+    areas : (N,) area of skin that each point represents [m²].
+    triangles : (T, 3) indices in ``points`` of the corners of each triangle.
+    places : names of the parts of the skin, such as "index" or "palm".
+    place : (N,) index in ``places`` of the part to which each point belongs.
     neighbours : (N, K) indices of the points that share an edge with each point, padded with the
         index of the point itself; by default, derived from the triangles.
-    bodies : exact surface of the body to which each part belongs; None if unknown.
+    bodies : for each part in ``places``, the exact surface of its body; None if unknown.
     look : for a moved skin, a function that returns the signed distances (P,) [m] of
         points (P, 3) from its exact surface, and the outward unit normals (P, 3) there;
         None if unknown.

@@ -26,7 +26,9 @@ Points = Real[np.ndarray, "points 3"]
 class Solid(ABC):
     """A solid that skin can enter: the abstract base class of all shapes of virtual objects.
 
-    All lengths are in metres, in the solid's own frame.
+    Use a subclass, such as ``Box``, as the ``shape`` of a ``VirtualObject``. A subclass of your own
+    implements ``depth``, ``ball`` and ``mesh``. All points are in the solid's own frame [m], which
+    ``VirtualObject.pose`` places in the frame of the hand.
     """
 
     @abstractmethod
@@ -163,17 +165,21 @@ class Cylinder(Solid):
 
 @dataclass(frozen=True, eq=False)
 class HalfSpace(Solid):
-    """All points on or behind a plane.
+    """A solid of all points on or behind an infinite plane, such as a virtual table.
+
+    Points and vectors are in the solid's own frame, as for all ``Solid`` classes.
 
     Attributes
     ----------
-    point : (3,) any point on the plane [m].
-    normal : (3,) vector that points out of the solid; it need not have unit length.
+    point : (3,) any point on the plane [m], at most 2 m from the frame's origin.
+    normal : (3,) vector that points out of the solid; a vector of any length is stored with unit
+        length.
 
     Raises
     ------
     InvalidInput
-        If the point is more than 2 m from the origin or the normal is zero.
+        If the point is farther than 2 m from the origin, if the normal is zero, or if a number is
+        NaN or infinite.
 
     Examples
     --------

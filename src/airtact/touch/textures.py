@@ -58,18 +58,24 @@ class Grating:
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """An image of heights in the xy plane of an object, centred at its origin.
+    """A texture given by an image of heights in the xy plane of an object's own frame.
+
+    The image is centred at the frame's origin and is the same for all z. At a point of contact, the
+    strength of the touch is multiplied by the height, so 0 is silent. Between the values, heights
+    are interpolated linearly; beyond the image, the values at its border continue.
 
     Attributes
     ----------
-    values : (R, C) heights from 0 to 1; rows run along y and columns along x.
-    width : extent along x [m], at most 2.
+    values : (R, C) heights from 0 to 1, with at least 2 rows and columns. Columns follow each other
+        along +x, and rows along +y, so the first row has the smallest y.
+    width : distance along x from the first to the last column [m], above 0 and at most 2. Rows are
+        as far apart as columns.
 
     Raises
     ------
     InvalidInput
-        If the values are not an array of at least 2 by 2 values between 0 and 1, or the width is
-        out of range.
+        If the values have another shape or are outside 0 to 1, or if the width is outside its
+        range.
 
     Examples
     --------

@@ -103,24 +103,24 @@ def potential(
 ) -> Float64[np.ndarray, "points"]:
     """Return Gor'kov's potential of a bead at points; its negative gradient is the force.
 
-    The potential neglects streaming, viscosity, weight, and echoes of the sound that the bead
-    scatters.
+    Beads collect at its minima, as ``find`` computes. The potential neglects streaming, viscosity,
+    weight, and echoes of the sound that the bead scatters. See ``force`` for its accuracy.
 
     Parameters
     ----------
     scene : the air and the bodies in it.
     array : transducers in the frame of the scene.
     drive : drive of the array.
-    points : (P, 3) positions of the centre of the bead [m].
-    radius : radius of the bead [m], at most an eighth of a wavelength.
-    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
-        those of expanded polystyrene.
+    points : (P, 3) positions of the centre of the bead in the scene [m].
+    radius : radius of the bead [m], above 0 and at most an eighth of a wavelength.
+    density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
+        of the bead, which is treated as a fluid sphere; by default, those of expanded polystyrene.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.
 
     Returns
     -------
-    (P,) potential at each point [J].
+    (P,) potential at each point relative to silence [J].
 
     Raises
     ------
@@ -390,18 +390,21 @@ def stiffness_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.nda
 class Verdict:
     """Verdict on whether a point traps a bead, with the values on which it is based.
 
+    ``verdict`` returns one per point. The attribute ``is_trap`` is the answer, and printing the
+    verdict shows the reasons. Vectors are in the frame of the scene.
+
     Attributes
     ----------
     point : (3,) position of the centre of the bead [m].
-    force : (3,) radiation force at the point [N].
-    stiffness : (3, 3) stiffness matrix [N/m].
-    shift : (3,) vector from the point to the equilibrium [m], estimated from force and
-        stiffness.
-    holds : ratio of the holding force to the weight of the bead. The holding force is the largest
-        restoring force within a quarter of a wavelength of the point, along the weakest of the six
-        directions ±x, ±y and ±z.
+    force : (3,) radiation force on the bead at the point, without its weight [N].
+    stiffness : (3, 3) stiffness matrix at the point, as returned by ``stiffness`` [N/m].
+    shift : (3,) vector from the point to the place where the radiation force is zero [m], estimated
+        by dividing the force by the stiffness.
+    holds : ratio of the holding force to the weight of the bead; a trap needs more than 1. The
+        holding force is the largest restoring force within a quarter of a wavelength of the point,
+        along the weakest of the six directions ±x, ±y and ±z; 0 if there is none.
     excess : relative amount by which Gor'kov's potential overestimates force and stiffness for this
-        bead.
+        bead; 0.1 is 10 %. The other attributes are not corrected.
     wavelength : wavelength of the sound [m].
     """
 

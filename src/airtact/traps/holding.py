@@ -195,27 +195,30 @@ def hold(
     ----------
     scene : the air and the bodies in it.
     array : transducers in the frame of the scene.
-    points : (T, 3) positions of the traps [m]. Traps shift each other slightly; ``find`` returns
-        the positions at which the beads come to rest.
+    points : (T, 3) positions of the traps in the scene [m]. Traps shift each other slightly;
+        ``find`` returns the positions at which the beads come to rest.
     kind : kind of all traps. "twin" has two lobes of opposite phase, one on each side of the bead
         along ``axis``; "vortex" has a ring of high pressure around ``axis``, along which the phase
         increases by 2π.
     axis : (3,) direction of the axis of all traps, a vector of any length. Between boards that face
         each other, use "twin" along the normal of the boards.
     foci : (F, 3) additional foci on the skin [m]; none by default.
-    focus_share : pressure at the foci divided by the pressure at the lobes of the traps.
+    focus_share : pressure at the foci divided by the mean pressure at the lobes of the traps, at
+        least 0. The lobes are a sixth of a wavelength from the bead.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.
 
     Returns
     -------
-    The drive that maximises the pressure at the weakest trap or focus.
+    The ``Drive`` that maximises the pressure at the weakest trap or focus, relative to
+    ``focus_share``. The strongest element is at full scale.
 
     Raises
     ------
     InvalidInput
-        If a focus or a lobe of a trap is in a body or behind the array, if the kind is unknown, or
-        if the axis is zero.
+        If a focus or a lobe of a trap is in a body or behind the array, if there are more traps and
+        foci than elements, if the kind is unknown, if the axis is zero, or if ``focus_share`` is
+        negative.
 
     Examples
     --------
@@ -460,7 +463,8 @@ def path(
 ) -> Sequence:
     """Return a sequence of drives that carries a bead along straight lines and back.
 
-    A bead follows if the next trap is closer than the distance at which the trap's restoring force
+    Each frame contains a single trap, and the trap moves by one step from frame to frame. A bead
+    follows if the next trap is closer than the distance at which the trap's restoring force
     peaks. In a standing wave, this distance is an eighth of a wavelength. For each frame, the
     function checks that the trap can hold more than the bead's weight. It also checks that the
     bead's previous resting position is nearer to the trap than the peak of the restoring force.
@@ -470,13 +474,14 @@ def path(
     ----------
     scene : the air and the bodies in it.
     array : transducers in the frame of the scene.
-    corners : (C, 3) corners of the path [m]. The sequence repeats, so the bead returns the same way
-        unless the last corner equals the first.
-    kind : kind of the trap, "twin" or "vortex".
+    corners : (C, 3) at least 2 corners of the path in the scene [m]. The sequence repeats, so the
+        bead returns the same way unless the last corner equals the first.
+    kind : kind of the trap, "twin" or "vortex", as for ``hold``.
     axis : (3,) direction of the axis of the trap, a vector of any length.
-    speed : speed of the bead during the longest step [m/s].
+    speed : speed of the bead during the longest step [m/s], above 0 and at most 10. The rate is the
+        same for all frames, so the bead is slower during shorter steps.
     share : largest step between frames, as a fraction of the distance at which the restoring force
-        peaks; at most 0.9.
+        peaks; above 0 and at most 0.9.
     radius : radius of the bead [m], at most an eighth of a wavelength.
     density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
         those of expanded polystyrene.
@@ -485,14 +490,15 @@ def path(
 
     Returns
     -------
-    A ``Sequence`` of the drives along the path, with the frame rate that results from ``speed``.
+    A ``Sequence`` of the drives along the path. Its frame rate is ``speed`` divided by the longest
+    step.
 
     Raises
     ------
     InvalidInput
-        If the bead would be lost between two frames, if there are fewer than two corners, if the
-        kind is unknown, if the axis is zero, or if a number is out of range. Also if the trap or
-        one of its lobes would be in a body or behind the array.
+        If the bead would be lost between two frames, if no two corners differ, if the kind is
+        unknown, if the axis is zero, or if a parameter is outside its range. Also if the
+        trap or one of its lobes would be in a body or behind the array.
 
     Examples
     --------

@@ -89,13 +89,18 @@ class SolveReport:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceField:
-    """Pressure on the surfaces of the bodies, at the N points where the solver computes it.
+    """Pressure on the surfaces of all bodies, at the N points where the solver computes it.
+
+    ``RadiatedField.on_surface`` returns it. There are no points if the scene has no bodies or the
+    solver does not compute the pressure on surfaces. The solver chooses the points.
 
     Attributes
     ----------
-    points, normals : (N, 3) points on the surfaces [m], and (N, 3) outward unit normals.
-    areas : (N,) area that each point represents [m²].
-    pressure : (N, S) total pressure of each of the S excitations at each point [Pa].
+    points, normals : (N, 3) points on the surfaces in the frame of the scene [m], and (N, 3) unit
+        normals that point out of the bodies.
+    areas : (N,) area that each point represents [m²], for integrals over the surfaces.
+    pressure : (N, S) complex peak value of the total pressure of each of the S excitations at each
+        point [Pa].
     """
 
     points: NodePoints
@@ -362,10 +367,11 @@ class OpenAirField(RadiatedField):
 
 @dataclass(frozen=True)
 class FreeField(Solver):
-    """Solver for scenes without bodies: spherical waves, and their images in a rigid plane.
+    """Closed-form solver for scenes without bodies: spherical waves, and their images in a plane.
 
-    The plane is taken from ``Scene.planes``. Scenes with bodies raise ``InvalidInput``; solve them
-    with ``BoundaryElement``.
+    Pass an instance to ``render`` or ``field_map``, or call ``radiate``. There are no settings. The
+    rigid plane, if any, is taken from ``Scene.planes``. For a scene with bodies, ``radiate`` raises
+    ``InvalidInput``; use ``BoundaryElement`` instead.
 
     Examples
     --------

@@ -156,14 +156,16 @@ def fit_hand(
 
     Parameters
     ----------
-    points : (N, 3) points of the skin, with noise, holes and outliers [m].
-    landmarks : (25, 3) inaccurate joints in WebXR order, or (21, 3) in MediaPipe and Leap order
-        [m].
+    points : (N, 3) points of the skin, with noise, holes and outliers [m]. At least 200 must be
+        within 45 mm of the bones between the landmarks; others, and those of the forearm, are
+        ignored.
+    landmarks : (25, 3) joints in WebXR order, or (21, 3) in MediaPipe and Leap order, in the frame
+        of the points and wrong by up to about 20 mm [m].
     side : ``"right"`` or ``"left"``; by default it is inferred from the landmarks if the fingers
         bend enough.
-    camera : (3,) position from which all points were seen [m]. Points are then matched only to skin
-        that faces the camera, and the hand stays within the observed silhouette. Omit it if the
-        points were measured from several directions.
+    camera : (3,) position, in the frame of the points, from which all of them were seen [m]. Points
+        are then matched only to skin that faces the camera, and the hand stays within the observed
+        silhouette. Omit it if the points were measured from several directions.
     before : result for the previous frame. Its pose is the initial guess, and its anatomy is used
         unless ``anatomy`` is given.
     anatomy : sizes of the person's hand, from an earlier fit. They stay fixed if they were learned
@@ -173,15 +175,17 @@ def fit_hand(
 
     Returns
     -------
-    A ``FittedHand`` that contains the hand, its closed skin, the standard deviations of the joints
-    and the sizes learned so far.
+    A ``FittedHand`` that contains the hand in the frame of the points, its closed skin, the
+    standard deviations of the joints and the sizes learned so far.
 
     Raises
     ------
     InvalidInput
         If landmarks are missing, NaN, in millimetres, swapped or implausible, if the side is
-        unclear, if the camera is among the points, or if no hand matches the points. Also if the
-        cloud is too small, is in millimetres, is far from the landmarks or contains another body.
+        unclear, if a point is less than 30 mm in front of the camera, if less than 80 % of the
+        points are within 6 mm of the fitted hand, or if a joint is more than 30 mm from its
+        landmark. Also if the cloud has too few points near the landmarks, is in millimetres, or has
+        more than 30 % of its points elsewhere, as of another body.
     """
     joints = joints_of(landmarks, LANDMARK_TOLERANCE)
     check_finger_order(joints, LANDMARK_TOLERANCE)

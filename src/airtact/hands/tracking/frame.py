@@ -60,13 +60,16 @@ class FaultyFrame(InvalidInput):
 
 @dataclass(frozen=True, eq=False)
 class HandFrame:
-    """A hand at one instant.
+    """A tracked hand at one instant, in the frame of reference of the tracker.
+
+    A frame with neither landmarks nor cloud states that the tracker lost the hand (see ``lost``).
 
     Attributes
     ----------
-    time : time on the tracker's clock [s].
-    side : ``"left"`` or ``"right"``, in upper or lower case.
-    sequence : number of the frame, which increases by one for each frame of the same hand.
+    time : time at which the image was taken, on the tracker's clock [s]; only differences matter.
+    side : ``"left"`` or ``"right"``; upper case is converted to lower case.
+    sequence : number of the frame, 0 to 2^53, which increases by one for each frame of the same
+        hand.
     landmarks : (25, 3) joints in WebXR order, (26, 3) in OpenXR order, of which the palm is
         dropped, or (21, 3) in MediaPipe and Leap order [m]; None if unknown.
     cloud : (P, 3) points of the hand's skin [m]; None if there are none.
@@ -74,8 +77,9 @@ class HandFrame:
     Raises
     ------
     InvalidInput
-        Raised as the subclass ``FaultyFrame`` if the time, side or sequence number is invalid, or
-        if landmarks are NaN, in millimetres, too few or too many, or have implausible bone lengths.
+        Raised as the subclass ``FaultyFrame`` if the time, side or sequence number is invalid, if
+        landmarks are NaN, in millimetres, too few or too many, or have implausible bone lengths, or
+        if the cloud contains NaN or spans more than 20 m.
         Landmarks of the other hand raise no error, because ``HandStream`` needs many frames to
         recognise them.
     """

@@ -52,22 +52,25 @@ def to_json(frame: HandFrame) -> bytes:
 
 
 def from_json(text: bytes | str) -> HandFrame:
-    """Read a frame from a JSON message.
+    """Read a frame of a tracked hand from a JSON message, the inverse of ``to_json``.
 
     Parameters
     ----------
-    text : an object with the keys ``time`` [s], ``side`` and ``sequence`` and, optionally,
-        ``landmarks`` [m] and ``cloud`` [m], as written by ``to_json``. Other keys are ignored.
+    text : a JSON object with the keys of the attributes of ``HandFrame``: ``time`` [s], ``side``
+        and ``sequence`` and, optionally, ``landmarks`` and ``cloud``, which are lists of [x, y, z]
+        in the tracker's frame [m]. Landmarks may also be 4 x 4 matrices of the joints. Other keys
+        are ignored. If both optional keys are missing, null or empty, the hand is lost.
 
     Returns
     -------
-    The frame.
+    The ``HandFrame``; its attribute ``lost`` is True for a lost hand.
 
     Raises
     ------
     InvalidInput
-        Raised as the subclass ``FaultyFrame`` if the text is not a frame in JSON, or if the frame
-        is faulty, for example because landmarks are NaN or in millimetres.
+        Raised as the subclass ``FaultyFrame`` if the text is not a frame in JSON, or if
+        ``HandFrame`` rejects the values, for example because landmarks are null, NaN or in
+        millimetres.
     """
     raw = text.encode() if isinstance(text, str) else text
     try:

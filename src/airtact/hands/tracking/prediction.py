@@ -63,23 +63,26 @@ class NoiseEstimate:
 class Predictor:
     """Prediction of the landmarks of one hand by a Kalman filter of an articulated hand.
 
-    Call ``take`` with each frame, then ``at`` with the time from which to predict.
+    The filter also reduces the noise of the tracker. Call ``take`` with each frame, then ``at``
+    with the time from which to predict; ``at`` returns the ``HandFrame`` expected ``latency``
+    later. Use a separate predictor for each hand.
 
     Parameters
     ----------
-    latency : time from a frame to the arrival of the sound computed from it [s].
-    noise : standard deviation of each coordinate of the tracker's landmarks [m], or None to
-        estimate it from the frames.
-    agility : standard deviation of the palm's acceleration [m/s²]. The standard deviations of the
-        joints' accelerations are proportional to it. All of them are increased while the hand
-        accelerates more strongly.
+    latency : time from a frame to the arrival of the sound computed from it [s], 0 to 1.
+    noise : standard deviation of each coordinate of the tracker's landmarks [m], above 0, or None
+        to estimate it from the frames.
+    agility : standard deviation of the palm's acceleration [m/s²], above 0; 0.5 by default. Larger
+        values follow fast motions better and smooth less. The standard deviations of the joints'
+        accelerations are proportional to it. All of them are increased while the hand accelerates
+        more strongly.
     patience : time without frames after which the hand is treated as lost and the filter restarts
-        [s].
+        with the next frame [s], above 0.
 
     Raises
     ------
     InvalidInput
-        If the latency is not between 0 and 1 s, or another number is not above zero.
+        If a parameter is outside its range.
     """
 
     def __init__(

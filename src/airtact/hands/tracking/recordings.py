@@ -134,17 +134,22 @@ def _of_other_program(path: Path) -> tuple[list[Item], str]:
 
 
 def save_recording(path: str | Path, frames: Iterable[HandFrame]) -> None:
-    """Write a recording. An existing file is replaced once the new one is complete.
+    """Write frames of tracked hands to a file, which ``load_recording`` reads.
+
+    The file has one line per frame, as written by ``to_json``. An existing file is replaced once
+    the new one is complete.
 
     Parameters
     ----------
-    path : file name that ends in ``.jsonl``; coordinates are rounded to micrometres.
-    frames : frames in the order of their arrival.
+    path : file name that ends in ``.jsonl``.
+    frames : frames in the order of their arrival; those of both hands may alternate. They are
+        not changed, except that coordinates are rounded to micrometres.
 
     Raises
     ------
     InvalidInput
-        If there are no frames, or the file name does not end in ``.jsonl``.
+        If there are no frames, the file name does not end in ``.jsonl``, or the file cannot be
+        written.
     """
     path = Path(path)
     frames = tuple(frames)

@@ -77,20 +77,25 @@ def register(
     offset: float | None = float(GENERIC_RADII[INDEX_TIP]),
     scale: float | None = 1.0,
 ) -> Registration:
-    """Find the pose of a tracker in a scene from touches of known points.
+    """Find the pose of a hand tracker in a scene from touches of known points with a fingertip.
 
     The pose is fitted by least squares. A touch is excluded as an outlier if its distance from its
-    point is more than 5 times the rms distance of the other touches when the pose is fitted only to
-    these. At most one touch is excluded; ``Registration.repeat`` is its index.
+    point is more than 2 mm and more than 5 times the rms distance of the other touches when the
+    pose is fitted only to these. At most one touch is excluded, and only if there are more than 3
+    touches (plus one for each of ``offset`` and ``scale`` that is None); ``Registration.repeat`` is
+    its index.
 
     Parameters
     ----------
     touched : (T, 3) at least 3 positions of the fingertip's joint in the tracker's frame [m].
-    points : (T, 3) touched points in the scene, not all on one line [m].
-    normals : (T, 3) outward unit normals of the touched faces.
-    offset : distance between the joint and a touched face [m]. None determines it from the touches,
+    points : (T, 3) points of the scene that were touched, in the same order [m]. One must be at
+        least about 20 mm from the line through the others.
+    normals : (T, 3) unit normals of the touched faces in the frame of the scene, toward the finger.
+    offset : distance between the joint and a touched face [m], 0 to 0.05; by default the radius of
+        the tip of the index finger of a generic hand, 6.6 mm. None determines it from the touches,
         which requires faces in different directions.
-    scale : factor by which to multiply the tracker's lengths; None determines it from the touches.
+    scale : factor by which to multiply the tracker's lengths, 1 by default; None determines it from
+        the touches.
 
     Returns
     -------
@@ -101,9 +106,9 @@ def register(
     Raises
     ------
     InvalidInput
-        If there are fewer than 3 touches, if the points are in one line, if the offset is not
-        between 0 and 50 mm or cannot be distinguished from a shift of the tracker, or if the
-        touches contradict each other by more than 10 mm and no single touch is the cause.
+        If there are fewer than 3 touches, if the points are in one line, if the offset is outside
+        its range or cannot be distinguished from a shift of the tracker, or if the rms of the
+        residuals is more than 10 mm and no single touch is the cause.
 
     Examples
     --------

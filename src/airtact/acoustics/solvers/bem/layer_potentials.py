@@ -425,7 +425,7 @@ class Located:
 
 
 def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> Located:
-    """Locate points relative to the panels.
+    """Determine which points are outside the bodies, on their panels, or near panels.
 
     Away from the panels, points are classified by the solid angle, or by the scene's signed
     distance if all bodies are spheres or capsules. Near the panels, they are classified by the
@@ -433,6 +433,17 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
     the surface are projected onto a panel if they touch it. Otherwise, they are classified by the
     solid angle, with accurate integrals over near panels. Points behind a plane are not classified
     as outside.
+
+    Parameters
+    ----------
+    scene : the bodies and the planes.
+    nodes : quadrature nodes of the panels that cover all bodies.
+    points : (P, 3) points in the frame of the scene [m].
+    near_rule : settings that define which panels are near a point.
+
+    Returns
+    -------
+    A ``Located`` with the points, of which those in contact are moved onto a panel, and masks (P,).
     """
     positions = np.array(points, dtype=np.float64)
     contact = np.zeros(len(positions), dtype=bool)

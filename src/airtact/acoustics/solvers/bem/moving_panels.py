@@ -53,20 +53,22 @@ from airtact.geometry.mesh.triangles import QuadraticTriangles
 
 @dataclass(frozen=True, eq=False)
 class MovingPanels:
-    """Panels of one body, which can be moved before each solve.
+    """T boundary element panels of one body, which can be moved before each solve.
 
-    ``BoundaryElement.moving_panels`` creates them.
+    ``BoundaryElement.moving_panels`` creates them; the live loop uses them for a bending hand. The
+    attributes describe the panels before any motion, in the frame of the scene.
 
     Attributes
     ----------
-    corners : corners and edge midpoints of the panels [m].
-    inside : second collocation points of the dual-surface equation, two inside the body for each
-        panel [m].
-    deviation : distance of the panels from the true surface [m].
-    admittance : ρc/Z of the panels; 0 for sound-hard panels.
-    wavenumber : wavenumber of the sound [rad/m].
-    near_rule : integration rule for near panels.
-    low_rank_error : allowed error of the matrix's low-rank blocks (see ``assemble``).
+    corners : (T, 6, 3) corners (the first three) and edge midpoints of each panel [m].
+    inside : (2 T, 3) second collocation points of the dual-surface equation [m]. Points 2 t and
+        2 t + 1 lie inside the body, near panel t.
+    deviation : (T,) distance of each panel from the true surface [m].
+    admittance : (T,) complex ρc/Z of each panel, with surface impedance Z; 0 if it is sound-hard.
+    wavenumber : complex wavenumber of the sound [1/m]; its imaginary part is the absorption.
+    near_rule : integration rule for panels near a point.
+    low_rank_error : allowed error of the matrix's low-rank blocks relative to its identity term
+        (see ``assemble``).
     """
 
     corners: QuadraticTriangles
