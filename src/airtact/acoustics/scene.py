@@ -77,8 +77,8 @@ class Plane:
     def kept_by(self, motion: Pose) -> bool:
         """Return whether a rigid motion maps the plane onto itself.
 
-        Shifts along the plane are such motions. A field solved in front of the plane remains valid
-        if all bodies move in this way.
+        A shift along the plane is an example. A field solved in front of the plane remains valid if
+        all bodies move in this way.
         """
         turned = motion.rotate(self.normal[None])[0]
         height = self.height(motion.apply(self.point[None]))[0]

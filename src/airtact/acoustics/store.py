@@ -213,8 +213,8 @@ class Stored(Solver):
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Return the field of the monopoles, read from the folder if possible, otherwise solved.
 
-        The method raises the errors of the solver. If the field was read from the folder,
-        ``store`` is the only step in ``seconds`` of its report.
+        Errors raised by the solver are passed on. If the field was read from the folder, ``store``
+        is the only step in ``seconds`` of its report.
         """
         begun = time.perf_counter()
         try:

@@ -88,10 +88,10 @@ def calibrate(
     """Estimate the poses of a scene's boards, the gains of the elements and the sound speed.
 
     ECHOES is an .h5 file with the pressures that the elements receive from each other, including
-    the direct sound. It must be measured without bodies in the array. The boards must face each
-    other, and the codes that the elements emit must be linearly independent. The poses in the scene
-    file may be wrong by up to 2 mm and 1 degree. The command writes a calibration table. To use
-    this table in a scene, set calibration = "calibration.csv" in [array].
+    the direct sound. The pressures must be measured without bodies in the array. The boards must
+    face each other, and the codes that the elements emit must be linearly independent. The poses in
+    the scene file may be wrong by up to 2 mm and 1 degree. The command writes a calibration table.
+    To use this table in a scene, set calibration = "calibration.csv" in [array].
 
     With --scan, the argument is a scene file instead of ECHOES. The command then estimates the
     sensitivity of the elements, the rotation and shift of the scanned positions relative to the

@@ -227,7 +227,8 @@ class Stalled(UserWarning):
 
     Attributes
     ----------
-    reached : smallest ratio of pressure to request, divided by its certified upper bound.
+    reached : ratio of pressure to requested pressure at the weakest focus, divided by the certified
+        upper bound on this ratio.
     """
 
     def __init__(self, sentence: str, reached: float) -> None:
@@ -236,7 +237,7 @@ class Stalled(UserWarning):
 
 
 def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) -> Drive:
-    """Compute the drive with the most pressure at the weakest focus, for any phases at the foci.
+    """Compute the drive that maximises the pressure at the weakest focus.
 
     The method first solves the semidefinite relaxation of ``upper_bound`` (Inoue, Makino and
     Shinoda, IEEE World Haptics 2015), in which every element may emit several signals in turn. It

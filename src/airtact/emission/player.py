@@ -56,8 +56,8 @@ class Cycle:
 class Player:
     """Playback of drives on a link, in small steps. Every command returns at once.
 
-    ``Emission`` calls the methods without an underscore by name. ``step`` does the work that is
-    due. If a step fails, its error is raised by the next command that resets the watchdog.
+    ``Emission`` selects the public methods by their names. ``step`` does the work that is due. If a
+    step fails, its error is raised by the next command that resets the watchdog.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ class Player:
     ) -> tuple[Frame, float, float]:
         """Start to repeat several drives, or one drive multiplied by several factors.
 
-        A ``rate`` above 0 ends any modulation. If the number of frames stays the same, playback
-        continues at the same position.
+        If ``rate`` is above 0, the current modulation ends. If the number of frames stays the same,
+        playback continues at the same position.
 
         Parameters
         ----------

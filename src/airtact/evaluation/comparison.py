@@ -401,8 +401,8 @@ def headline(
     ----------
     comparison : comparison whose first drive considers the bodies. It may contain a second drive,
         which uses the same method but ignores the bodies.
-    drive : the emitted drive, which considers the bodies. If it is at full scale, the two drives
-        are compared at equal peak, and otherwise at equal energy.
+    drive : the emitted drive, which considers the bodies. If it is at full scale, the drives of the
+        comparison are compared at equal peak, and otherwise at equal energy.
     word : word that the sentence uses for the bodies, such as "hand".
     foci : a name for each focus. The sentence names the focus whose pressure decreases most and, if
         the requests differ, the weakest focus.

@@ -38,7 +38,8 @@ class Look(NamedTuple):
     distance : (P,) distance from the skin [m], negative inside.
     gradient : (P, 3) gradient of the distance at constant blend radius.
     bend : (P,) radius of curvature of the skin [m].
-    facing : (P,) distance [m] from the closest hull that must stay separate from the nearest hull.
+    facing : (P,) distance [m] from the closest of the hulls that must stay separate from the hull
+        nearest to the point, such as those of the other fingers.
     nearest : (P,) index of the nearest hull.
     """
 
@@ -60,7 +61,7 @@ class Hulls:
 
     Attributes
     ----------
-    balls : (B, 4) centres and radii [m].
+    balls : (B, 4) centre and radius of each ball [m].
     parts : (H, 3) indices of the two or three balls of each hull; the third is -1 for two balls.
     blend : (H, H) blend radius of skins that face each other [m]; 0 for no blending.
     apart : (H, H) 1 for pairs of hulls that stay separate, such as those of two fingers; 0 for
@@ -175,7 +176,7 @@ class Touch:
 
 
 def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
-    """Build the hulls of a hand, and list the parts that merge here but not in an open hand."""
+    """Build the hulls of a hand, and list the parts that merge only because of its pose."""
     scale = hand_length(joints) / GENERIC_LENGTH
     # The blend radii were tuned on the generic hand. The ball of the web is thinner than the thumb.
     thumb = np.append(0.5 * (joints[1] + joints[2]), 0.4 * (radii[1] + radii[2]))

@@ -107,7 +107,7 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Return the diameters (P,) [m] of balls that fit inside at each point.
+        """Return the diameter (P,) [m] of a ball in the body that touches the skin at each point.
 
         The diameters are limited to ``largest`` [m].
         """

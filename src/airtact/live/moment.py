@@ -165,7 +165,7 @@ class DriveMaker(ABC):
     def feel(  # noqa: B027 (some makers have fixed foci)
         self, objects: Sequence[VirtualObject], foci: "Sequence[at.live.WantedFocus]"
     ) -> None:
-        """Set the objects and requested foci; the loop calls this method before each drive."""
+        """Set the objects and requested foci; the live loop calls this method before each drive."""
 
     def revive(self) -> int:
         """Restart processes that have ended; return the number of restarts so far."""

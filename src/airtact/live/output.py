@@ -75,7 +75,7 @@ class Output:
             self._emission.send(Drive(amplitudes), wait=False, at=at)
 
     def cycles(self, frames: int, rate: float) -> bool:
-        """Return whether boards and link can play a number of frames at a frame rate [1/s]."""
+        """Return whether boards and link can play ``frames`` frames at ``rate`` frames/s."""
         try:
             if self._emission is not None:
                 self._emission.link.check_sequence(frames, rate)

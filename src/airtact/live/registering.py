@@ -37,7 +37,7 @@ class TouchStep:
 
     Attributes
     ----------
-    number, count : number of the current touch, from 1, and number of all touches.
+    number, count : number of the current touch, from 1, and total number of touches.
     element, point : index of the transducer to touch, and its position in the scene (3,)
         [m].
     words : name of the transducer.
@@ -86,7 +86,7 @@ class RegisteredTracker:
 def elements_to_touch(array: PhasedArray, count: int = 6) -> tuple[int, ...]:
     """Choose transducers that are far apart, such as at corners of boards.
 
-    Touches of these transducers determine the pose of a tracker; see ``register_tracker``.
+    ``register_tracker`` determines the pose of a tracker from touches of these transducers.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ class Mailbox:
 
         Returns
         -------
-        The message; None once the mailbox has ended.
+        The message, or None if the mailbox has ended.
         """
         with self._changed:
             while not self.ended:

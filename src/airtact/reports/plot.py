@@ -299,7 +299,7 @@ def lowest_colour(result: ReachMap) -> float:
 
 
 def view_of_reach(result: ReachMap) -> View:
-    """Return a view of the skin from the array; if the array is a box, of the broadest side."""
+    """Return a view of the skin from the array or, if the array is a box, of its broadest side."""
     towards = -result.setup.array.normals.mean(axis=0)
     length = float(np.linalg.norm(towards))
     if length < 0.3:

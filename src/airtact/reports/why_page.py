@@ -13,7 +13,7 @@ def write_why_page(path: Path, explained: Explanation, title: str, text: str) ->
     Parameters
     ----------
     path : HTML file to write.
-    explained : causes of the pressure at each focus.
+    explained : explanation of the pressures, as returned by ``why``.
     title, text : name and content of the scene file.
     """
     last = explained.causes[-1].pressures

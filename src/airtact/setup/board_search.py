@@ -242,9 +242,9 @@ class Search:
                 yield place, self.group(place)
 
     def candidates(self, boards: int, tries: int, seed: int) -> list[tuple[float, list[Place]]]:
-        """Return up to ``tries`` pairs of a pressure [Pa] and a random layout that reaches it.
+        """Return up to ``tries`` random layouts, as pairs of a pressure [Pa] and the boards.
 
-        The pressure is that at the weakest focus; see ``weakest``.
+        The pressure is the one that ``weakest`` returns for the layout.
         """
         found: list[tuple[float, list[Place]]] = []
         layout: list[tuple[Place, list[Pose]]] = []

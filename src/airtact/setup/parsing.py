@@ -209,9 +209,9 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
     Parameters
     ----------
     data : tables, lists and values of a scene file; they are not modified.
-    changes : values by paths, such as ``foci[0].offset``. None removes a key, and missing keys are
-        added. ``hand.gap`` refers to the only obstacle that is a hand; the same applies to other
-        kinds of bodies.
+    changes : mapping from the path of a key, such as ``foci[0].offset``, to its new value. None
+        removes a key, and missing keys are added. ``hand.gap`` refers to the only obstacle that is
+        a hand; the same applies to other kinds of bodies.
 
     Raises
     ------

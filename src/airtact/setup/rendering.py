@@ -122,7 +122,7 @@ class Rendering:
 
     @property
     def frame(self) -> Frame:
-        """The drive rounded to the levels of the setup."""
+        """The drive rounded to the amplitude and phase levels of the setup."""
         return quantise(self.drive, self.setup.levels)
 
     @property

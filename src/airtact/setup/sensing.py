@@ -70,7 +70,7 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """Pose of the hand relative to the scene file, and the effect of correcting the drive.
+    """Shift of the hand from its pose in the scene file, and the effect of correcting the drive.
 
     Attributes
     ----------

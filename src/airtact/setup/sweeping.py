@@ -415,9 +415,9 @@ class ScenePoints:
 
 
 def scene_points(scene: Setup | str | Path) -> ScenePoints:
-    """Return the function for a sweep over a scene file, or over the file of a setup.
+    """Return the function that evaluates a scene file, or the file of a setup, in a sweep.
 
-    The function raises ``InvalidInput`` if a file cannot be read, or the setup has no scene file.
+    ``InvalidInput`` is raised if a file cannot be read, or the setup has no scene file.
     """
     if isinstance(scene, Setup):
         if scene.path is None:

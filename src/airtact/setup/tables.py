@@ -476,8 +476,7 @@ class SurfacePointsTable(Table, frozen=True):
     ----------
     body : name of the body.
     spacing : mean distance between neighbours [m].
-    facing : direction that the selected part of the surface faces; by default the whole
-        surface.
+    facing : direction that the selected part of the surface faces; by default any direction.
     within : largest angle between the surface's normal and ``facing`` [°].
     """
 

@@ -31,7 +31,7 @@ def touched(
     ----------
     file, folder : the scene file, and the folder of the files that it names.
     bodies, obstacles : names of the bodies, and the bodies themselves.
-    hands : hands by the names of their bodies.
+    hands : mapping from the name of a body to its hand.
     moving : whether the bodies will move later, so that contacts may be missing at
         first.
 

@@ -377,7 +377,7 @@ def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elemen
     Raises
     ------
     InvalidInput
-        If the scene contains boards, but an element is not in the face of one.
+        If the scene contains boards, but an element does not lie in the face of any board.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     if not scene.boards:

@@ -289,7 +289,7 @@ class RadiatedField(ABC):
         return np.full((len(points), self.excitations), np.nan, dtype=np.complex128)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
-        """Return the relative error (S,) of each excitation, as estimated by the solver.
+        """Return the solver's estimate (S,) of the field's relative error for each excitation.
 
         The points (P, 3) [m] should be away from the surfaces.
         """

@@ -129,7 +129,7 @@ def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) ->
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations of one step, and the terms of its cost.
+    """Normal equations of one Gauss-Newton step, and the terms of the cost function.
 
     Attributes
     ----------

@@ -121,7 +121,7 @@ class HandAnatomy:
         return self.frames >= 8
 
     def learned(self, sizes: Sizes, covariance: SizesMatrix) -> "HandAnatomy":
-        """Return the anatomy averaged over one more frame, with sizes (62,) and their covariance.
+        """Return the anatomy averaged with the sizes (62,) of one more frame and their covariance.
 
         The covariance is not divided by the number of frames, because the shape of the model has
         the same error in every frame.
@@ -251,7 +251,7 @@ def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
 
 
 def bend_rules(joints: Joints, axes: Axes, usual: Float64[np.ndarray, "4 3"]) -> Rules:
-    """Return residuals of bends and planes of fingers, and of the directions of their last bones.
+    """Return the prior residuals for bends and planes of fingers, and for their last bones.
 
     Of the 52 residuals, 14 are for backward bends, 14 for excessive bends, 8 for middle and last
     phalanges out of the plane of the first, 4 for sideways turns, and 12 for the directions of 4

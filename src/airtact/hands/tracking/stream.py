@@ -52,10 +52,12 @@ class StreamHealth:
     unknown_count : number of frames whose number of landmarks is not 21, 25 or 26.
     not_in_metres : number of frames that span more than a metre, probably in millimetres.
     impossible : number of frames with implausible bone lengths.
-    mirrored : number of frames whose hand bends like the other hand, judged over many frames.
+    mirrored : number of frames with the wrong side, "left" or "right", as inferred from how the
+        fingers bend in many frames.
     repeated : number of duplicate frames.
-    out_of_order : number of frames with a lower number than an earlier frame.
-    backwards : number of frames with a higher number but not a later time.
+    out_of_order : number of frames whose frame number is lower than that of an earlier frame.
+    backwards : number of frames whose frame number is higher than that of the previous frame, but
+        whose time is not later.
     time_leap : number of frames whose time is ahead of the tracker's clock.
     too_fast : number of frames in which the hand moved faster than 3 m/s.
     second_tracker : number of frames of a hand that another connection already sends.
@@ -187,7 +189,7 @@ class HandStream:
 
     @property
     def health(self) -> StreamHealth:
-        """Numbers of frames and faults so far."""
+        """Counts of received frames and of their faults."""
         with self._changed:
             self._notice_silence()
             return StreamHealth(**self._counts)

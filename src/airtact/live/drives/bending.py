@@ -56,7 +56,7 @@ Weights = Float64[np.ndarray, "points hulls"]
 
 @dataclass(frozen=True, eq=False)
 class Bones:
-    """Axes (H, 3, 3), in rows, and starting points (H, 3) [m] of the bones in ``PARTS``."""
+    """Axes (H, 3, 3), one per row, and starting points (H, 3) [m] of the H bones in ``PARTS``."""
 
     axes: Float64[np.ndarray, "hulls 3 3"]
     starts: Float64[np.ndarray, "hulls 3"]
@@ -230,7 +230,7 @@ class CarriedFactors(HandFactors):
     Attributes
     ----------
     straight : (F,) direct part of ``factors``, without scattering.
-    bones : bones in the pose of the factors.
+    bones : axes and starting points of the bones, in the pose to which the factors apply.
     centres : (H, F, 3) centre of the sources of each bone for each focus [m].
     waves : (H, F, R) part of the factors due to the sound that each bone scatters. The phase of the
         detour through the centre of the bone's sources is removed.
@@ -381,7 +381,7 @@ class BendingPanels:
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
         """Solve the scattering in another pose for sources away from the skin.
 
-        All panels are required, so ``min_seen`` must be 0.
+        The method requires all panels of the hand, so ``min_seen`` must be 0.
         """
         _, corners, inside = self.bent(posed.hand)
         return self.panels.received(corners, inside, sources, residual)

@@ -213,7 +213,7 @@ class RigidParts:
 
     @property
     def outgrown(self) -> bool:
-        """Whether the mean bone lengths no longer match the bodies, as with another hand."""
+        """Whether the mean bone lengths differ from those of the bodies, as with another hand."""
         change = self._lengths - _bone_lengths(self._scene, self._reference.hand.joints)
         return bool(np.abs(change).max() > 1.5e-3)
 
@@ -226,7 +226,7 @@ class RigidParts:
 
 
 class PartSolver:
-    """Solver for scattering by parts of a hand; last phalanges are rigid unless they touch.
+    """Solver for scattering by parts of a hand, with rigid last phalanges unless they touch.
 
     Parameters
     ----------

@@ -38,14 +38,14 @@ GAP_SCALE = 1.0e-3
 def expected_kept(
     part: Rule, gap: Poses, turned: Poses, noise: float = 0.0, foci: int = FITTED_FOCI
 ) -> Poses:
-    """Return the expected fraction of the attainable pressure at the weakest focus of a drive.
+    """Return the fraction of the attainable pressure expected at the weakest focus of a drive.
 
-    The fractions are medians over 1,700 pairs of poses of a pinch. The solution for the whole hand
-    in one pose of each pair is used to compute a drive for the other. The thumb and index finger
-    open and close 200 mm in front of 2 x 2 flat boards, while the hand moves by 150 mm. The
-    fraction falls when the gap changes by a millimetre, an eighth of the wavelength, because of
-    multiple reflections between the two fingers. Solutions for the whole hand lose their benefit as
-    fast as those for the phalanges.
+    The fractions are medians over 1,700 pairs of poses of a pinch. For each pair, the drive for one
+    pose is computed from the solution for the whole hand in the other pose. In these poses, the
+    thumb and index finger open and close 200 mm in front of 2 x 2 flat boards, while the hand moves
+    by 150 mm. The fraction falls when the gap changes by a millimetre, an eighth of the wavelength,
+    because of multiple reflections between the two fingers. Solutions for the whole hand lose their
+    benefit as fast as those for the phalanges.
 
     The effect of noise, after filtering by ``Predictor``, was fitted manually to medians from
     ``benchmarks/live.py --emulated`` at 60 frames/s. With 1 mm of noise, 148 drives for the same

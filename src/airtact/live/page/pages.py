@@ -65,7 +65,7 @@ class Said(msgspec.Struct, forbid_unknown_fields=True):
         foci along this axis [m].
     hand : changed parts of the pose of the dragged hand.
     frame : a hand tracked by a headset, in the format that trackers send.
-    object : an application's message that moves an object.
+    object : message that moves an object, in the format in which applications send it.
     """
 
     drawn: bool = False
@@ -84,7 +84,7 @@ class Pages:
 
     Parameters
     ----------
-    send : function that sends messages to the loop.
+    send : function that sends messages to the live loop.
     settings : scene, port and other settings of the page; see ``PageSettings``.
 
     Raises
@@ -119,7 +119,7 @@ class Pages:
             Thread(target=self._give_hand, daemon=True).start()
 
     def paint(self, mailbox: Mailbox) -> None:
-        """Send pictures of the newest data to the open pages until the loop ends."""
+        """Send pictures of the newest data to the open pages until the live loop ends."""
         view = View(self._scene)
         known: frozenset[int] = frozenset()
         while not mailbox.ended:

@@ -40,13 +40,13 @@ class Placed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Data that the loop sends to the page for display.
+    """Data that the live loop sends to the page for display.
 
     Attributes
     ----------
     moment : newest ``Moment``, without its objects.
     drives : number of drives shown so far.
-    status : status of the loop as text.
+    status : status of the live loop as text.
     objects : virtual objects, with the poses in which to show them.
     meshes : vertices [m] and triangles of the shapes that the page has not received
         yet, by number.
@@ -69,8 +69,8 @@ class PageSettings:
     port, host : port and address to listen on; port 0 selects a free port.
     certificate : PEM file with a certificate and its key, to serve the page over HTTPS.
     hand : (25, 3) initial joints of a hand that can be dragged [m]; None without such a hand.
-    follows : whether the loop follows hands from the page.
-    controls : initial settings of the loop.
+    follows : whether the live loop follows hands from the page.
+    controls : initial settings of the live loop.
     """
 
     scene: LiveScene
@@ -85,7 +85,7 @@ class PageSettings:
 
 
 class PageProcess:
-    """Low-priority process that serves the page; the loop never waits for it.
+    """Low-priority process that serves the page; the live loop never waits for it.
 
     Use it in a ``with`` block. A separate thread sends only the newest ``Moment`` to the page, so
     slow or numerous pages do not delay the loop. If the process dies, the loop continues without a
@@ -178,7 +178,7 @@ class PageProcess:
         self._put()
 
     def tell(self, status: object) -> None:
-        """Show a text as the status of the loop."""
+        """Show a text as the status of the live loop."""
         self._shown = replace(self._shown, status=str(status))
         self._put()
 
@@ -238,7 +238,7 @@ class PageProcess:
 
 
 def serve_page(mailbox: Mailbox, send: Send, settings: PageSettings) -> None:
-    """Serve the page until the loop ends; the mailbox contains the newest ``Shown``."""
+    """Serve the page until the live loop ends; the mailbox contains the newest ``Shown``."""
     try:
         with extra("live", "to serve the page (--no-page omits it), airtact needs websockets"):
             from airtact.live.page.pages import Pages

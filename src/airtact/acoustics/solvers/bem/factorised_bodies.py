@@ -75,7 +75,7 @@ class PlacedBody:
         return bool(squares.min(initial=np.inf) > (radius + reach) ** 2)
 
     def reaches(self, points: Points) -> Mask:
-        """Return a mask of the points that are too close to the body for the skeletons.
+        """Return a mask of the points that are too close to the body to use its skeletons.
 
         The skeletons are the reduced sets of nodes, which are inaccurate close to the body.
         """
@@ -272,7 +272,7 @@ class FactorisedBodies(Solver):
     scene : the bodies in the poses in which they were factorised.
     bodies : the reduced bodies.
     fallback : solver for scenes in which two bodies are too close together.
-    tolerance : relative residual of the iteration over the bodies.
+    tolerance : relative residual at which the iteration over the bodies stops.
     smallest : edge length at which the refinement of panels stopped [m].
     report : report of the factorisation.
     """

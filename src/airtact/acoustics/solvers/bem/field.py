@@ -402,7 +402,7 @@ class BoardField(RadiatedField):
         return pressure
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report, with the error and warnings that ``around`` reports at points."""
+        """Return the report of this field, with the error and warnings of ``around`` at points."""
         report = self.around.report_at(points)
         warnings = dict.fromkeys((*self.report.warnings, *report.warnings))  # without duplicates
         return replace(

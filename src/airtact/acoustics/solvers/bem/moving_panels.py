@@ -120,7 +120,7 @@ class MovingPanels:
         corners : moved corners and edge midpoints of the panels [m].
         inside : moved second collocation points [m].
         sources : monopoles outside the body.
-        tolerance : relative residual of the iteration.
+        tolerance : relative residual at which the iteration stops.
 
         Raises
         ------

@@ -75,9 +75,9 @@ class DualSurface:
 
     Attributes
     ----------
-    nodes : first collocation points x, at the nodes.
-    shifted : second collocation points x', inside the bodies [m]; three neighbouring nodes of a
-        panel share one.
+    nodes : nodes of the panels, which are the first set of collocation points x.
+    shifted : second set of collocation points x', inside the bodies [m]; three neighbouring nodes
+        of a panel share one of them.
     wavenumber : k, whose imaginary part is the absorption [rad/m].
     near_rule : integration rule for near panels.
     precision : working precision, "float32" or "float64".
@@ -368,7 +368,7 @@ class TransposedSolution:
 
     @cached_property
     def scattering(self) -> Monopoles:
-        """The monopoles at the nodes and at the second collocation points."""
+        """Monopoles at all collocation points, which radiate the scattered field."""
         return Monopoles(*self._scattering)
 
     @cached_property

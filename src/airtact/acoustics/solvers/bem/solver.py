@@ -101,12 +101,13 @@ class BoundaryElement(Solver):
         size of the panels, 0.0001 to 0.3; 0.03 is suitable for a preview.
     precision : precision of the iteration and the matrix, "float32" or "float64". With "float32"
         and an accuracy of 0.003 or more, the matrix is stored in bfloat16.
-    estimate : whether to solve both equations. If False, only the transposed equation is solved,
-        which is enough for a transfer matrix. A solve then takes about half the time, the
-        estimated error is NaN, and evaluating the field on or near the surfaces raises
-        ``InvalidInput``. If the scene contains reflecting boards, the direct equation is solved
-        instead. At an accuracy of 0.06 or coarser, use the solution for drives only: their
-        correlation with the exact drives was 0.995, while pressures had errors of up to 8 %.
+    estimate : whether to solve both the direct and the transposed equation. If False, only the
+        transposed equation is solved, which is enough for a transfer matrix. A solve then takes
+        about half the time, the estimated error is NaN, and evaluating the field on or near the
+        surfaces raises ``InvalidInput``. If the scene contains reflecting boards, the direct
+        equation is solved instead. At an accuracy of 0.06 or coarser, use the solution for drives
+        only: their correlation with the exact drives was 0.995, while pressures had errors of up to
+        8 %.
     enough : relative error above which the report contains a warning; by default equal to
         ``accuracy``.
     progress : callback, such as ``print``, that receives the name of each step as it begins.

@@ -46,7 +46,7 @@ SPREAD = 5
 
 @dataclass(frozen=True, eq=False)
 class InterpolationSpheres:
-    """Scattered pressure on concentric spheres around the bodies, divided by its carrier wave.
+    """Scattered pressure divided by e^{ikr}/r, on concentric spheres around the bodies.
 
     Attributes
     ----------
