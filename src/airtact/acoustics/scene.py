@@ -284,7 +284,8 @@ def sound_hard(surface: Surface) -> Obstacle:
 
     Returns
     -------
-    An ``Obstacle``, for use in a ``Scene``. All solvers except ``FreeField`` support it.
+    An ``Obstacle``, for use in a ``Scene``. ``BoundaryElement`` and ``FiniteElement`` support it;
+    ``SphereSeries`` supports a single sphere.
     """
     return Obstacle(surface, "sound_hard")
 

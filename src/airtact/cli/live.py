@@ -106,11 +106,12 @@ def live(
 ) -> None:
     """Make the sound follow the hand of SCENE, and record the run in session.h5.
 
-    By default, SCENE is the example live_pinch. The foci of a scene are points where hands touch
-    [[objects]], as in touch_ball and touch_button, or named points of a hand, such as
-    at = "thumb.pad". The sound fades to silence if the hand is lost, leaves the workspace, or is
-    not seen for 150 ms. Without --cap and --full-scale, the level half a metre from the array is
-    limited to 110 dB. Ctrl-C ends the run and silences the boards.
+    SCENE is a scene file or the name of an example, by default live_pinch. Its foci are points
+    where hands touch [[objects]], as in touch_ball and touch_button, or named points of a hand,
+    such as at = "thumb.pad". Without --board, drives are computed and recorded, but nothing is
+    emitted. The sound fades to silence if the hand is lost, leaves the workspace, or is not seen
+    for 150 ms. Without --cap and --full-scale, the level half a metre from the array is limited to
+    110 dB. Ctrl-C ends the run and silences the boards. The folder --out receives session.h5.
 
     --record writes the frames from trackers to a recording and does not read SCENE. --verify
     evaluates ten drives of a recorded session with an accurate solve for the hand, and compares

@@ -67,11 +67,12 @@ def register(
     page_port: int,
     host: str,
 ) -> None:
-    """Print the table [tracker] for SCENE: the pose of the tracker relative to the boards.
+    """Print the table [tracker] for SCENE: the pose of the hand tracker in the frame of the scene.
 
     With the tip of an index finger, touch each transducer that the command names, hold still for a
-    second, and move the finger away. Nothing is emitted. Touches that contradict the others must be
-    repeated.
+    second, and move the finger away. Nothing is emitted. A touch that contradicts the others must
+    be repeated, at most twice. The distance of each touch from its transducer after the fit and the
+    standard deviations of the pose are also printed. Add the table to the scene file with --write.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

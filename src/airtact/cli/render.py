@@ -45,9 +45,10 @@ def render(
 
     SCENE is a scene file, by default scene.toml, or the name of an example:
     air_letters, live_pinch, open_hand, palm_circle, pinch, pinch_pose,
-    suppressed_pinch, tinylev, touch_ball, touch_button. With --no-pictures, only the
-    drive is written. Drives for moving foci ([drive.modulation]) are written to
-    sequence.h5.
+    suppressed_pinch, tinylev, touch_ball, touch_button. The files are written to the
+    folder --out. The drive is verified by a second, more accurate solve. With
+    --no-pictures, only the drive is written. Drives for moving foci
+    ([drive.modulation]) are written to sequence.h5.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -92,10 +92,10 @@ def robust(
 
     Returns
     -------
-    A ``Drive`` of E elements. Its largest amplitude is 1 or, if the target requests pressures and
-    the goal exceeds them, the amplitude at which the goal equals them. Without uncertainty, the
-    drive maximises the pressure at the weakest focus under the same limit. For one focus, this is
-    the drive of ``time_reversal`` or, with "phases", of ``phase_conjugate``.
+    A ``Drive`` of E elements. Its largest amplitude is 1 or, if the target requests pressures that
+    the goal would exceed, the amplitude at which the goal equals the request. Without uncertainty,
+    the drive maximises the pressure at the weakest focus under the same limit. For one focus, this
+    is the drive of ``time_reversal`` or, with "phases", of ``phase_conjugate``.
 
     Raises
     ------

@@ -233,9 +233,9 @@ def calibrate_from_scans(
     """Fit sensitivity, gains and misalignment to scans of single elements or of a focus.
 
     The misalignment is the rigid motion from the positions stated in the scans to the true
-    positions of the microphone in the array's frame. It is expected to be about 5 mm along and 0.2
-    rad about each axis. Gains of elements that do not emit, or that the scans do not distinguish,
-    keep their values.
+    positions of the microphone in the array's frame. Its prior is normal, with standard deviations
+    of 5 mm along and 0.2 rad about each axis; above 10 mm or 10 degrees, the fit may fail. Gains of
+    elements that do not emit, or that the scans do not distinguish, keep their values.
 
     Parameters
     ----------

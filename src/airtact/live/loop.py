@@ -190,7 +190,7 @@ def follow(
         positions of the foci; without boards, the cap is 1.
     controls : initial settings; if there is a page, the loop uses the page's settings instead.
     page : page that shows every drive and can change the controls.
-    report : function called twice a second with the status.
+    report : function called twice a second with the ``Status``.
     world : objects and foci that applications can change; the loop also records its state here. By
         default, the objects of the scene are used and do not change.
 

@@ -112,9 +112,9 @@ def scattering_matrix(
     Raises
     ------
     InvalidInput
-        If the scene has no bodies, or has planes or reflecting boards. If ``accuracy`` is out of
-        range, or the bodies require waves above order 80. If the solver does not support the bodies
-        or cannot compute the field around them.
+        If the scene has no bodies, or has planes or reflecting boards. If ``accuracy`` is outside
+        its range, or the bodies require waves above order 80. If the solver does not support the
+        bodies or cannot compute the field around them.
 
     Examples
     --------

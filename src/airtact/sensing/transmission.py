@@ -319,7 +319,7 @@ def simulate_echoes(
         transmission is silent. If a receiver does not exist or is listed twice. If elements overlap
         each other or a body, or, with a scattering matrix, are inside the ball around the bodies.
         If the scattering matrix belongs to another scene, or the solver does not support the scene.
-        If ``noise`` or ``seed`` is out of range.
+        If ``noise`` or ``seed`` is outside its range.
 
     Examples
     --------

@@ -227,7 +227,8 @@ def place(
     boards : number of boards to place, 1 or more.
     board : kind of the boards: "autd3", "sonicsurface", "nano16" or "openmpd".
     distance : smallest distance of any part of a board from the bodies and foci, and largest
-        distance of a board's centre from the centre of the foci [m].
+        distance of a board's centre from the centre of the foci [m]; both above zero and at most
+        10, the smallest first.
     region : two opposite corners of a box that must contain all boards [m], or a function that
         takes points (N, 3) [m] and returns an array (N,) that is True where boards may be. By
         default, boards may be anywhere.
@@ -259,9 +260,11 @@ def place(
     Raises
     ------
     InvalidInput
-        If no layout fits, a number is not above zero, or the board is unknown. The error is also
-        raised if the boards of the scene reflect sound, if a plane is behind the boards, if the
-        setup has traps, or if a hand cannot replace the setup's body.
+        If no layout fits, a number is outside its range, the board is unknown, or "lowest_tenth" is
+        requested for fewer than two hands. The error is also raised if the boards of the scene
+        reflect sound, if a plane is behind the boards, if the setup has traps, or if a hand cannot
+        replace the setup's body because there are several bodies or a focus is not at a named
+        point.
 
     Examples
     --------

@@ -95,10 +95,12 @@ def sweep(
 
     Returns
     -------
-    A row (a dict) for each point, in the same order, with its values followed by the results. The
-    results for a scene are the pressure at each focus [Pa], summaries of the drive and the solve,
-    and the drive without the bodies for comparison. If a point raises an exception, ``"error"`` and
-    ``"sentence"`` contain its code and message; otherwise they are empty.
+    A row (a dict) for each point, in the same order, with its values followed by the results. For a
+    scene, the results are ``"NAME_Pa"``, the pressure at the focus NAME; ``"weakest_Pa"``;
+    ``"gain"``, the ratio of the pressure at the weakest focus to that of a drive computed without
+    the bodies (None in open air); ``"unknowns"`` and ``"estimated_error"`` of the solve; and
+    ``"warnings"``. If a point raises an exception, ``"error"`` and ``"sentence"`` contain its code
+    and message; otherwise they are empty.
 
     Raises
     ------

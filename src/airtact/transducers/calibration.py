@@ -26,7 +26,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
     The columns are ``element``, ``gain`` and ``phase``: the index of an element from 0, its
     pressure relative to that of a nominal element (0 to 10), and its phase lag behind a nominal
     element [rad]. A gain of 0 marks a dead element. Elements that are not listed are nominal, with
-    a gain of 1 and no lag. A nominal element has the sensitivity and phase of ``Element``.
+    a gain of 1 and no lag. The array's ``Element`` describes a nominal element.
 
     Parameters
     ----------

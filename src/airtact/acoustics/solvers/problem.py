@@ -314,10 +314,10 @@ def surrounding_points(scene: Scene, points: Vectors) -> Float64[np.ndarray, "ar
 class Solver(ABC):
     """Abstract base class of the solvers, which compute the sound field around bodies.
 
-    Solvers are ``BoundaryElement`` (any bodies), ``FiniteElement`` (also bodies filled with a
-    fluid), ``SphereSeries`` (a single sphere) and ``FreeField`` (no bodies). Create one with its
-    settings, and pass it as the argument ``solver`` of a function such as ``evaluate``, or call
-    ``radiate`` with a scene and monopoles.
+    Solvers are ``BoundaryElement`` (sound-hard and impedance bodies), ``FiniteElement`` (also
+    bodies filled with a fluid), ``SphereSeries`` (a single sphere) and ``FreeField`` (no bodies).
+    Create one with its settings, and pass it as the argument ``solver`` of a function such as
+    ``evaluate``, or call ``radiate`` with a scene and monopoles.
     """
 
     @abstractmethod

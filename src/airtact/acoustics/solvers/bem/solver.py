@@ -97,8 +97,8 @@ class BoundaryElement(Solver):
 
     Attributes
     ----------
-    accuracy : target for the relative error away from the surfaces (0.01 is 1 %). It determines the
-        size of the panels, 0.0001 to 0.3; 0.03 is suitable for a preview.
+    accuracy : target for the relative error away from the surfaces, 0.0001 to 0.3 (0.01 is 1 %). It
+        determines the size of the panels; 0.03 is suitable for a preview.
     precision : precision of the iteration and the matrix, "float32" or "float64". With "float32"
         and an accuracy of 0.003 or more, the matrix is stored in bfloat16.
     estimate : whether to solve both the direct and the transposed equation. If False, only the
