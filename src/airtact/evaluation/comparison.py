@@ -262,8 +262,9 @@ def compare(
     ------
     InvalidInput
         If there is no drive, if a drive is silent or does not have as many elements as the array,
-        if an element or a focus is inside a body, if a focus or a body is behind the face of a
-        directional element, if a focus is on an element, or if an argument has the wrong type.
+        if elements overlap, if an element or a focus is inside a body or behind a plane, if a focus
+        or a body is behind the face of a directional element, if a focus is on an element, or if an
+        argument has the wrong type.
     """
     of_kind(drives, Mapping, "the drives", 'a dict of drives by name, {"hand considered": drive}')
     of_kind(target, Target, "the target", "Target(points, pressures)")

@@ -412,9 +412,10 @@ def evaluate(
     Raises
     ------
     InvalidInput
-        If the drive is silent or does not have as many elements as the array, if an element or a
-        focus is inside a body or behind a plane, if a focus or a body is behind the face of a
-        directional element, if a focus is on an element, or if an argument has the wrong type.
+        If the drive is silent or does not have as many elements as the array, if elements overlap,
+        if an element or a focus is inside a body or behind a plane, if a focus or a body is behind
+        the face of a directional element, if a focus is on an element, or if an argument has the
+        wrong type.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     field = radiate_drives(scene, array, [drive], solver, foci=target.points, progress=progress)

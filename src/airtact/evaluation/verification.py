@@ -333,11 +333,11 @@ def verify(
     Raises
     ------
     InvalidInput
-        If the drive is silent or does not have as many elements as the array, if an element is
-        inside a body, if a focus, a suppression point or a point of the head is in a body, behind a
-        plane or on an element, if a focus or a body is behind the face of a directional element, if
-        a body is not sound-hard, if the transfer matrix was computed for another target, or if an
-        argument has the wrong type.
+        If the drive is silent or does not have as many elements as the array, if elements overlap,
+        if an element is inside a body or behind a plane, if a focus, a suppression point or a point
+        of the head is in a body, behind a plane or on an element, if a focus or a body is behind
+        the face of a directional element, if a body is not sound-hard, if the transfer matrix was
+        computed for another target, or if an argument has the wrong type.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     head = np.empty((0, 3)) if head is None else np.atleast_2d(head)

@@ -231,9 +231,9 @@ def stiffness(
     ------
     InvalidInput
         If a point is closer to a body, a plane or an element than the radius of the bead or a
-        sixteenth of a wavelength, whichever is larger. Also if a point is behind the face of a
-        directional element, if the drive is silent or does not have as many elements as the array,
-        or if a parameter is outside its range.
+        sixteenth of a wavelength, whichever is larger. Also if a point or a body is behind the face
+        of a directional element, if elements overlap each other or a body, if the drive is silent
+        or does not have as many elements as the array, or if a parameter is outside its range.
     """
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return stiffness_of(derivatives(field, points, bead), bead, scene)
@@ -594,9 +594,10 @@ def find(
     Raises
     ------
     InvalidInput
-        If a point is in a body, behind a plane or behind the face of a directional element, if the
-        drive is silent or does not have as many elements as the array, or if a parameter is outside
-        its range.
+        If a point is in a body, behind a plane or on an element, if a point or a body is behind the
+        face of a directional element, if elements overlap each other or a body, if the drive is
+        silent or does not have as many elements as the array, or if a parameter is outside its
+        range.
     """
     field, starts, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return np.stack([descend(field, start, bead) for start in starts])
