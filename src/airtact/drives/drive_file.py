@@ -93,6 +93,9 @@ UNITS = {
 class DriveFile:
     """Contents of a drive or sequence file. Attributes that the file does not contain are None.
 
+    ``Drive.save``, ``Sequence.save`` and ``write_frames`` write such files, and ``load_drive``
+    returns only their drives.
+
     Attributes
     ----------
     drives : (N, E) complex amplitude of each of E elements in each of N frames; 1 is full scale. A
@@ -102,14 +105,19 @@ class DriveFile:
     levels : the ``Levels`` of the boards; .h5 files also contain the drives rounded to these
         levels.
     frequency, medium : frequency of the sound [Hz], and the ``Medium`` in which it travels.
-    positions, normals : (E, 3) positions [m] and (E, 3) unit normals of the elements.
+    positions, normals : (E, 3) positions [m] and (E, 3) unit normals of the elements, in the frame
+        of the obstacles.
     sensitivity : peak pressure of a transducer at full scale, 1 m away on its axis [Pa·m].
     element_radius : radius of a transducer's face [m].
-    board, poses : name of the kind of board, and the pose of each board.
-    foci, wanted_pressures : (F, 3) foci [m], and (F,) requested peak pressures [Pa].
+    board, poses : name of the kind of board, and for each board the ``Pose`` that maps its frame to
+        that of ``positions``.
+    foci, wanted_pressures : (F, 3) foci in the same frame [m], and (F,) requested peak pressures
+        [Pa].
     transfer_matrix : (F, E) complex pressure at each focus per unit drive of each element [Pa].
-    texts : texts by name, such as the text of the scene file.
-    modulation : the ``AmplitudeModulation`` applied to a drive during emission.
+        Rows of suppression points, if any, follow those of the foci.
+    texts : texts by name, such as "scene" for the text of the scene file; empty if there are none.
+    modulation : the ``AmplitudeModulation`` applied to a drive during emission; None for a constant
+        drive or a sequence.
     """
 
     drives: Complex128[np.ndarray, "frames elements"]

@@ -22,29 +22,31 @@ def weighted_gerchberg_saxton(
     """Compute a phase-only drive by alternating projections that give weaker foci more weight.
 
     With the transfer matrix H, each iteration computes the drive d = phase(Hᴴ s) from sources s at
-    the foci, and then new sources s_f = v_f · phase((H d)_f). The weights v_f start at the
-    requested pressures or shares and grow for weak foci; the best iteration is returned (Di
-    Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound, Marzo and Drinkwater, PNAS
-    116 (2019) 84). The method runs twice, once starting with all foci in phase and once with all
+    the foci, and then new sources s_f = v_f · phase((H d)_f), where phase(z) = z/|z|. The weights
+    v_f start at the requested pressures or shares and grow for weak foci; the best iteration is
+    returned (Di Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound, Marzo and
+    Drinkwater, PNAS 116 (2019) 84). The method runs twice, once starting with all foci in phase and once with all
     elements in phase, and returns the better drive. If the weights oscillate, as they can between
-    two foci with nearly equal rows of H, the method shortens their steps.
+    two foci with nearly equal rows of H, the method shortens their steps. It ignores requested
+    phases and suppression points.
 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and their requested pressures.
-    iterations : number of alternations between elements and foci.
+    target : the foci and their requested pressures or shares.
+    iterations : number of alternations between elements and foci, at least 1.
 
     Returns
     -------
-    A drive of E elements with equal amplitudes: full scale, or less if that is enough for the
-    requested pressures.
+    A ``Drive`` of E elements with equal amplitudes: full scale, or less if that is enough for every
+    focus to get its requested pressure.
 
     Raises
     ------
     InvalidInput
         If the transfer matrix was computed for other foci, if there are more foci than elements, if
-        two foci are too close together, if a focus is shadowed, or if ``iterations`` is below 1.
+        two foci are closer than a tenth of a wavelength, if a focus can receive less than 5 % of
+        the median pressure of the others, or if ``iterations`` is below 1.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)

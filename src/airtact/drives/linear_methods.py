@@ -87,30 +87,35 @@ def inverse_filter(
 ) -> Drive:
     """Compute a drive by Tikhonov regularisation, d = Hᴴ (H Hᴴ + weight ‖H‖² I)⁻¹ w.
 
-    With weight 0, every focus gets its requested pressure w_f, including its phase, from the drive
-    of least energy that produces it (Tanter, Thomas and Fink, J. Acoust. Soc. Am. 108 (2000) 223).
-    With the transfer matrix of open air, this is the least-squares method of Hasegawa and Shinoda
-    (IEEE World Haptics 2013). Suppression points are included as rows of H with w = 0.
+    H is the transfer matrix, and w_f the requested complex pressure of focus f, or its share. With
+    weight 0, every focus gets w_f, including its phase, from the drive of least energy Σ|d|² that
+    produces it (Tanter, Thomas and Fink, J. Acoust. Soc. Am. 108 (2000) 223). A larger weight
+    reduces the energy at the cost of deviations from w. With the transfer matrix of open air, this
+    is the least-squares method of Hasegawa and Shinoda (IEEE World Haptics 2013). Suppression
+    points are included as rows of H with w = 0.
 
     Parameters
     ----------
     transfer : the transfer matrix of the foci, and of the suppression points if the target has
         some.
-    target : the foci and their requested pressures; a focus without a requested phase gets phase 0.
-    weight : Tikhonov's weight as a fraction of the largest eigenvalue ‖H‖² of H Hᴴ; None selects
-        the corner of the L-curve (Hansen and O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487).
+    target : the foci and their requested pressures; a focus without a requested phase gets phase 0,
+        and without pressures or shares, all foci get the same pressure.
+    weight : Tikhonov's weight as a fraction of the largest eigenvalue ‖H‖² of H Hᴴ, 0 or more; None
+        selects the corner of the L-curve (Hansen and O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487).
 
     Returns
     -------
-    A drive of E elements, scaled so that the weakest focus gets its requested pressure. If this
-    requires more than full scale, or if no pressure is requested, the largest amplitude is 1.
+    A ``Drive`` of E elements, scaled so that the focus with the smallest ratio of pressure to
+    request gets its requested pressure. If this requires more than full scale, or if no pressure is
+    requested, the largest amplitude is 1.
 
     Raises
     ------
     InvalidInput
         If the transfer matrix was computed for other foci or has no rows for the suppression
-        points, if there are more foci than elements, if two foci are too close together, if a focus
-        is shadowed, or if the weight is negative.
+        points, if there are more foci than elements, if two foci are closer than a tenth of a
+        wavelength, if a focus can receive less than 5 % of the median pressure of the others, or if
+        the weight is negative.
     """
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])

@@ -86,17 +86,18 @@ class UpperBound:
 def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 1e-3) -> UpperBound:
     """Compute an upper bound on the pressure at the weakest focus, for all possible drives.
 
-    The bound holds for every drive with amplitudes of at most 1, including phase-only drives and
-    drives with discrete levels. The function solves the dual of the semidefinite relaxation of
-    Inoue, Makino and Shinoda (IEEE World Haptics 2015). It ignores suppression points.
+    The ratio of a drive's pressure to the bound shows how much better another drive could be. The
+    bound holds for every drive with amplitudes of at most 1, including phase-only drives and drives
+    with discrete levels. The function solves the dual of the semidefinite relaxation of Inoue,
+    Makino and Shinoda (IEEE World Haptics 2015). It ignores suppression points.
 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and their requested pressures.
+    target : the foci and their requested pressures or shares; foci whose request is 0 are ignored.
     tolerance : relative gap between the bound and the value of the relaxation at which the
-        iteration stops. The iteration also stops after 1000 steps; the bound is then looser but
-        still holds.
+        iteration stops, above 0. The iteration also stops after 1000 steps; the bound is then
+        looser but still holds.
 
     Returns
     -------
@@ -108,8 +109,8 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     ------
     InvalidInput
         If the transfer matrix was computed for other foci, if there are more foci than elements, if
-        two foci are too close together, if a focus is shadowed, or if the tolerance is not above
-        zero.
+        two foci are closer than a tenth of a wavelength, if a focus can receive less than 5 % of
+        the median pressure of the others, or if the tolerance is not above zero.
     """
     matrix, requests = asked_rows(transfer, target)
     positive(tolerance, "the tolerance", "of the bound")
@@ -338,34 +339,38 @@ def gradient(
 ) -> Drive:
     """Improve the drive from ``max_min``, and reduce the pressure at the suppression points.
 
-    The pressure of each focus is divided by its requested pressure. Without suppression points the
-    method maximises the power mean of these ratios with exponent −200, which is close to the
-    smallest ratio. It returns the start or the end of the descent, whichever is better. With
-    suppression points, the method minimises the mean squared pressure at these points, with a
-    penalty if the power mean falls below 1 − ``loss`` times its initial value. The descent is
-    L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on phases and on
-    amplitudes between 0 and 1. The method ignores requested phases.
+    The pressure of each focus is divided by its requested pressure, its share, or 1. Without
+    suppression points, the method maximises the power mean of these ratios with exponent −200,
+    which is close to the smallest ratio. It returns the start or the end of the descent, whichever
+    is better. With suppression points, the method minimises the mean squared pressure at these
+    points, with a penalty if the power mean falls below 1 − ``loss`` times its initial value. The
+    descent is L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on phases
+    and on amplitudes between 0 and 1. The method ignores requested phases.
 
     Parameters
     ----------
     transfer : the transfer matrix of the foci, and of the suppression points if the target has
         some.
-    target : the foci, their requested pressures and the suppression points.
+    target : the foci, their requested pressures or shares, and the suppression points.
     loss : fraction of the initial pressure at the foci that may be lost in favour of the
-        suppression points, at least 0 and below 1; the limit is soft.
-    iterations : largest number of steps of one descent.
+        suppression points, at least 0 and below 1. The result may exceed it slightly. It has no
+        effect without suppression points.
+    iterations : largest number of steps of one descent, at least 1. There are four descents with
+        suppression points, and otherwise one.
 
     Returns
     -------
-    A drive of E elements, scaled so that the weakest focus gets its requested pressure. If this
-    requires more than full scale, or if no pressure is requested, the largest amplitude is 1.
+    A ``Drive`` of E elements, scaled so that the focus with the smallest ratio of pressure to
+    request gets its requested pressure. If this requires more than full scale, or if no pressure is
+    requested, the largest amplitude is 1.
 
     Raises
     ------
     InvalidInput
         If the transfer matrix was computed for other foci or has no rows for the suppression
-        points, if there are more foci than elements, if two foci are too close together, if a focus
-        is shadowed, if ``iterations`` is below 1, or if the loss is out of range.
+        points, if there are more foci than elements, if two foci are closer than a tenth of a
+        wavelength, if a focus can receive less than 5 % of the median pressure of the others, or if
+        ``iterations`` or ``loss`` is outside its range.
 
     Warns
     -----

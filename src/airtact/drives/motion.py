@@ -191,15 +191,19 @@ def longest_path(paths: Paths) -> float:
 def moving_target(target: Target, paths: Paths) -> Target:
     """Return a target that contains all positions of all foci, frame by frame.
 
+    Solve for its beacons to get the transfer matrix that ``moving_foci`` needs.
+
     Parameters
     ----------
-    target : the foci at rest.
-    paths : (F, N, 3) positions of the foci in each frame [m].
+    target : the F foci at rest, of which only the requests and the suppression points are used.
+    paths : (F, N, 3) positions of each focus in each of N frames, in the frame of the obstacles
+        [m], as returned by ``Motion.paths``.
 
     Returns
     -------
-    A target with F·N foci: all foci of the first frame, then those of the next. Each position of a
-    focus has the request of this focus.
+    A ``Target`` with F·N foci: all foci of the first frame, then those of the next. Each position
+    of a focus has the pressure, share and phase requested for this focus. The suppression points
+    are those of ``target``.
 
     Raises
     ------

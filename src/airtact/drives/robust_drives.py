@@ -141,28 +141,31 @@ def robust(
 def robust_phase_only(
     ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth"
 ) -> Drive:
-    """Compute a robust drive with every element at full scale.
+    """Compute the phase-only drive that performs best over all samples of an uncertain hand.
 
-    The function is the same as ``robust`` with ``limit="phases"``.
+    The function is the same as ``robust`` with ``limit="phases"``; use it for boards that only
+    switch elements on and off. It ignores requested phases and suppression points.
 
     Parameters
     ----------
-    ensemble : transfer matrices of the samples, as returned by ``at.ensemble``.
-    target : the foci and their requested pressures.
+    ensemble : transfer matrices of the samples, as returned by ``at.ensemble``. A plain transfer
+        matrix is treated as a single sample without uncertainty.
+    target : the foci and their requested pressures or shares, to which the pressures are relative.
     goal : quantity to maximise: "lowest tenth" is the pressure that the weakest focus exceeds in 9
         out of 10 samples; "mean" is the mean of its pressure over the samples; "worst" is its
         pressure in the worst sample.
 
     Returns
     -------
-    A drive of E elements with equal amplitudes: full scale, or less if that is enough for the
-    requested pressures.
+    A ``Drive`` of E elements with equal amplitudes: full scale, or less if that is enough for the
+    goal to reach the requested pressures.
 
     Raises
     ------
     InvalidInput
         If the matrices were computed for other foci, if there are more foci than elements, if two
-        foci are too close together, if a focus is shadowed, or if the goal is unknown.
+        foci are closer than a tenth of a wavelength, if a focus can receive less than 5 % of the
+        median pressure of the others, or if the goal is unknown.
     """
     return robust(ensemble, target, goal, limit="phases")
 

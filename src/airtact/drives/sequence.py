@@ -29,12 +29,16 @@ MIN_FRAMES = 4
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """Drives that are played one after another, repeatedly.
+    """Drives that are played one after another, repeatedly, such as for a moving focus.
+
+    ``Motion``, ``moving_foci`` and ``at.traps.path`` compute sequences, and ``Emission.play`` and
+    ``write_frames`` take them. One repetition takes N / ``rate`` seconds.
 
     Attributes
     ----------
-    drives : (N, E) complex amplitudes of the E elements in each of N frames; 1 is full scale.
-    rate : frames per second [Hz].
+    drives : (N, E) complex amplitudes of the E elements in each of N frames; magnitude 1 is full
+        scale.
+    rate : frames per second [Hz], above 0.
 
     Raises
     ------

@@ -118,7 +118,8 @@ MakeDrive = Callable[[TransferMatrix, Target], Drive]
 def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
     """Build the transfer matrix by reciprocity, from a single solve with unit beacons.
 
-    A beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure
+    Its product with a drive is the complex pressure at each focus; all drive methods take it. A
+    beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure
     that the element, with the same source strength, produces at the focus (reciprocity; Inoue,
     Makino and Shinoda, 2014, equation 3). Therefore
 
@@ -137,12 +138,13 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     ----------
     beacons : field of the unit beacons, with one excitation for each beacon:
         ``solver.radiate(scene, target.beacons())``.
-    array : the transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
+    array : the E transducers in the obstacles' frame; see ``PhasedArray.seen_from``.
 
     Returns
     -------
-    The transfer matrix (F, E) [Pa]. Its estimated error is the solver's estimate at the elements,
-    for the beacon with the largest error.
+    A ``TransferMatrix`` (F, E) [Pa], with one row for each of the F beacons: the foci of the
+    target, then its suppression points. Its estimated error is the solver's estimate at the
+    elements, for the beacon with the largest error.
 
     Raises
     ------
@@ -153,7 +155,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     Warns
     -----
     UserWarning
-        If the estimated error is above 50 %, which happens in the shadow of a body.
+        If the estimated error is above 50 % of the pressure, which happens in the shadow of a body.
     """
     of_kind(
         beacons,
@@ -308,7 +310,7 @@ def focus_by_distance(
 def rounding_error(
     transfer: TransferMatrix, drive: Drive, frame: Frame
 ) -> Float64[np.ndarray, "foci"]:
-    """Return the relative change of the pressure at each focus due to rounding.
+    """Return the relative change of the pressure at each focus due to rounding to levels.
 
     Boards with two amplitude levels raise weak elements to full scale. For these boards, the two
     drives are compared at equal energy Σ|d|²; for all other boards, they are compared without
@@ -316,13 +318,14 @@ def rounding_error(
 
     Parameters
     ----------
-    transfer : transfer matrix from which the drive was computed.
-    drive : the computed drive, before rounding.
-    frame : the drive rounded to the levels of the boards.
+    transfer : (F, E) transfer matrix from which the drive was computed.
+    drive : the computed drive of E elements, before rounding.
+    frame : the drive rounded to the levels of the boards, ``quantise(drive, levels)``.
 
     Returns
     -------
-    (F,) |p emitted| / |p computed| − 1; NaN for foci without pressure.
+    (F,) |p emitted| / |p computed| − 1, where −0.1 is a loss of 10 %; NaN for foci at which the
+    computed pressure is 0.
 
     Raises
     ------

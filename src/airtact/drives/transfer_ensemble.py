@@ -59,15 +59,19 @@ Made = TypeVar("Made")
 class TransferEnsemble(TransferMatrix):
     """The transfer matrices of a nominal hand and of S sampled hands, as returned by ``ensemble``.
 
-    Functions that expect a ``TransferMatrix`` use the nominal one; ``robust`` uses all samples.
+    The nominal hand is the one without deviations. An ensemble is also a ``TransferMatrix``:
+    functions that expect one use the nominal matrix, whereas ``robust`` uses all samples.
 
     Attributes
     ----------
-    geometry : (S, F, E) transfer matrices of the samples, with nominal gains of the elements [Pa].
-    gains : (S, E) factor on each element's gain in each sample, or None if all are 1.
+    geometry : (S, F, E) transfer matrices of the samples of the hand and the air, with nominal
+        gains of the elements [Pa]. ``matrices`` includes the sampled gains.
+    gains : (S, E) complex factor on each element's nominal gain in each sample, or None if all are
+        1.
     uncertainty : the distributions from which the samples were drawn.
     seed : seed of the samples.
-    left_out : number of impossible samples, such as hands that overlap a transducer.
+    left_out : number of further samples that were omitted because they are impossible, such as
+        hands that overlap a transducer.
 
     Raises
     ------

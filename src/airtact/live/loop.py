@@ -41,21 +41,23 @@ REPORT_INTERVAL = 0.5
 
 @dataclass(frozen=True)
 class Status:
-    """State of the live loop; numbers are averaged over the last second.
+    """State of the live loop; its numbers refer to the last second.
+
+    The loop passes it twice a second to the function ``report`` of ``run``. Its text is one line.
 
     Attributes
     ----------
     state : state of the loop in words, such as "playing" or "waiting for a hand", with the
         reasons for silence and for rejected frames.
     processes : text about processes that have ended; empty if all are running.
-    rate : drives sent to the boards per second.
-    age : median time from the newest frame to the sound in the air [s]; NaN without
-        drives.
-    kept : median of ``Moment.kept``, the expected fraction of the attainable pressure; NaN if
-        unknown.
-    unrecorded : data missing from the session, with the reason; None if it is complete.
-    rejected : reason why the newest message of an application was rejected; empty after a few
-        seconds.
+    rate : drives with sound sent to the boards per second.
+    age : median time from the newest frame to the sound in the air [s]; NaN without drives.
+    kept : median of ``Moment.kept``: the pressure expected at the weakest focus, divided by that of
+        a drive computed for the exact hand; NaN if unknown.
+    unrecorded : data missing from the session, with the reason; None if it is complete or no
+        session is recorded.
+    rejected : reason why the newest rejected message of an application was rejected; empty 3 s
+        after it.
     """
 
     state: str

@@ -148,12 +148,13 @@ class ObjectMessage(
 
 
 class MoveMessage(msgspec.Struct, frozen=True):
-    """A new pose for an object.
+    """A new pose for an existing object.
 
     Attributes
     ----------
-    name : name of the object.
-    pose : new pose of the object's shape in the scene.
+    name : name of the object; the message is rejected if there is no such object.
+    pose : new pose, which replaces the earlier one. It maps the coordinates in which the object's
+        shape is given to scene coordinates.
     """
 
     name: Name
@@ -202,12 +203,16 @@ class HandsMessage(msgspec.Struct, frozen=True, tag="hands"):
 class ObjectsMessage(msgspec.Struct, frozen=True, tag="objects", omit_defaults=True):
     """Changes to the virtual objects: removals first, then additions, then motions.
 
+    Objects that are not listed do not change. If any change is invalid, the whole message is
+    rejected and nothing changes.
+
     Attributes
     ----------
     version : version of the message format, 1.
-    add : objects to add; an object with an existing name replaces it.
-    move : new poses of objects.
-    remove : names of objects to remove.
+    add : objects to add; an object with an existing name replaces the existing one. There can be
+        64 objects in total.
+    move : new poses of existing objects.
+    remove : names of existing objects to remove, including those of the scene file.
     """
 
     version: Version
@@ -241,14 +246,14 @@ class ClearMessage(msgspec.Struct, frozen=True, tag="clear"):
 
 
 class ContactState(msgspec.Struct, frozen=True):
-    """A contact of the hand with an object.
+    """A contact of a hand with a virtual object, as part of a ``StateMessage``.
 
     Attributes
     ----------
     object : name of the object.
-    part : part of the hand, such as "left.index".
-    point : point on the skin that is deepest inside the object [m].
-    depth : largest depth of the skin in the object [m].
+    part : part of the hand, such as "left.index" or "right.palm".
+    point : predicted point on the skin that is deepest inside the object, in scene coordinates [m].
+    depth : depth of this point below the object's surface [m].
     """
 
     object: str
@@ -438,7 +443,15 @@ def written(message: Message | Answer) -> bytes:
 
 
 def message_schema() -> str:
-    """Return the JSON schema of all messages between applications and the loop, as JSON text."""
+    """Return the JSON schema of all messages between applications and the live loop.
+
+    Use the schema to check messages, or to generate code for them in other languages.
+
+    Returns
+    -------
+    The schema as JSON text (draft 2020-12). Each message has a definition with its name, such as
+    "ObjectsMessage", under the key "$defs".
+    """
     (made,), definitions = msgspec.json.schema_components(
         [Message | Answer], ref_template="#/$defs/{name}"
     )

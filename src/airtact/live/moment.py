@@ -108,19 +108,23 @@ class Controls:
     ----------
     ignore_hand : whether scattering by the hand is ignored, so that ``method`` uses the
         transfer matrix of open air.
-    method : name of the method that computes the drives; None for the scene's method.
-    cap : largest amplitude of an element, as a fraction of full scale; 0 silences all elements.
-    offset : distance of all foci from the skin, outward [m]; None for the scene's distances.
+    method : name of the method that computes the drives, a key of ``drives.METHODS`` other than the
+        robust ones; None for the scene's method.
+    cap : largest amplitude of an element, as a fraction of full scale, 0 to 1; 0 silences all
+        elements. It can only lower the limit with which the loop was started.
+    offset : distance of all foci from the skin, outward [m], 0 to 0.1; None for the distances in
+        the scene file, or for those requested by applications.
     modulated : whether the scene's modulation is applied, which varies the amplitude or moves the
         foci along paths or outlines. Without it, the drive can hardly be felt.
     playing : whether sound is emitted.
-    levels : strengths of individual foci by name, from 0 (off) to 1; all others have
-        strength 1.
+    levels : factor on the strength of individual foci by name, such as "thumb.pad", from 0 (off) to
+        1; it is 1 for all others. Unknown names are ignored.
 
     Raises
     ------
     InvalidInput
-        If a value has the wrong type or is out of range.
+        If a value has the wrong type or is outside its range, or if the method is unknown or
+        robust.
     """
 
     ignore_hand: bool = False

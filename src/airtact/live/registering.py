@@ -35,16 +35,19 @@ from airtact.transducers.layout import PhasedArray
 class TouchStep:
     """Progress of a registration, to be shown on a page or a terminal.
 
+    ``register_tracker`` passes it to its argument ``report``.
+
     Attributes
     ----------
     number, count : number of the current touch, from 1, and total number of touches.
-    element, point : index of the transducer to touch, and its position in the scene (3,)
-        [m].
-    words : name of the transducer.
-    share : fraction of the required 1 s for which the fingertip has rested on the transducer; 1
-        once the touch is recorded.
+    element, point : index in the array of the transducer to touch, and its position in the scene
+        (3,) [m].
+    words : name of the transducer for the user, with its position.
+    share : fraction of the required 1 s for which the fingertip has been at rest; 1 once the touch
+        is recorded.
     trouble : reason why no fingertip is seen; "" if one is seen.
-    residuals : (count,) residual of each touch [m]; empty until all have been recorded.
+    residuals : (count,) distance of each touch from its transducer after the fit [m]; empty until
+        all touches have been recorded once.
     """
 
     number: int
@@ -131,23 +134,27 @@ def register_tracker(
     """Determine the pose of a hand tracker from touches of transducers with an index fingertip.
 
     The user touches the transducers in order, each for a second, and moves the finger away in
-    between. A touch that contradicts the others must be repeated, at most twice.
+    between. A touch that contradicts the others must be repeated; after two repetitions, it is
+    left out of the fit. The array should be silent.
 
     Parameters
     ----------
-    setup : scene with the array.
-    source : "websocket", optionally with ":PORT", or a recording of the touches.
-    elements : indices of the transducers to touch, in order; by default, those of
-        ``elements_to_touch``.
-    offset : distance of the fingertip's joint from a touched face [m]; by default, the skin radius
-        of the scene's hand, or of a generic hand, at this joint.
+    setup : scene with the array; the side of its first hand, if any, selects the hand that touches.
+    source : "websocket" for a tracker that sends frames, optionally with ":PORT"; or the path of a
+        recording of the touches.
+    elements : indices in the array of at least 3 transducers to touch, in order; by default, those
+        of ``elements_to_touch``.
+    offset : distance of the fingertip's joint from a touched face [m], 0 to 0.05; by default, the
+        skin radius of the scene's hand, or of a generic hand, at this joint. It is ignored if it is
+        fitted.
     fit_offset, fit_scale : whether to fit the offset, or a factor for all of the tracker's lengths,
-        together with the pose.
-    report : function called with the progress, up to ten times per second.
+        together with the pose; False by default.
+    report : function called with the progress as a ``TouchStep``, up to ten times per second.
 
     Returns
     -------
-    The pose of the tracker with its uncertainty, and the touched transducers.
+    A ``RegisteredTracker`` with the fitted pose, which maps the tracker's frame to the scene, its
+    uncertainty, and the touched transducers. Its ``table`` is for the scene file.
 
     Raises
     ------

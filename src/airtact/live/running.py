@@ -68,14 +68,16 @@ def run(
         pressed.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s].
-    cap : largest amplitude of an element, as a fraction of full scale; by default, the safe limit
-        that ``follow`` computes.
+    cap : largest amplitude of an element, as a fraction of full scale, above 0 and at most 1. By
+        default, the level at a head 0.5 m from the array is limited to 110 dB SPL; without boards,
+        the cap is 1.
     ignore_hand : whether scattering by the hand is ignored, as in ``Controls``.
-    page : port and host of a page that shows the run and controls it; no page by default.
+    page : port and host, such as ``(8000, "localhost")``, of a page in the browser that shows the
+        run and controls it; no page by default.
     certificate : PEM file with a certificate and its key, to serve the page over
         HTTPS.
     report_step : function called with a description of each step at the start of the run.
-    report : function called twice a second with the status.
+    report : function called twice a second with the ``Status``.
 
     Returns
     -------
@@ -84,9 +86,10 @@ def run(
     Raises
     ------
     InvalidInput
-        If an argument is invalid. Nothing has been emitted in this case.
+        If an argument is invalid, or the live loop does not support the scene. Nothing has been
+        emitted in this case.
     LinkFailed
-        If the boards fail.
+        If the boards fail. All boards that still respond are silenced first.
     """
     checked_seconds(seconds)
     checked_latency(latency)
@@ -276,21 +279,29 @@ def received(
 def output_to(
     setup: Setup, folder: Path, board: str | None, link: str | None, **settings: str | None
 ) -> Output:
-    """Return the output for a run: boards connected by a link, or no boards if no link is given.
+    """Return the output for ``run``: boards connected by a link, or no boards if no link is given.
+
+    The link is not opened yet.
 
     Parameters
     ----------
     setup : scene whose array consists of the connected boards.
-    folder : folder for files that the link writes.
-    board, link : names of the kind of board and of the link, such as "autd3" and "udp"; None
-        without boards.
-    settings : further options of the link: the ``address`` of the boards or the serial ``port``.
+    folder : folder in which the events at the link are written to link.log; created with the link.
+    board, link : names of the kind of board and of the link, such as "autd3" and "udp"; both None
+        for a run without boards.
+    settings : further options of the link, as texts: the ``address`` of AUTD3 boards or the serial
+        ``port`` of others; None or omitted if the link does not need it.
+
+    Returns
+    -------
+    An ``Output``.
 
     Raises
     ------
     InvalidInput
-        If the live loop does not support the scene; see ``live_scene``. If the boards are not those
-        of the scene. If a setting is missing or does not apply to the link.
+        If the live loop does not support the scene; see ``live_scene``. If only one of ``board``
+        and ``link`` is given, or the boards are not those of the scene. If a setting is missing or
+        does not apply to the link. If the boards cannot play the paths of the foci.
     """
     scene = live_scene(setup)
     if not any([board, link, *settings.values()]):

@@ -74,10 +74,12 @@ class WithImages:
 
     Attributes
     ----------
-    array : R sources: first the elements, then their images.
+    array : R sources in the frame of the scene: first the elements, then their images. Without a
+        plane, these are the elements alone.
     imaged : (R - E,) index of the element that each image mirrors.
     strengths : (E,) factor for the strength of each element: 2 for a monopole in the plane, where
-        it coincides with its image, else 1.
+        it coincides with its image, else 1. It is not part of ``array``; ``folded`` and
+        ``unfolded`` apply it.
     """
 
     array: PhasedArray

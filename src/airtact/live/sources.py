@@ -27,18 +27,21 @@ OnFrame = Callable[[HandFrame, float], None]
 class HandSource:
     """Source of frames of tracked hands in scene coordinates; it runs from ``begin`` to ``close``.
 
-    Other code may also add frames to ``stream``. The page does so for a hand that the user drags.
+    This base class delivers only frames that other code adds to ``stream``, as the page does for a
+    hand that the user drags. Subclasses deliver those of a recording or a tracker. ``hands_from``
+    creates the source for ``run``.
 
     Parameters
     ----------
-    words : short description of the source.
-    tracker : pose of the tracker in the scene.
+    words : short description of the source, shown to the user.
+    tracker : pose that maps the tracker's frame to the scene; by default, they are the same.
     world : objects and foci that applications can change; empty by default.
 
     Attributes
     ----------
-    stream : stream to which the frames are added.
-    ended : whether the source has delivered its last frame.
+    stream : ``HandStream`` to which the frames are added, in the tracker's frame; it rejects faulty
+        frames.
+    ended : whether the source has delivered its last frame; always False in this class.
     """
 
     def __init__(self, words: str, tracker: Pose | None = None, world: World | None = None) -> None:

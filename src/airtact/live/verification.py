@@ -24,15 +24,19 @@ from airtact.timing import Progress, no_progress
 
 @dataclass(frozen=True, eq=False)
 class VerifiedSession:
-    """Pressures that selected drives of a session produce at the recorded hand.
+    """Pressures that selected drives of a session produce at the recorded hands.
+
+    ``verify_session`` returns it. The hands are those that the tracker recorded for the time at
+    which the sound was in the air, so the pressures include errors of the prediction.
 
     Attributes
     ----------
-    indices : (V,) indices of the verified drives in the session.
-    pressures : (V, F) pressures at the foci [Pa]; NaN if a drive has fewer foci.
-    kept : (V,) fraction of the attainable pressure that each drive reaches at its weakest focus.
-        The attainable pressure is that of the best drive of equal energy for the same hands.
-        Pressures are divided by the strengths of the foci.
+    indices : indices of the V verified drives in the session.
+    pressures : (V, F) peak pressures at the foci of each drive [Pa], for F foci at most; the rows
+        of drives with fewer foci end with NaN.
+    kept : (V,) pressure at the weakest focus divided by that of the best drive of equal energy
+        Σ|d|² for the same hands; 1 is ideal. To find the weakest focus, pressures are divided by
+        the strengths of the foci.
     """
 
     indices: tuple[int, ...]

@@ -115,10 +115,19 @@ class WantedFocus:
 class World:
     """The virtual objects and requested foci of the loop; any thread may read and change them.
 
+    Applications change them by messages (``take`` or ``receive``). The live loop reads ``objects``
+    and ``foci`` for each drive, and ``state`` is its answer to the applications. Foci end 0.5 s
+    after the last message of their application. Its objects stay until its connection is closed.
+
     Parameters
     ----------
-    objects : objects of the scene file.
-    clock : function that returns the current time [s].
+    objects : objects of the scene file, at most 64; none by default.
+    clock : function that returns the current time [s]; by default ``time.monotonic``.
+
+    Raises
+    ------
+    InvalidInput
+        If there are more than 64 objects, or two have the same name.
     """
 
     def __init__(

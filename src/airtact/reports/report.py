@@ -17,16 +17,24 @@ def write_report(
 ) -> tuple[Path, ...]:
     """Write the report of a result to a folder, replacing existing files of the same name.
 
+    The .html page shows pictures, tables and warnings in any browser.
+
     Parameters
     ----------
-    result : a rendering, which is written to field.vtkhdf and report.html; or a comparison of all
-        methods for a setup, which is written to methods.html.
+    result : a rendering, as returned by ``render``, which is written to report.html and, as the
+        field around the foci for ParaView, to field.vtkhdf; or a ``MethodComparison``, as returned
+        by ``compare(setup)``, which is written to methods.html.
     folder : folder for the files; created if it does not exist.
     progress : function called with a description of each step as it begins.
 
     Returns
     -------
     The paths of the files.
+
+    Raises
+    ------
+    InvalidInput
+        If the result has another type, or the folder cannot be written to.
     """
     # Importing Matplotlib takes a second, and only the pages require it.
     from airtact.reports.methods_page import write_methods_page

@@ -58,22 +58,23 @@ DEFAULT_OFFSET = 0.5e-3
 def read_scene(
     path: str | Path, changes: Mapping[str, Value] | None = None, moving: bool = False
 ) -> Setup:
-    """Read a scene file and build its setup.
+    """Read a scene file and build its setup, which ``render`` and other functions take.
 
     Parameters
     ----------
-    path : TOML file, or the name of an example such as "pinch". Surfaces, hands, drawings and array
-        files named in it must be in the same folder.
+    path : TOML file; or, if there is no such file, the name of an example such as "pinch".
+        Surfaces, hands, drawings and array files named in the file are looked up in its folder.
     changes : mapping from the path of a key to the value that replaces the one in the file, such as
         ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``. The value None removes a key. ``hand``
-        refers to the only obstacle that is a hand; the same applies to other kinds of bodies.
-
+        refers to the only obstacle that is a hand; the same applies to other kinds of bodies. The
+        file itself does not change.
     moving : whether the bodies will move later, so that contacts may be missing at first. A scene
         without foci and contacts then gets one focus, where the skin is nearest to an object.
+        Otherwise, such a scene raises ``InvalidInput``.
 
     Returns
     -------
-    The setup that the file describes.
+    The ``Setup`` that the file describes, in the frame of the obstacles.
 
     Raises
     ------

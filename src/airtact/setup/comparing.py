@@ -83,18 +83,22 @@ class Contender:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MethodComparison:
-    """Drives of all methods for a setup, from one transfer matrix.
+    """Drives of all methods for a setup, from one transfer matrix, as returned by ``compare``.
+
+    All drives are verified at the foci by one more accurate solve. ``best`` is the best method.
 
     Attributes
     ----------
     setup : the scene, array and target.
-    default : name of the default method.
-    contenders : the methods that returned a drive, followed by the control, a drive computed
-        without the bodies.
+    default : name of the method that ``method = "best"`` selects for this setup; it is ranked first
+        among methods that are equally good.
+    contenders : one ``Contender`` for each method that returned a drive, with its pressures at the
+        foci; then the control, a drive computed without the bodies. In open air, there is no
+        control.
     warnings : warnings about the setup, about methods that returned no drive or stopped early, and
         about the verification.
     transfer : transfer matrix from which the drives were computed.
-    beacons : report of the solve for the transfer matrix.
+    beacons : report of the solve for the transfer matrix, whose sources are beacons at the foci.
     bound : upper bound [Pa], for all drives up to full scale, on the smallest ratio of pressure to
         weight. The weight of a focus is its requested pressure, its share (relative pressure), or
         1.

@@ -100,20 +100,23 @@ class Explanation:
 def why(result: Rendering, kept: float | None = None) -> Explanation:
     """Explain the pressure at each focus of a rendered drive.
 
-    Causes are added one by one, and the pressure is computed after each. The pressure of the last
-    cause is therefore the first pressure plus all changes.
+    The first pressure is the largest that the array can produce anywhere in open air. Causes of
+    other pressures, such as the shadow of the hand or rounding, are added one by one, and the
+    pressure is computed after each. The pressure after the last cause is therefore the first
+    pressure plus all changes.
 
     Parameters
     ----------
     result : rendering, as returned by ``render``.
     kept : fraction of the attainable pressure that remained in a recorded session despite the error
-        and the age of the tracked pose, such as the median of ``VerifiedSession.kept``. By default,
-        tracking is not included.
+        and the age of the tracked pose, such as the median of ``VerifiedSession.kept``; it
+        multiplies the pressures as the last cause. By default, tracking is not included.
 
     Returns
     -------
-    An ``Explanation`` with the causes in order, the pressures after each of them, and advice on
-    what to change.
+    An ``Explanation`` with the causes in order, the peak pressure at each focus after each of them
+    [Pa], and advice on what to change. If the amplitude is modulated, pressures from that cause on
+    are rms values over a period of the modulation.
 
     Raises
     ------

@@ -55,16 +55,16 @@ Region = Box | Callable[[Points], Bool[np.ndarray, "points"]]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Layout:
-    """A layout of boards.
+    """A layout of boards that ``place`` tried.
 
     Attributes
     ----------
-    poses : pose of each board in the frame of the obstacles.
+    poses : pose of each board, which maps the frame of ``single`` to that of the obstacles.
     weakest : peak pressure at the weakest focus [Pa], with all elements at full scale, in the worst
         pose of the hand. With the objective "lowest_tenth", it is the pressure that the weakest
         focus exceeds in nine poses out of ten. If the foci have shares (relative pressures),
         pressures are divided by them.
-    single : transducers of a single board, in the frame of the board.
+    single : transducers of a single board, in the frame of the board; ``array`` combines all.
     """
 
     poses: tuple[Pose, ...]

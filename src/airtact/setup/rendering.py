@@ -57,7 +57,9 @@ from airtact.transducers.levels import AmplitudeModulation
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rendering:
-    """The drive of a setup, verified by a more accurate solve.
+    """The drive of a setup, verified by a more accurate solve, as returned by ``render``.
+
+    "The weakest focus" is the one with the smallest ratio of pressure to request.
 
     Attributes
     ----------
@@ -66,11 +68,11 @@ class Rendering:
     beacons : report of the solve for ``transfer``, which has a source (beacon) at each focus. If
         the solver did not estimate its error, ``beacons.estimated_error`` is the largest relative
         difference, at any focus, between this solve and the verification.
-    drive : amplitude and phase of each transducer.
+    drive : complex amplitude of each transducer, not rounded to levels.
     pressures : (F,) verified peak pressure at each focus [Pa]. If one focus runs through the points
         in turn, each value applies while the focus is at that point; such values come from the
         transfer matrix and are not verified.
-    steepening : effect of nonlinear steepening on ``pressures``.
+    steepening : effect of nonlinear steepening on ``pressures``, which do not include it.
     verification : pressures of ``drive`` and of the control, computed by the verification solve.
         The control is the drive that the same method computes without the bodies; in open air there
         is none.
@@ -80,14 +82,15 @@ class Rendering:
     sequence : drives for moving foci; None if the foci do not move.
     robustness : pressures of the drive for samples of the setup's ``uncertainty`` that were not
         used to compute the drive; None if the setup has no uncertainty.
-    traps : ``Verdict`` on the equilibrium nearest to each trap.
-    headline : sentence with the pressure at the weakest focus, with and without the
-        hand.
+    traps : ``Verdict`` on the equilibrium nearest to each trap, or on the trap itself if there is
+        no equilibrium within half a wavelength; empty without traps.
+    headline : sentence with the pressures at the weakest focus that ``drive`` and the control
+        produce.
     remarks : sentences on requests that were not met, and on the fraction of the upper bound
         that the drive reaches.
     sensation : sentences that compare the foci with the tactile threshold.
-    warnings : warnings about the setup, the method and both solves.
-    seconds : wall time of each step [s].
+    warnings : warnings about the setup, the method and both solves, one sentence each.
+    seconds : wall time of each step by name [s].
     """
 
     setup: Setup
@@ -319,19 +322,26 @@ def compute(setup: Setup, clock: Clock, store: Path | None = None) -> ComputedDr
 def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> Rendering:
     """Verify a drive: compute its pressures by a more accurate solve with all elements as sources.
 
-    ``render`` calls ``compute``, then this function. If the target requests pressures and the
-    strongest element is below full scale, the drive is scaled so that the focus with the smallest
-    ratio of pressure to request gets its requested pressure. Otherwise the drive does not change.
+    ``render`` calls ``compute``, then this function; call both to use the drive before it is
+    verified. If the target requests pressures and the strongest element is below full scale, the
+    drive is scaled so that the focus with the smallest ratio of verified pressure to request gets
+    its requested pressure, or up to full scale. Otherwise the drive does not change.
 
     Parameters
     ----------
     computed : drive and setup, as returned by ``compute``.
-    clock : clock that records how long each step takes.
+    clock : ``Clock`` that records how long each step takes, the one that was passed to ``compute``;
+        its times become ``Rendering.seconds``.
     store : folder in which solved fields are stored and reused; by default, fields are not stored.
 
     Returns
     -------
     A ``Rendering`` with the drive, its verified pressures and their estimated error.
+
+    Raises
+    ------
+    InvalidInput
+        If the solver cannot solve the scene, for example because there is not enough memory.
     """
     from airtact.setup.safe_emission import default_level
 

@@ -69,7 +69,16 @@ class Board:
 
 
 def board_named(name: str) -> Board:
-    """Return the board with a given name, such as "autd3".
+    """Return the description of a kind of board.
+
+    Parameters
+    ----------
+    name : "autd3", "sonicsurface", "nano16" or "openmpd".
+
+    Returns
+    -------
+    A ``Board``, with the positions of its transducers and its levels. For a ``PhasedArray`` of
+    boards, use ``board_array``.
 
     Raises
     ------

@@ -30,26 +30,29 @@ MAX_PISTON_SIZE = {12: 3.5, 19: 4.8}
 class Element:
     """A transducer, represented by weighted monopoles on its face.
 
-    In the frame of the element, the face lies in the plane z = 0 and radiates toward +z.
+    ``piston`` and ``monopole`` build elements, and all transducers of a ``PhasedArray`` have the
+    same element. In the frame of the element, the face lies in the plane z = 0, with the position
+    of the transducer at its origin, and radiates toward +z. In open air, the pressure is the sum of
+    weight × sensitivity × amplitude × e^{ikr}/r over the points.
 
     Attributes
     ----------
-    points : (Q, 3) points on the face, relative to the position of the element [m].
+    points : (Q, 3) points on the face in the frame of the element [m].
     weights : (Q,) real weights, the fraction that each point contributes to the pressure; their sum
         is 1.
     sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m]. The default is 4.38, the
         value in the AUTD3 SDK, which is not calibrated.
     directional : whether the element radiates only into the half-space in front of its face. All
         foci and bodies must then be in this half-space. False by default.
-    radius : radius of the face [m]; 0, the default, for a single point. The field depends only on
-        ``points`` and ``weights``; the radius serves to describe the element, and to check that
-        it has enough points and that elements do not overlap.
+    radius : radius of the face [m], 0 to 0.1; 0, the default, for a single point. The field depends
+        only on ``points`` and ``weights``; the radius serves to describe the element, and to check
+        that it has enough points and that elements do not overlap.
 
     Raises
     ------
     InvalidInput
         If a number is not finite, if the weights do not match the points or do not add up to 1, if
-        the sensitivity is not above zero, or if the radius is negative.
+        the sensitivity is not above zero, or if the radius is outside its range.
 
     Examples
     --------

@@ -415,19 +415,22 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     """Return a grid of AUTD3 boards in the plane z = 0, centred on the origin, facing +z.
 
     Boards touch edge to edge: they are spaced by the size of a board, 192.0 mm along x
-    and 151.4 mm along y. Boards are numbered along x first, and the elements of each
-    board keep their order.
+    and 151.4 mm along y, and are not turned. Boards are numbered along x first, starting at the
+    smallest x and y, and the elements of each board keep their order.
 
     Parameters
     ----------
-    rows, columns : number of boards along y and along x.
-    element : kind of transducer; by default, the piston of the board (see
-        ``Board.radius``).
+    rows, columns : number of boards along y and along x, at least 1.
+    element : kind of transducer; by default, the piston of the board, with a radius of 4.0 mm.
+
+    Returns
+    -------
+    A ``PhasedArray`` of 249 · ``rows`` · ``columns`` elements.
 
     Raises
     ------
     InvalidInput
-        If a number is below 1, or the boards span more than 10 m.
+        If a number is not an integer of at least 1, or the boards span more than 10 m.
 
     Examples
     --------

@@ -13,14 +13,14 @@ FULL_SCALE = 1.0 + 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """The amplitudes and phases that a board can emit.
+    """The amplitudes and phases that a board can emit, to which ``quantise`` rounds a drive.
 
     Attributes
     ----------
-    amplitudes : (A,) amplitude of each level as a fraction of full scale, increasing
-        from 0 to 1, with A from 2 to 256. A board with two levels only switches
-        elements on and off.
-    phases : number of phase levels, 2 to 256. Level k is the phase 2π k/phases.
+    amplitudes : (A,) amplitude of each level as a fraction of full scale, increasing from 0 to 1,
+        with A from 2 to 256. A board with two levels only switches elements on and off.
+    phases : number of phase levels, 2 to 256. Level k, from 0, is the phase 2π k/phases [rad] of
+        the complex amplitude, so the levels are evenly spaced over a full turn.
 
     Raises
     ------

@@ -293,20 +293,20 @@ THICKNESS = 8.7e-3
 def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple[Obstacle, ...]:
     """Model the boards of an array as rigid bodies that reflect sound.
 
-    Each board is a closed box with the outline stated by the maker, and its
-    transducers are pistons in the front face. Boards that touch or overlap form a
-    single body. Add the bodies to the obstacles of the scene, and do not move the
-    array afterwards.
+    Each board is a closed box with the outline stated by the maker, and its transducers are pistons
+    in the front face. Boards less than 0.5 mm apart form a single body. Add the bodies to the
+    obstacles of the scene, whose frame must be that of the array, and do not move the array
+    afterwards.
 
     Parameters
     ----------
-    array : array of boards whose outline is known.
+    array : array of boards of one kind whose outline is known, such as "autd3".
     thickness : distance from the faces of the transducers to the back of a board [m],
-        0.5 to 50 mm.
+        0.0005 to 0.05; by default 8.7 mm.
 
     Returns
     -------
-    The bodies, one for each group of boards that touch.
+    A tuple of sound-hard ``Obstacle`` bodies, one for each board or group of boards that touch.
 
     Raises
     ------

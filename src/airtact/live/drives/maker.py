@@ -58,10 +58,11 @@ class SolvingMaker(DriveMaker):
 
 
 class HandAware(SolvingMaker):
-    """Computes drives for fixed places of a hand, including scattering by the hand.
+    """Computes drives for foci at fixed places of a hand, including scattering by the hand.
 
-    The live loop passes each frame of the tracker to ``take`` and requests each drive from
-    ``make``. A Kalman filter predicts the hand for the time at which the sound arrives.
+    This is the ``DriveMaker`` that ``run`` uses for scenes without virtual objects. The live loop
+    passes each frame of the tracker to ``take`` and requests each drive from ``make``. A Kalman
+    filter predicts the hand for the time at which the sound arrives.
 
     Solver processes continuously solve the scattering of the newest poses. Each solution is stored
     as factors: the ratio of each entry of the transfer matrix with the hand to that in open air.
@@ -75,18 +76,19 @@ class HandAware(SolvingMaker):
 
     Parameters
     ----------
-    scene : the parts of the scene that stay fixed during the run.
-    noise : standard deviation of each coordinate of the tracker's landmarks [m]; by default, it is
-        estimated from the frames.
-    agility : standard deviation of the acceleration of the palm [m/s²].
+    scene : the parts of the scene that stay fixed during the run, as returned by ``live_scene``.
+    noise : standard deviation of each coordinate of the tracker's landmarks [m], above 0; by
+        default, it is estimated from the frames.
+    agility : standard deviation of the acceleration of the palm [m/s²], above 0; see ``Predictor``.
     solvers : solver processes; by default, one for the whole hand and, for one or two foci on
         fingers, another for the last phalanges. If the sequence is empty, the open-air matrix is
         used alone.
 
     Attributes
     ----------
-    fault : message about the last pose that could not be solved; None if there was none.
-    solutions : number of solutions that have been computed.
+    fault : message about the last pose for which no solution or no drive could be computed; None if
+        there was none.
+    solutions : number of solutions that have been computed since the start.
     """
 
     def __init__(
