@@ -25,10 +25,10 @@ def weighted_gerchberg_saxton(
     the foci, and then new sources s_f = v_f · phase((H d)_f), where phase(z) = z/|z|. The weights
     v_f start at the requested pressures or shares and grow for weak foci; the best iteration is
     returned (Di Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound, Marzo and
-    Drinkwater, PNAS 116 (2019) 84). The method runs twice, once starting with all foci in phase and once with all
-    elements in phase, and returns the better drive. If the weights oscillate, as they can between
-    two foci with nearly equal rows of H, the method shortens their steps. It ignores requested
-    phases and suppression points.
+    Drinkwater, PNAS 116 (2019) 84). The method runs twice, once starting with all foci in phase and
+    once with all elements in phase, and returns the better drive. If the weights oscillate, as they
+    can between two foci with nearly equal rows of H, the method shortens their steps. It ignores
+    requested phases and suppression points.
 
     Parameters
     ----------
