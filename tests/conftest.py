@@ -71,6 +71,26 @@ def _skins_are_meshed_once() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _bodies_are_searched_once_for_thin_parts() -> Iterator[None]:
+    """Search each shape that passes once in a process: most tests read one of the same few scenes."""
+    from airtact.geometry import checks
+
+    search = checks.thin_part
+    thick: set[tuple[Any, ...]] = set()
+
+    def thin_part(surface):
+        key = (type(surface.shape), surface.vertices.tobytes(), surface.triangles.tobytes())
+        part = None if key in thick else search(surface)
+        if part is None:
+            thick.add(key)
+        return part
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(checks, "thin_part", thin_part)
+        yield
+
+
 @pytest.fixture
 def box() -> Callable[..., Any]:
     import airtact as at

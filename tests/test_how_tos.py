@@ -58,7 +58,9 @@ def test_there_are_pages() -> None:
 def test_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     # Each drive that `airtact live --verify` judges takes a solve of more than a second, and so does each layout that
-    # `airtact place` refines.
+    # `airtact place` refines. Processes that solve for the hand take 2 s.
+    unsolved = partial(at.live.HandAware, solvers=[])
+    monkeypatch.setattr("airtact.live.running.HandAware", unsolved)
     monkeypatch.setattr(at.live, "verify_session", partial(at.live.verify_session, drives=1))
     monkeypatch.setattr(at, "place", partial(at.place, refine=1))
     names: dict = {"__name__": page.stem}

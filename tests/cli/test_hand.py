@@ -13,23 +13,6 @@ from paths import HANDS
 CLOUD, LANDMARKS = str(HANDS / "seen_hand.ply"), str(HANDS / "seen_hand.json")
 
 
-def test_a_cloud_gives_a_closed_skin_a_picture_and_how_sure_it_is(tmp_path: Path, capsys) -> None:
-    file = tmp_path / "hand.ply"
-
-    assert (
-        main(
-            ["hand", CLOUD, "--landmarks", LANDMARKS, "--camera", "0", "0", "0", "--out", str(file)]
-        )
-        == 0
-    )
-
-    said = capsys.readouterr().out
-    assert "standard deviation of the joints" in said
-    skin = trimesh.load(file)
-    assert skin.is_watertight  # pyright: ignore[reportAttributeAccessIssue]
-    assert file.with_suffix(".png").stat().st_size > 20_000
-
-
 @pytest.fixture(scope="module")
 def fitted():
     points = at.hands.load_cloud(Path(CLOUD))
@@ -38,13 +21,18 @@ def fitted():
 
 
 @pytest.mark.parametrize("edge", [None, 0.005])
-def test_the_file_holds_the_skin_that_was_brought_to_the_points(
-    tmp_path: Path, edge: float | None, fitted
+def test_the_file_holds_the_closed_skin_that_was_brought_to_the_points(
+    tmp_path: Path, edge: float | None, fitted, capsys
 ) -> None:
     words = ["hand", CLOUD, "--landmarks", LANDMARKS, "--camera", "0", "0", "0"]
     words += [] if edge is None else ["--edge", str(edge)]
-    assert main([*words, "--out", str(tmp_path / "hand.ply")]) == 0
-    written = at.load_surface(tmp_path / "hand.ply")
+    file = tmp_path / "hand.ply"
+    assert main([*words, "--out", str(file)]) == 0
+    assert "standard deviation of the joints" in capsys.readouterr().out
+    assert file.with_suffix(".png").stat().st_size > 20_000
+    skin = trimesh.load(file)
+    assert skin.is_watertight  # pyright: ignore[reportAttributeAccessIssue]
+    written = at.load_surface(file)
     assert len(written.crossings) == 0
     points = fitted.points[~fitted.outliers]
     body = np.abs(fitted.hand.shape.depth(points))

@@ -45,7 +45,7 @@ def in_plane_wave(
     return solver.radiate(scene, source)
 
 
-@pytest.mark.parametrize(("radius", "error"), [(1e-3, 2e-3), (4e-3, 2e-3), (8e-3, 2e-3)])
+@pytest.mark.parametrize(("radius", "error"), [(1e-3, 2e-3), (8e-3, 2e-3)])
 def test_the_pressure_on_a_sphere_adds_up_to_the_momentum_it_takes_from_a_plane_wave(
     radius, error
 ) -> None:

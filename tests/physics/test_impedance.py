@@ -62,7 +62,7 @@ def test_finer_panels_and_double_precision_converge_on_the_surface_too():
     lit = directions(400, 5) * 8e-3
     lit = lit[(lit @ sources.positions.T > 0).all(axis=1)]
     errors = []
-    for solver in (at.BoundaryElement(0.01), at.BoundaryElement(1e-3, "float64")):
+    for solver in (at.BoundaryElement(0.01), at.BoundaryElement(3e-3, "float64")):
         found = solver.radiate(scene, sources)
         errors.append(
             (
@@ -71,8 +71,8 @@ def test_finer_panels_and_double_precision_converge_on_the_surface_too():
             )
         )
     assert errors[0][0] < 0.02
-    assert errors[1][0] < 2e-3
-    assert errors[1][1] < 1e-3
+    assert errors[1][0] < 6e-3
+    assert errors[1][1] < 3e-3
 
 
 @pytest.mark.parametrize("ratio", [0.5, 5j])

@@ -4,6 +4,7 @@ Lengths are in metres and positions in the frame of the obstacles unless stated 
 keys without a default are None.
 """
 
+from functools import cache
 from typing import Annotated, ClassVar, Literal
 
 import msgspec
@@ -34,6 +35,10 @@ class Rule:
         self.conditions = conditions
 
 
+# Resolving the annotations takes longer than reading a table.
+_fields = cache(msgspec.structs.fields)
+
+
 class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """A table of a scene file; unknown keys raise an error.
 
@@ -45,7 +50,7 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     one_of: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        for field in msgspec.structs.fields(self):
+        for field in _fields(type(self)):
             present = getattr(self, field.name) is not None
             for rule in getattr(field.type, "__metadata__", ()):
                 if not isinstance(rule, Rule):

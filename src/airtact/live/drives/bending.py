@@ -15,6 +15,7 @@ common phase follows the path through their centre.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64
@@ -313,12 +314,14 @@ class BendingPanels:
         corners = self.panels.corners.reshape(-1, 3)
         self._corner_weights = hull_weights(hand.shape.hulls, corners)
         self._inside_weights = hull_weights(hand.shape.hulls, self.panels.inside)
-        # The six sources on a panel move like the mean of its corners. The inner ones come last.
-        panel_weights = self._corner_weights.reshape(-1, 6, len(PARTS)).mean(axis=1)
-        self._source_weights = np.concatenate(
-            [np.repeat(panel_weights, 6, axis=0), self._inside_weights]
-        )
         self._heights = hand.shape.hulls.look(corners).distance
+
+    @cached_property
+    def _source_weights(self) -> Weights:
+        """Weight of each bone in the motion of each source, first those on panels."""
+        # The six sources on a panel move like the mean of its corners.
+        panel_weights = self._corner_weights.reshape(-1, 6, len(PARTS)).mean(axis=1)
+        return np.concatenate([np.repeat(panel_weights, 6, axis=0), self._inside_weights])
 
     def solved(self, posed: PosedHand, time: float) -> SkinSources:
         """Solve the scattering by the hand in another pose, at a given time [s].
