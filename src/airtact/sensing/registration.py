@@ -234,7 +234,9 @@ def locate(
         opening = family.start + float(best.x[6])
         smallest = max(5e-3, 10.0 * family.error)
         inside = family.low < opening < family.high
-    derivatives = fit.derivatives(best.x)
+    # The Jacobian refers to the twist from the initial pose, not to further motions.
+    derivatives = best.jac.copy()
+    derivatives[:, :6] = derivatives[:, :6] @ np.linalg.inv(further_motion(best.x[:6]))
     information = derivatives.T @ derivatives
     _check_determined(information, fit.units, smallest, pose, *fit.measured.shape)
     to_array = np.eye(len(information))
@@ -292,7 +294,8 @@ class _Fit:
         few = self.few
         start = few.follow(np.zeros(len(self.units)), 1e-3)
         if few.explained(start):
-            pose = self.follow(start.x)
+            # A few echoes put the bodies so close to the result that the derivatives stay the same.
+            pose = self.follow(start.x, derivatives=self.derivatives(start.x))
             if self.explained(pose):
                 return pose
         tried = sorted([start, *few.other_starts()], key=lambda pose: pose.cost)
@@ -329,11 +332,19 @@ class _Fit:
         self.known[key] = np.stack([_parts(part) for part in by], axis=1)
         return self.known[key]
 
-    def follow(self, unknowns: Unknowns, flat: float = 1e-7) -> OptimizeResult:
-        """Minimise the residual from a pose and an opening, to a relative tolerance ``flat``."""
+    def follow(
+        self,
+        unknowns: Unknowns,
+        flat: float = 1e-7,
+        derivatives: Float64[np.ndarray, "parts unknowns"] | None = None,
+    ) -> OptimizeResult:
+        """Minimise the residual from a pose and an opening, to a relative tolerance ``flat``.
+
+        ``derivatives`` are used in all steps; by default, each step computes its own.
+        """
 
         def jacobian(unknowns: Unknowns) -> Float64[np.ndarray, "parts unknowns"]:
-            by = self.derivatives(unknowns).copy()
+            by = (self.derivatives(unknowns) if derivatives is None else derivatives).copy()
             by[:, :6] = by[:, :6] @ further_motion(unknowns[:6])
             return by
 
