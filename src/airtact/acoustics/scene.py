@@ -201,20 +201,20 @@ CONTACT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """A body and the boundary condition on its surface.
+    """A body of a ``Scene``: its surface, and the boundary condition there.
 
     Use ``sound_hard``, ``impedance`` or ``filled`` to build it.
 
     Attributes
     ----------
-    surface : closed surface of the body.
+    surface : closed surface of the body, in the frame of the scene.
     boundary : ``"sound_hard"`` (∂p/∂n = 0), ``"impedance"`` (∂p/∂n + (ik/ratio) p = 0 with n
         outward, for the time factor e^{-iωt}) or ``"filled"`` (another fluid).
-    ratio : real or complex relative impedance Z/(ρc) if ``boundary`` is "impedance", otherwise
-        None.
+    ratio : real or complex impedance Z of the surface relative to ρc of the scene's medium, finite,
+        not zero and without negative real part, if ``boundary`` is "impedance"; otherwise None.
     medium : fluid inside the body if ``boundary`` is "filled", otherwise None.
     board : whether the body consists of reflecting boards of the array, with elements in their
-        faces, as built by ``reflecting_boards``.
+        faces, as built by ``reflecting_boards``; False by default.
 
     Raises
     ------
@@ -320,16 +320,23 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 def filled(surface: Surface, medium: Medium) -> Obstacle:
     """Build a body filled with a fluid, which sound can enter.
 
-    Only ``FiniteElement`` and ``SphereSeries`` support such bodies.
+    Only ``FiniteElement`` supports such bodies, and ``SphereSeries`` a single sphere. Other solvers
+    raise ``InvalidInput``.
 
     Parameters
     ----------
-    surface : closed surface of the body.
-    medium : fluid in the body.
+    surface : closed surface of the body, in the frame of the scene.
+    medium : fluid in the body, such as ``Medium(sound_speed, density)``. Pressure and normal
+        velocity are continuous at the surface.
 
     Returns
     -------
-    The body, for use in a ``Scene``.
+    The body as an ``Obstacle``, for use in ``Scene.obstacles``.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument has the wrong type.
     """
     return Obstacle(surface, "filled", medium=medium)
 

@@ -163,13 +163,14 @@ class Stored(Solver):
     if several processes write at the same time or a process is killed. A damaged file is detected
     by its checksum, and its field is solved again. If the folder exceeds ``most_bytes``, the least
     recently used files are deleted. A field that cannot be stored, such as a field of finite
-    elements, is still solved, and a warning in its report states the reason.
+    elements, is still solved, and a warning in its report states the reason. Errors of ``solver``
+    are passed on.
 
     Parameters
     ----------
-    solver : solver for fields that are not stored yet.
+    solver : solver for fields that are not stored yet, such as ``BoundaryElement()``.
     folder : folder of the files, which is created if missing. Any number of processes may share it.
-    most_bytes : largest total size of the files [bytes].
+    most_bytes : largest total size of the files [bytes], at least 1; 1 GB by default.
 
     Raises
     ------

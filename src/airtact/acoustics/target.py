@@ -49,27 +49,31 @@ class Beacons(Monopoles):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Foci and suppression points, given in the obstacles' frame and therefore fixed to the hand.
+    """Foci and suppression points, in the frame of the scene's bodies (the obstacles' frame).
+
+    Drive methods such as ``best`` take a target.
 
     Attributes
     ----------
-    points : (F, 3) foci in the obstacles' frame [m].
-    pressures : (F,) requested peak pressures [Pa]; None makes the foci as strong as possible.
-    shares : (F,) relative pressures, or None. The pressures at the foci have these ratios, at the
-        highest level that the array allows. If neither pressures nor shares are given, all foci
-        have equal weight.
-    phases : (F,) requested phases [rad], from complex pressures or shares; None if the drive method
-        chooses them.
-    suppression_points : (Q, 3) points where the pressure is suppressed [m]; none by default.
+    points : (F, 3) foci [m], at most 2 m from the origin of the obstacles' frame.
+    pressures : (F,) requested peak pressures [Pa], 0 or more; None makes the foci as strong as
+        possible.
+    shares : (F,) relative pressures, 0 or more, or None. The pressures at the foci have these
+        ratios, at the highest level that the array allows. If neither pressures nor shares are
+        given, all foci have equal weight.
+    phases : (F,) requested phases of Re[p e^{−iωt}] [rad], from complex pressures or shares; None
+        if these are real, so that the drive method chooses the phases.
+    suppression_points : (Q, 3) points where the pressure is suppressed [m], at most 2 m from the
+        same origin; none by default.
 
     Raises
     ------
     InvalidInput
-        If there are no points; if a number is NaN, infinite or negative; if a point is more than
-        2 m from the origin; if no pressure or share is above zero; if the number of pressures or
-        shares differs from the number of foci; if both pressures and shares are passed; if a
-        suppression point is within 1 µm of a focus; or if the points are a position and a normal,
-        as returned by ``hand.place``.
+        If there are no points; if a number is NaN or infinite; if a real pressure or share is
+        negative, or none is above zero; if a point is too far from the origin; if the number of
+        pressures or shares differs from the number of foci; if both pressures and shares are
+        passed; if a suppression point is within 1 µm of a focus; or if the points are a position
+        and a normal, as returned by ``hand.place``.
 
     Examples
     --------

@@ -43,12 +43,17 @@ MAX_OFFSET = 0.02
 
 
 def segment(start: Vector, end: Vector, spacing: float) -> Points:
-    """Return evenly spaced points (F, 3) on a straight line, including both ends [m].
+    """Return evenly spaced points on a straight line, including both ends.
 
     Parameters
     ----------
-    start, end : (3,) ends of the line [m].
-    spacing : largest distance between neighbours [m].
+    start, end : (3,) ends of the line in the frame of the target [m].
+    spacing : largest distance between neighbours [m], above 0. Foci merge into an unbroken line at
+        2 to 4 mm at 40 kHz.
+
+    Returns
+    -------
+    (F, 3) points from ``start`` to ``end`` [m], for example as the foci of a ``Target``.
 
     Raises
     ------
@@ -160,13 +165,18 @@ def circle(
 
 
 def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
-    """Return points (F, 3) spread evenly over a sphere on a golden spiral [m].
+    """Return points spread evenly over the surface of a sphere, on a golden spiral.
 
     Parameters
     ----------
-    centre : (3,) centre of the sphere [m].
-    radius : radius of the sphere [m].
-    spacing : approximate distance between neighbours [m].
+    centre : (3,) centre of the sphere in the frame of the target [m].
+    radius : radius of the sphere [m], above 0.
+    spacing : approximate distance between neighbours [m], above 0; at least 4 points are returned.
+
+    Returns
+    -------
+    (F, 3) points in the order of decreasing z [m], for example as the foci or suppression points of
+    a ``Target``.
 
     Raises
     ------
@@ -383,17 +393,25 @@ def text(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Return points (F, 3) [m] along a text in Hershey's single-stroke font of 1967.
+    """Return points along the strokes of a text in Hershey's single-stroke font of 1967.
+
+    The text is one line in the plane through ``centre`` that is perpendicular to ``normal``.
 
     Parameters
     ----------
-    words : the text, in ASCII characters.
-    height : height of a capital letter [m].
-    spacing : largest distance between neighbours along a stroke [m].
-    centre : (3,) middle of the text [m].
-    normal : (3,) direction toward the reader.
-    up : (3,) upward direction of the letters; by default y, or z if the normal is
-        nearly parallel to y.
+    words : the text, in printable ASCII characters.
+    height : height of a capital letter [m], above 0.
+    spacing : largest distance between neighbours along a stroke [m], above 0.
+    centre : (3,) position of the middle of the text's bounding box in the frame of the target [m];
+        by default, the origin.
+    normal : (3,) direction toward the reader, a vector of any length above zero; by default z.
+    up : (3,) upward direction of the letters, projected onto their plane; by default y, or z if the
+        normal is within 26 degrees of ±y.
+
+    Returns
+    -------
+    (F, 3) points in the order of the strokes [m], for example as the foci of a ``Target``. Points
+    closer than 0.6 times the spacing to an earlier point are omitted.
 
     Raises
     ------

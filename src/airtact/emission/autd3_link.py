@@ -91,21 +91,25 @@ class AUTD3Boards(Link):
 
 
 class AUTD3Link(AUTD3Boards):
-    """EtherCAT link to a chain of AUTD3 boards with firmware older than 0.10.
+    """EtherCAT link to a chain of AUTD3 boards with firmware older than 0.10, for an ``Emission``.
 
-    Drives already contain all phases, so the frames do not depend on the speed of sound set in
-    pyautd3; only simulators use this speed.
+    The link is created closed; ``Emission`` opens it. Opening requires the package pyautd3
+    (``pip install 'airtact[autd3-legacy]'``), and fails with the code "link_failed" if the boards
+    do not answer. For boards with firmware 0.12, use ``UDPLink``.
 
     Parameters
     ----------
-    poses : pose of each board in the array's frame, in the order of the chain, as
+    poses : list with the pose of each board in the array's frame, in the order of the chain, as
         returned by ``poses_of_boards``.
-    through : connection to the boards: "audit" (no device; a model of the firmware in this
-        process), "ethercrab" (boards on an Ethernet port of this computer), "twincat" (Beckhoff's
-        TwinCAT, on this or another computer), "remote" (an AUTD server) or "simulator".
+    through : connection to the boards: "audit" (the default: no device, but a model of the firmware
+        in this process), "ethercrab" (boards on an Ethernet port of this computer), "twincat"
+        (Beckhoff's TwinCAT, on this or another computer), "remote" (an AUTD server) or "simulator"
+        (AUTD's simulator).
     address : network interface for "ethercrab" (by default the first one with boards), AMS net id
-        for TwinCAT on another computer, or host:port for "remote" and "simulator".
-    sound_speed : speed of sound in the medium [m/s]; only simulators use it.
+        for TwinCAT on another computer (by default, this one), or host:port for "remote" and
+        "simulator", which require it. Ignored for "audit".
+    sound_speed : speed of sound in the medium [m/s], which only simulators use, because drives
+        already contain all phases; by default, that of pyautd3.
 
     Raises
     ------

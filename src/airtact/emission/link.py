@@ -22,12 +22,16 @@ from airtact.transducers.levels import Levels
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
-    """Error raised if an open link fails. Its message describes the last frame sent.
+    """Error raised if a link to boards fails after it was opened, or is used after its end.
+
+    It is a ``RuntimeError``. If the boards stop answering, its message describes the last frame
+    sent, which they may still be playing.
 
     Attributes
     ----------
-    code : fixed name of the kind of error, such as "link_failed"; the wording of the message may
-        change.
+    code : fixed name of the kind of error, for programs, because the wording of the message may
+        change: "link_failed" for a failed link, "emission_over" for a call after the emission has
+        ended.
     """
 
     def __init__(self, sentence: str, *, code: str) -> None:

@@ -25,26 +25,31 @@ def serial_ports() -> list[str]:
 
 
 class SerialLink(Link):
-    """Link to one or two SonicSurface boards, or one Nano16, on a serial port.
+    """Link to one or two SonicSurface boards, or one Nano16, on a serial port, for an ``Emission``.
 
-    A Nano16 echoes the first and the last byte of each frame, which reset and swap its buffers; a
-    frame that is not echoed is sent again. A SonicSurface never answers, so a frame is considered
-    sent once the port has sent all bytes. Both kinds of board have two buffers. Each swap brings
-    back the previous buffer, so silence is sent twice.
+    The link is created closed; ``Emission`` opens it, which requires the package pyserial
+    (``pip install 'airtact[serial]'``) and fails with the code "link_failed" if the port cannot be
+    opened.
+
+    A Nano16 echoes the first and the last byte of each frame, which reset and swap its buffers. A
+    frame that is not echoed is sent up to three times; then the link fails. A SonicSurface never
+    answers, so a frame is considered sent once the port has sent all bytes. Both kinds of board
+    have two buffers. Each swap brings back the previous buffer, so silence is sent twice.
 
     Parameters
     ----------
     port : name of the serial device, such as /dev/ttyUSB0 or COM3.
-    board : "sonicsurface" or "nano16".
-    boards : number of boards; the first is the primary and the second the secondary.
-    boot : time limit for the first answer [s]. Opening the port restarts a Nano16, which delays
-        this answer.
+    board : kind of the boards, "sonicsurface" (the default) or "nano16".
+    boards : number of boards, 1 by default. At most 2 for "sonicsurface", of which the first is the
+        primary and the second the secondary, and 1 for "nano16".
+    boot : time limit for the first answer of a Nano16 [s], which restarts if the port is opened; 4
+        s by default.
 
     Raises
     ------
     InvalidInput
-        If the kind of board is unknown or has no serial line, or one line cannot drive this number
-        of boards.
+        If the kind of board is unknown or has no serial line, one line cannot drive this number of
+        boards, or the port is not a text.
     """
 
     name = "serial"

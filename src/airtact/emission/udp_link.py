@@ -16,18 +16,21 @@ from airtact.geometry.pose import Pose
 
 
 class UDPLink(AUTD3Boards):
-    """UDP link to a chain of AUTD3 boards with firmware 0.12.
+    """UDP link to a chain of AUTD3 boards with firmware 0.12, for an ``Emission``.
 
-    The boards silence themselves half a second after the last call of ``send``,
-    ``play`` or ``probe``; an ``Emission`` calls ``probe`` often enough. A frame
-    can be sent before the time at which it takes effect (see ``send``).
+    The link is created closed; ``Emission`` opens it, which requires the package autd3
+    (``pip install 'airtact[autd3]'``) and fails with the code "link_failed" if the boards do not
+    answer. The boards silence themselves half a second after the last call of ``send``, ``play`` or
+    ``probe``; an ``Emission`` calls ``probe`` often enough. A frame can be sent up to 50 ms before
+    the time at which it takes effect (see ``send``).
 
     Parameters
     ----------
-    poses : pose of each board in the array's frame, in the order of the chain, as
+    poses : list with the pose of each board in the array's frame, in the order of the chain, as
         returned by ``poses_of_boards``.
-    address : network interface of the boards (by default the first one with boards), [::1]:PORT of
-        a simulator, or "emulator" for the manufacturer's model of the boards in the link process.
+    address : name of the network interface of the boards (by default the first one with boards),
+        [::1]:PORT of a simulator, or "emulator" for the manufacturer's model of the boards in the
+        link process.
 
     Raises
     ------

@@ -35,20 +35,24 @@ HELD_EQUAL = {
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The pressure at each focus for several drives, relative to the first drive.
+    """The pressure at each of F foci for D drives, as returned by ``compare``.
+
+    Printing it shows the pressure at the weakest focus of each drive, in brackets the ratio to the
+    first drive. ``weakest``, ``ratios`` and ``table`` return these numbers.
 
     Attributes
     ----------
-    names : names of the D drives; the first is the reference.
-    target : the foci.
-    pressures : dict from each normalisation in ``HELD_EQUAL`` to the peak pressure (D, F) of each
-        drive at each focus [Pa].
-    field : field with one excitation per drive; each drive is scaled so that its strongest element
-        is at full scale. For each drive with unequal amplitudes, a further excitation has the same
-        phases and every element at full scale.
+    names : names of the drives; the first is the reference.
+    target : the ``Target`` with the foci.
+    pressures : dict from each normalisation to the peak pressure (D, F) of each drive at each focus
+        [Pa]. The normalisations are "equal peak", with the strongest element of each drive at full
+        scale; "equal energy", with the largest Σ|d|² that all drives can reach within full scale;
+        and "phase only", with the drive's phases and every active element at full scale.
+    field : ``RadiatedField`` with S excitations. The first D are the drives at equal peak. They are
+        followed by the phase-only version of each drive whose amplitudes are unequal.
     phase_columns : for each drive, the index of its phase-only version among the excitations of
-        ``field``.
-    at_foci : (F, S) complex pressure of each excitation of ``field`` at the foci [Pa].
+        ``field``; the drive's own index if its amplitudes are equal.
+    at_foci : (F, S) complex peak pressure of each excitation of ``field`` at the foci [Pa].
     """
 
     names: tuple[str, ...]

@@ -265,13 +265,19 @@ def in_real_air(
 class Evaluation:
     """The pressure at each focus for a drive, in pascals and relative to the request.
 
+    ``evaluate`` returns it. Printing it shows a table of the foci.
+
     Attributes
     ----------
-    target : the foci and their requested pressures.
-    pressures : (F,) complex peak pressure at each focus [Pa].
-    report : report of the solver that computed the pressures.
-    field : the field of the drive alone; None if several drives were solved together.
-    steepening : nonlinear steepening at the foci; None if it was not estimated.
+    target : the ``Target`` with F foci and their requested pressures.
+    pressures : (F,) complex peak pressure at each focus in the order of the target, by linear
+        acoustics [Pa].
+    report : ``SolveReport`` of the solver that computed the pressures, with the error estimated at
+        the foci.
+    field : ``RadiatedField`` of the drive, to evaluate other points; None if several drives were
+        solved together, as by ``verify``.
+    steepening : ``Steepening`` at the foci, from which ``expected`` follows; None if it was not
+        estimated.
     """
 
     target: Target

@@ -32,21 +32,26 @@ MIN_POSITIONS = 3
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """The readings of a microphone at many positions.
+    """The readings of a microphone at many positions, as read by ``load_scan``.
+
+    Readings at the same position are averaged; if there are any, the positions are sorted by x, y
+    and z.
 
     Attributes
     ----------
-    points : (N, 3) positions of the microphone [m].
-    pressures : (N,) readings, in any unit; real if no phase was measured.
-    phased : whether the phase was measured.
-    repeated : number of positions that occur more than once; their readings are averaged.
+    points : (N, 3) positions of the centre of the microphone's face [m], in the frame of the scene
+        with which the scan is compared.
+    pressures : (N,) complex readings for the time factor e^{−iωt}, in any unit; amplitudes without
+        imaginary part if no phase was measured.
+    phased : whether the phase was measured. If not, only magnitudes are compared.
+    repeated : number of positions that occurred more than once; computed, not passed.
 
     Raises
     ------
     InvalidInput
         If there is not one reading per position, if a number is NaN or infinite, if there are
-        fewer than 3 different positions, if a position is more than 2 m from the origin, or if all
-        readings are 0.
+        fewer than 3 different positions, if a position is more than 2 m from the frame's origin, or
+        if all readings are 0.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -198,12 +203,14 @@ class Overlay:
 def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Overlay:
     """Compare a scan with a prediction after fitting one complex scale by least squares.
 
-    If no phase was measured, magnitudes are compared, and the scale is real.
+    The scale accounts for the unknown sensitivity and phase of the measurement. If no phase was
+    measured, magnitudes are compared, and the scale is real and positive.
 
     Parameters
     ----------
-    scan : the measurement.
-    predicted : (N,) complex pressures at the points of the scan [Pa], NaN where unknown.
+    scan : the measurement at N positions.
+    predicted : (N,) complex peak pressures at ``scan.points`` [Pa], such as the first column of
+        ``Microphone.read``; NaN where unknown. These positions are skipped.
 
     Returns
     -------
@@ -212,8 +219,9 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     Raises
     ------
     InvalidInput
-        If the shapes differ, if fewer than 3 positions can be compared, if the prediction is 0 at
-        all of them, or if the scan fits far better after negating its phases.
+        If the shapes differ, if fewer than 3 positions can be compared, or if the prediction is 0
+        at all of them. Also if the relative error is above 20 %, but less than half as large with
+        the phases of the scan negated.
 
     Examples
     --------

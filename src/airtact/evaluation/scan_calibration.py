@@ -44,21 +44,24 @@ class ScanCalibration:
 
     Attributes
     ----------
-    array : the array with the fitted sensitivity and gains. The gains are relative to this
-        sensitivity and to the mean phase. Elements whose gain is not determined keep their
-        previous gain.
+    array : the array with the fitted sensitivity and gains, at its original position. The gains are
+        relative to this sensitivity and to the mean phase. Elements whose gain is not determined
+        keep their previous gain.
     sensitivity : peak pressure of the average element at full scale, 1 m away on its axis [Pa·m].
     deviation : standard deviation of ``sensitivity`` [Pa·m], without the microphone's own
         uncertainty.
     gain_deviations : (E,) standard deviation of each gain relative to its magnitude, or of its
         phase [rad] if that is larger.
     determined : (E,) mask of the elements whose gain is determined by the scans: its uncertainty is
-        less than half of the spread of all gains. Without phases, no gain is determined.
-    pose : rigid motion that maps the positions in the scans to the true positions of the
-        microphone.
-    misalignment : (6,) rotation vector of ``pose`` [rad], and shift of the middle of the scans [m].
-    misalignment_deviation : (6,) standard deviations of ``misalignment``.
-    errors : relative error of each scan after the fit, including noise.
+        less than half of the standard deviation of the gains from element to element. Without
+        phases, no gain is determined.
+    pose : rigid motion that maps the positions stated in the scans to the true positions of the
+        microphone in the array's frame.
+    misalignment : (6,) the same motion as the rotation vector of ``pose`` about x, y and z [rad],
+        followed by the shift of the mean position of all scans along x, y and z [m].
+    misalignment_deviation : (6,) standard deviations of ``misalignment``, in the same units.
+    errors : for each scan, the rms of the deviation from the fitted field divided by the rms of the
+        readings. It includes noise.
     """
 
     array: PhasedArray

@@ -62,13 +62,16 @@ def radiation_pressure(
 class RadiationMap:
     """Sound that one drive produces at Q points on the surfaces of all bodies of a scene.
 
+    ``verify`` returns it as ``Verification.skin``.
+
     Attributes
     ----------
-    body : (Q,) index of each point's body.
-    points, normals, areas : (Q, 3) position [m], (Q, 3) outward normal and (Q,) area [m²] of each
-        point.
-    pressure : (Q,) total pressure, complex peak value [Pa].
-    radiation_pressure : (Q,) mean pressure, positive inward [Pa].
+    body : (Q,) index in ``Scene.obstacles`` of each point's body.
+    points, normals, areas : (Q, 3) position in the scene [m], (Q, 3) outward unit normal, and (Q,)
+        area of the surface that the point represents [m²].
+    pressure : (Q,) incident plus scattered pressure, complex peak value [Pa].
+    radiation_pressure : (Q,) time-averaged pressure, positive if it pushes the surface inward [Pa];
+        see the function ``radiation_pressure``.
     """
 
     body: Int64[np.ndarray, "points"]
@@ -203,17 +206,21 @@ class Verification:
 
     Attributes
     ----------
-    evaluation : the pressure at each of the F foci.
-    quantised : the pressures at the foci for the drive rounded to the levels of a board.
-    levels : amplitude and phase levels of the board.
-    attainable : (F,) pressure at each focus at full scale if it were the only focus [Pa].
-    skin : sound on the surfaces of the bodies; None in open air.
-    forces : (F,) force on the skin within 5 mm of each focus, reduced by nonlinear steepening [N];
-        NaN for foci away from skin and where ``evaluation.expected`` is NaN.
-    side_lobe : strongest pressure more than a wavelength from every focus, on the bodies or in
-        the air up to two wavelengths beyond the foci.
-    suppression_points : (Q,) complex pressure at the target's suppression points [Pa].
-    head : (N,) level at the points of a head, without steepening [dB SPL]; see ``HeadLevel``.
+    evaluation : ``Evaluation`` with the pressure at each of the F foci.
+    quantised : ``Evaluation`` for the drive rounded to ``levels``; for the exact drive if rounding
+        would make it silent.
+    levels : amplitude and phase levels of the board, as passed to ``verify``.
+    attainable : (F,) peak pressure that each focus would reach at full scale as the only focus
+        [Pa].
+    skin : ``RadiationMap`` of the sound on the surfaces of the bodies; None in open air.
+    forces : (F,) inward force on the skin within 5 mm of each focus, reduced by nonlinear
+        steepening [N]; NaN for foci more than 2 mm from skin and where ``evaluation.expected`` is
+        NaN.
+    side_lobe : ``SideLobe``, the strongest pressure more than a wavelength from every focus, on the
+        bodies or in the air up to two wavelengths beyond the foci.
+    suppression_points : (Q,) complex peak pressure at the target's suppression points [Pa].
+    head : (N,) sound pressure level at the points of a head that were passed to ``verify``, without
+        steepening [dB SPL].
     """
 
     evaluation: Evaluation

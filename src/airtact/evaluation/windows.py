@@ -160,7 +160,7 @@ def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A grid of points in a cuboid whose edges are parallel to the axes of the frame.
+    """A grid of points in a cuboid whose edges are parallel to the axes of the scene.
 
     Attributes
     ----------

@@ -77,8 +77,13 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
     Parameters
     ----------
     skin : points of the skin, with their normals, areas and neighbours.
-    objects : virtual objects, as checked by ``objects_of``.
-    gap : largest distance from an object at which skin is treated as a contact [m].
+    objects : virtual objects in the frame of the skin, as checked by ``objects_of``.
+    gap : distance from an object [m] below which skin outside it is treated as a contact, too.
+
+    Returns
+    -------
+    ``ContactArrays`` with one row per contact, empty if there is none. Outside an object, the depth
+    is negative and the area 0.
     """
     near = _within_reach(skin, objects, gap)
     # One row of depths per object, then one node for each point inside an object.

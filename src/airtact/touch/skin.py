@@ -92,26 +92,30 @@ class Skin:
 def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     """Return the points of the skin of a hand, another surface, or several bodies.
 
+    ``contact`` and ``TouchState.update`` find at these points where the skin touches objects.
+
     Parameters
     ----------
-    bodies : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to
-        them.
-    longest_edge : longest distance between neighbouring points [m]. By default, a hand has about
-        6,000 points, so that a fingertip pressed 2 mm into a ball has several points in the ball.
-        At 10 mm, a hand has 1,600 points, which suits a live loop; the density of points at the
-        finger pads is the same. Balls of a radius below ``longest_edge``/√3 may lie between points.
+    bodies : a ``Hand``, a ``Surface``, a list of these, or a mapping from names to them; all in one
+        frame, which is also that of the result.
+    longest_edge : longest distance between neighbouring points [m], 0.001 to 0.05. By default, a
+        hand has about 6,000 points, so that a fingertip pressed 2 mm into a ball has several points
+        in the ball. At 10 mm, a hand has 1,600 points, which suits a live loop; the density of
+        points at the finger pads is the same. Balls of a radius below ``longest_edge``/√3 may lie
+        between points.
 
     Returns
     -------
-    The skin, divided into parts. The parts of a hand are its fingers, "palm" and "back". With two
-    hands, the side precedes the name, as in "left.index". A surface is a single part, named as in
-    the mapping.
+    A ``Skin``, divided into parts. The parts of a hand are its five fingers ("thumb", "index",
+    "middle", "ring", "pinky"), "palm" and "back"; with a left and a right hand, the side precedes
+    the name, as in "left.index". A surface is a single part with its name in the mapping, "body N"
+    for the N-th body of a list, or "skin" if it is the only body.
 
     Raises
     ------
     InvalidInput
-        If an argument has the wrong type, the edge is not between 1 and 50 mm, or a surface
-        requires more than 100,000 points.
+        If an argument has the wrong type, there are no bodies, ``longest_edge`` is outside its
+        range, or a surface requires more than 100,000 points.
 
     Examples
     --------

@@ -50,18 +50,20 @@ class Solid(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Box(Solid):
-    """A box whose sides are parallel to the axes of its frame.
+    """A box whose sides are parallel to the axes of its own frame, for a ``VirtualObject``.
+
+    To turn or move the box, set ``VirtualObject.pose``.
 
     Attributes
     ----------
-    sides : (3,) side lengths along x, y and z [m].
-    centre : (3,) centre of the box [m].
+    sides : (3,) side lengths along x, y and z [m], above 0; the longest is 0.5 mm to 2 m.
+    centre : (3,) centre of the box [m], at most 2 m from the origin of its own frame; by default,
+        the origin.
 
     Raises
     ------
     InvalidInput
-        If a length is not above zero or exceeds 2 m, or the centre is more than 2 m from the
-        origin.
+        If a length or the centre is outside its range, or a number is NaN or infinite.
 
     Examples
     --------
@@ -111,7 +113,7 @@ class Cylinder(Solid):
     ------
     InvalidInput
         If the radius or the length is not above zero, if the larger of length and diameter is not
-        between 0.5 mm and 2 m, or if an end is more than 2 m from the origin.
+        between 0.5 mm and 2 m, or if an end is more than 2 m from the frame's origin.
 
     Examples
     --------
@@ -178,8 +180,8 @@ class HalfSpace(Solid):
     Raises
     ------
     InvalidInput
-        If the point is farther than 2 m from the origin, if the normal is zero, or if a number is
-        NaN or infinite.
+        If the point is farther than 2 m from the frame's origin, if the normal is zero, or if a
+        number is NaN or infinite.
 
     Examples
     --------
@@ -236,7 +238,7 @@ class Button(Solid):
     ------
     InvalidInput
         If a length is not above zero, the normal is zero, or the cylinder is more than 2 m long,
-        more than 2 m wide or more than 2 m from the origin.
+        more than 2 m wide or more than 2 m from the frame's origin.
 
     Examples
     --------

@@ -31,33 +31,38 @@ class _Focus:
 class TouchState:
     """Computes foci where moving skin touches virtual objects.
 
-    For each frame, call ``update`` with the skin and the time [s]. It returns ``TouchFoci``:
-    the positions, strengths and names of the foci.
+    For each frame, call ``update`` with the skin and the time [s]. It returns ``TouchFoci``: the
+    positions, strengths (0 to 1, see ``VirtualObject.stiffness``) and names of the foci.
 
     A contact begins when skin enters an object, and ends when the skin is farther from the object
-    than ``release``, so that noise does not make it flicker. Strengths rise and fall gradually.
+    than ``release``, so that noise does not make it flicker. A strength changes gradually, at most
+    by 1 per ``ramp``. It begins at 0 and, after the end of a contact, falls to 0, while the focus
+    stays at its point of the skin.
 
     Parameters
     ----------
-    objects : a virtual object or a list of them; to move, add or remove objects, assign a new list
-        to this attribute.
-    offset : distance of the foci from the skin, on its outer side [m]; 0.5 mm by default.
-    most : largest number of foci, including those that are fading; 8 by default. If there are more
-        contacts, the weakest are merged with stronger neighbours or get no focus.
-    wavelength : wavelength of the sound [m]; by default, that of 40 kHz in air at 20 °C. Weak
-        contacts are only merged with contacts less than a wavelength away.
-    release : distance of the skin from an object at which a contact ends [m]; 1 mm by default.
-    ramp : shortest time in which a strength changes between 0 and 1 [s]; 20 ms by default.
+    objects : a ``VirtualObject`` or a list of up to 64, in the frame of the skin. To move, add or
+        remove objects, assign a new list to the attribute ``objects``.
+    offset : distance of the foci from the skin, on its outer side [m], 0 to 0.1; 0.5 mm by default.
+    most : largest number of foci, 1 to 64, including those that are fading; 8 by default. If there
+        are more contacts, the weakest are merged with stronger neighbours or get no focus.
+    wavelength : wavelength of the sound [m], 0.0003 to 0.35; by default 8.6 mm, that of 40 kHz in
+        air at 20 °C. Weak contacts are only merged with foci of the same object less than a
+        wavelength away.
+    release : distance of the skin from an object at which a contact ends [m], 0 to 0.02; 1 mm by
+        default.
+    ramp : shortest time in which a strength changes between 0 and 1 [s], 0.001 to 1; 20 ms by
+        default.
 
     Attributes
     ----------
-    found : contacts at the last update: points, depths, areas and objects.
+    found : contacts at the last update, as ``ContactArrays``; empty before the first.
 
     Raises
     ------
     InvalidInput
         If there are more than 64 objects, two have the same name, one has the wrong type, or a
-        number is out of range.
+        parameter is outside its range.
 
     Examples
     --------

@@ -109,8 +109,8 @@ def potential(
     Parameters
     ----------
     scene : the air and the bodies in it.
-    array : transducers in the frame of the scene.
-    drive : drive of the array.
+    array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
+    drive : drive of the array, one complex amplitude per element.
     points : (P, 3) positions of the centre of the bead in the scene [m].
     radius : radius of the bead [m], above 0 and at most an eighth of a wavelength.
     density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
@@ -126,9 +126,10 @@ def potential(
     ------
     InvalidInput
         If the bead's centre is closer to a body, a plane or an element than the radius of the bead
-        or a sixteenth of a wavelength, whichever is larger. Also if the bead is behind the face of
-        a directional element, if the drive is silent or does not have as many elements as the
-        array, or if a number is out of range.
+        or a sixteenth of a wavelength, whichever is larger. Also if a point or a body is behind the
+        face of a directional element, if elements overlap each other or a body, if the drive is
+        silent or does not have as many elements as the array, or if a parameter is outside its
+        range.
     """
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     sound = derivatives(field, points, bead)
@@ -148,34 +149,35 @@ def force(
     """Return the radiation force on a bead at points, from the gradient of Gor'kov's potential.
 
     Gor'kov's potential is valid for beads much smaller than the wavelength. It overestimates force
-    and stiffness by about (ka)²/2 for a bead of radius a: for polystyrene at 40 kHz, by 7 % at 0.5
-    mm, 12 % at 0.65 mm and 33 % at 1 mm. The result neglects streaming, viscosity, weight, and
-    echoes of the sound that the bead scatters.
+    and stiffness by about (ka)²/2 for a bead of radius a at the wavenumber k: for polystyrene in
+    air at 40 kHz, by 7 % at 0.5 mm, 12 % at 0.65 mm and 33 % at 1 mm. The result neglects
+    streaming, viscosity, weight, and echoes of the sound that the bead scatters.
 
     Parameters
     ----------
     scene : the air and the bodies in it.
-    array : transducers in the frame of the scene, as returned by ``PhasedArray.seen_from``.
-    drive : the drive of the array.
-    points : (P, 3) positions of the centre of the bead [m].
-    radius : radius of the bead [m], at most an eighth of a wavelength. For larger beads, use
-        ``body_force``.
-    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
-        those of expanded polystyrene.
+    array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
+    drive : drive of the array, one complex amplitude per element.
+    points : (P, 3) positions of the centre of the bead in the scene [m].
+    radius : radius of the bead [m], above 0 and at most an eighth of a wavelength. For larger
+        beads, use ``body_force``.
+    density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
+        of the bead, which is treated as a fluid sphere; by default, those of expanded polystyrene.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.
 
     Returns
     -------
-    (P, 3) force on the bead at each point [N].
+    (P, 3) time-averaged force on the bead at each point, along the axes of the scene [N].
 
     Raises
     ------
     InvalidInput
         If the bead's centre is closer to a body, a plane or an element than the radius of the bead
-        or a sixteenth of a wavelength, whichever is larger. Also if the bead is behind the face of
-        a directional element, if the drive is silent or does not have as many elements as the
-        array, or if a number is out of range.
+        or a sixteenth of a wavelength, whichever is larger. Also if a point or a body is behind the
+        face of a directional element, if elements overlap each other or a body, if the drive is
+        silent or does not have as many elements as the array, or if a parameter is outside its
+        range.
 
     Examples
     --------
@@ -482,29 +484,36 @@ def verdict(
 ) -> list[Verdict]:
     """Judge for each point whether it traps a bead.
 
+    A point is a trap if the radiation force vanishes within a twentieth of a wavelength of it, if
+    the force pushes the bead back after a displacement in any direction, and if it can carry more
+    than the bead's weight. The force is that of ``force``, with its limitations. To judge the place
+    at which a bead comes to rest, pass the points that ``find`` returns.
+
     Parameters
     ----------
     scene : the air and the bodies in it.
-    array : transducers in the frame of the scene.
-    drive : drive of the array.
-    points : (P, 3) positions of the centre of the bead [m].
-    radius : radius of the bead [m], at most an eighth of a wavelength.
-    density, sound_speed : density [kg/m³] and speed of sound [m/s] of the bead; by default,
-        those of expanded polystyrene.
+    array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
+    drive : drive of the array, one complex amplitude per element.
+    points : (P, 3) positions of the centre of the bead in the scene [m].
+    radius : radius of the bead [m], above 0 and at most an eighth of a wavelength.
+    density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
+        of the bead, which is treated as a fluid sphere; by default, those of expanded polystyrene.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.
 
     Returns
     -------
-    One ``Verdict`` per point, with the force, the stiffness and the attribute ``is_trap``.
+    A list of one ``Verdict`` per point. Its attribute ``is_trap`` is the answer, ``force``,
+    ``stiffness`` and ``holds`` (the largest load in weights of the bead) are the values behind it.
 
     Raises
     ------
     InvalidInput
         If the bead's centre is closer to a body, a plane or an element than the radius of the bead
-        or a sixteenth of a wavelength, whichever is larger. Also if the bead is behind the face of
-        a directional element, if the drive is silent or does not have as many elements as the
-        array, or if a number is out of range.
+        or a sixteenth of a wavelength, whichever is larger. Also if a point or a body is behind the
+        face of a directional element, if elements overlap each other or a body, if the drive is
+        silent or does not have as many elements as the array, or if a parameter is outside its
+        range.
 
     Examples
     --------

@@ -55,17 +55,22 @@ from airtact.traps.gorkov import (
 
 @dataclass(frozen=True)
 class Trap:
-    """A trap to be created, and the bead that it holds.
+    """A trap to be created, and the bead that it holds, such as one of ``Setup.traps``.
+
+    Values are checked when the trap is used, not on construction. The bead does not affect the
+    drive; its properties serve to judge whether the trap holds it.
 
     Attributes
     ----------
-    point : (3,) position of the centre of the bead [m].
-    kind : "twin" for two lobes of opposite phase, one on each side of the bead along ``axis``;
-        "vortex" for a ring of high pressure around ``axis``; the phase increases by 2π along the
-        ring.
-    axis : (3,) direction of the axis, a vector of any length.
-    radius, density, sound_speed : radius [m], density [kg/m³] and speed of sound [m/s] of the
-        bead; by default, a bead of expanded polystyrene with a radius of 0.65 mm.
+    point : (3,) position of the centre of the bead in the scene [m].
+    kind : "twin" (the default) for two lobes of opposite phase, one on each side of the bead along
+        ``axis``; "vortex" for a ring of high pressure around ``axis``; the phase increases by 2π
+        along the ring.
+    axis : (3,) direction of the axis in the scene, a vector of any length above zero; by default y.
+    radius : radius of the bead [m], above 0 and at most an eighth of a wavelength; 0.65 mm by
+        default.
+    density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
+        of the bead; by default, those of expanded polystyrene.
     """
 
     point: Vector
@@ -242,33 +247,36 @@ def signature(
     kind: Literal["twin", "vortex", "bottle"] = "twin",
     axis: Vector = (0, 1, 0),
 ) -> Drive:
-    """Add a trap's signature to the drive for a focus; the pressure at the focus becomes zero.
+    """Convert the drive for a focus into the drive for a trap there, by shifting phases only.
 
-    A signature only shifts phases. It depends on the positions of the elements relative to the mean
-    position of the array.
+    The shifts are the signature of the trap. They depend on the positions of the elements relative
+    to their mean position, and make the contributions of the elements to the pressure at the focus
+    cancel. They cancel completely if array and drive are symmetric about the focus.
 
     Parameters
     ----------
-    array : the transducers.
-    drive : drive that creates a focus at the position of the trap.
-    kind : "twin" adds π to the phases of the half of the array toward which ``axis`` points.
-        "vortex" adds to each phase the angle of the element around the array's front direction.
-        "bottle" adds π to the phases of the elements within a radius of this direction; the radius
-        is chosen so that they have about half of the total amplitude.
-    axis : (3,) axis of the trap, a vector of any length above zero. If the array has no front
-        direction, because its elements face each other, vortices and bottles are built around
-        ``axis``.
+    array : the E transducers, in any frame.
+    drive : drive of the E elements that creates a focus at the position of the trap.
+    kind : "twin" adds π to the phases of the elements on the side of their mean position toward
+        which ``axis`` points. "vortex" adds to each phase the angle of the element around the
+        array's front direction, the mean of the normals of its elements. "bottle" adds π to the
+        phases of the elements within a radius of the line through the mean position along the front
+        direction; the radius is chosen so that they have about half of the total amplitude.
+    axis : (3,) axis of the trap in the array's frame, a vector of any length above zero; by default
+        y. Vortices and bottles only use it in place of the front direction if the elements face
+        each other, so that the mean of their normals is shorter than 0.3.
 
     Returns
     -------
-    A drive with the same amplitudes and shifted phases.
+    A ``Drive`` with the same amplitudes and shifted phases.
 
     Raises
     ------
     InvalidInput
         If the drive does not have as many elements as the array, if the kind is unknown, if the
-        axis is zero, or if the elements cannot be divided, for example because all of them lie on
-        the axis.
+        axis is zero, or if the elements cannot be divided: for "twin", because ``axis`` is
+        perpendicular to a flat array; otherwise, because all elements lie on one line along the
+        axis.
 
     Examples
     --------

@@ -39,28 +39,29 @@ def body_force(
 
     Parameters
     ----------
-    scene : the air and the other bodies.
-    array : transducers in the frame of the scene.
-    drive : drive of the array.
-    body : the body, such as ``sound_hard(sphere(2e-3, 1e-3))``. A sphere filled with a fluid can
-        also represent a light solid, such as expanded polystyrene.
-    about : (3,) reference point of the torque [m]; by default, the centre of the
-        body.
-    solver : solver that computes the field; by default, boundary elements with an error of 1 %. For
-        bodies filled with a fluid, the default is the series solution if there is only one sphere
-        in open air, and finite elements otherwise.
+    scene : the air and the other bodies, without ``body``.
+    array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
+    drive : drive of the array, one complex amplitude per element.
+    body : the body at its position in the scene, such as ``sound_hard(sphere(2e-3, 1e-3))``. A
+        sphere filled with a fluid can also represent a light solid, such as expanded polystyrene.
+    about : (3,) reference point of the torque in the scene [m]; by default, the centre of the
+        body's bounding box.
+    solver : solver that computes the field; by default, ``BoundaryElement(accuracy=0.01)``. If this
+        or another body is filled with a fluid, the default is ``SphereSeries`` for a single sphere
+        in open air, and ``FiniteElement`` otherwise.
 
     Returns
     -------
-    Force (3,) [N] and torque (3,) [N·m].
+    Two arrays along the axes of the scene: the time-averaged force (3,) [N] and torque (3,) [N·m].
 
     Raises
     ------
     InvalidInput
         If another body, a plane or an element is inside the smallest sphere around the body, or
-        within 1/50 of a wavelength of this sphere. Also if the body is over 16 wavelengths across
-        or behind a directional element, or if the drive is silent or does not have as many elements
-        as the array.
+        within 1/50 of a wavelength of this sphere. Also if this sphere has a diameter of over about
+        17 wavelengths, if a body is behind the face of a directional element, if elements overlap,
+        if the solver does not support the bodies, or if the drive is silent or does not have as
+        many elements as the array.
 
     Examples
     --------
