@@ -17,8 +17,9 @@ STANDS_ON = 1e-9
 class Monopoles:
     """N point sources with S independent excitations, each of which is solved separately.
 
-    Pass them to ``Solver.radiate``, which returns one field per excitation. A monopole of strength
-    s in open air produces the pressure p = s e^{ikr}/r at the distance r, with wavenumber k.
+    Pass them to ``Solver.radiate``, which returns a field with the pressure of each excitation. A
+    monopole of strength s in open air produces the pressure p = s e^{ikr}/r at the distance r, with
+    wavenumber k.
 
     Attributes
     ----------

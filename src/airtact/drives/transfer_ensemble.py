@@ -70,8 +70,8 @@ class TransferEnsemble(TransferMatrix):
         1.
     uncertainty : the distributions from which the samples were drawn.
     seed : seed of the samples.
-    left_out : number of further samples that were omitted because they are impossible, such as
-        hands that overlap a transducer.
+    left_out : number of further samples that were drawn but omitted because they are impossible,
+        such as hands that overlap a transducer.
 
     Raises
     ------

@@ -149,9 +149,9 @@ def write_frames(
     board : name of the kind of board, such as "autd3". The number of boards follows from the number
         of elements.
     modulation : amplitude modulation applied to a drive; none by default.
-    seconds : duration of a sequence or a modulated drive [s], which is shortened or repeated to it;
-        by default, one repetition of the sequence or one period of the modulation. It is ignored
-        for a constant drive.
+    seconds : duration to which a sequence or a modulated drive is shortened or repeated [s]; by
+        default, one repetition of the sequence or one period of the modulation. It is ignored for a
+        constant drive.
     cap : largest amplitude of an element, as a fraction of full scale; above 0 and at most 1. A
         drive or sequence that exceeds it is scaled down as a whole.
 

@@ -315,14 +315,14 @@ class HeldOut:
 
     Attributes
     ----------
-    names : names of the D drives.
+    names : names of the D drives, of which the first is usually the one to be judged.
     pressures : (D, S) peak pressure at the weakest focus in each sample, with every drive scaled to
         the energy of the first [Pa]. If the requests or shares differ, it is the smallest ratio of
         pressure to request, times the request of the focus at which the first drive is weakest
         without deviations.
-    expected : (D,) pressure at the weakest focus without any deviation [Pa].
-    left_out : number of samples skipped because they are impossible, such as a hand that overlaps a
-        transducer.
+    expected : (D,) the same pressures without any deviation [Pa].
+    left_out : number of further samples skipped because they are impossible, such as a hand that
+        overlaps a transducer.
     """
 
     names: tuple[str, ...]

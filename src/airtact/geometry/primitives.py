@@ -223,7 +223,7 @@ def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
         ends produce a sphere.
     radius : radius of the capsule [m], above 0.
     edge : longest edge of the triangles of its mesh [m], above 0. Solvers use the exact shape, so
-        the mesh only matters for pictures and files.
+        the mesh mainly matters for pictures and files.
 
     Returns
     -------
@@ -233,8 +233,9 @@ def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
     Raises
     ------
     InvalidInput
-        If the radius or the edge is not above zero, if an end is not finite, or if the capsule is
-        shorter than 0.5 mm or longer than 2 m in total.
+        If the radius or the edge is not above zero, if an end is not finite, if the capsule is
+        shorter than 0.5 mm or longer than 2 m in total, or if the edge requires more than 2,000,000
+        triangles or 400 rings of triangles per cap.
     """
     first = point_of(start, "capsule start")
     last = point_of(end, "capsule end")

@@ -33,8 +33,8 @@ class Shape(ABC):
 
     Attributes
     ----------
-    pose : maps the shape's own frame, in which its attributes such as lengths along z are given, to
-        the frame of the scene.
+    pose : ``Pose`` that maps the shape's own frame, in which its other attributes are given, to the
+        frame of the scene.
     """
 
     pose: Pose

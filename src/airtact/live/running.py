@@ -60,14 +60,14 @@ def run(
     Parameters
     ----------
     setup : scene with virtual objects, or with foci on hands; see ``live_scene``.
-    hands : source of the frames, as returned by ``hands_from``.
+    hands : source of the frames, as returned by ``hands_from``; closed by this function.
     output : boards that emit the drives, as returned by ``output_to``; by default, nothing is
         emitted.
     folder : folder in which ``session.h5`` is written; an existing file is replaced.
     seconds : duration [s]; by default, until the recording ends or Ctrl-C is
         pressed.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
-        own clock [s].
+        own clock [s], 0 to 0.5.
     cap : largest amplitude of an element, as a fraction of full scale, above 0 and at most 1. By
         default, the level at a head 0.5 m from the array is limited to 110 dB SPL; without boards,
         the cap is 1.

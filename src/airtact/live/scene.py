@@ -65,12 +65,12 @@ class MovingFoci:
 
 @dataclass(frozen=True, eq=False)
 class WithImages:
-    """An array of E elements, and the images of these elements in a rigid plane.
+    """An array of E elements, and the images of these elements in a rigid plane, such as a table.
 
-    Elements that are part of the plane have no image. The hand scatters the sound of
-    elements and images. Multiple reflections between the hand and the plane are
-    ignored: their phase changes with every millimetre of height, so a solution would
-    not fit any other pose.
+    The live loop uses it for scenes with a plane. Elements that are part of the plane have no
+    image. The hand scatters the sound of elements and images. Multiple reflections between the hand
+    and the plane are ignored: their phase changes with every millimetre of height, so a solution
+    would not fit any other pose.
 
     Attributes
     ----------

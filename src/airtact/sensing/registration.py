@@ -165,7 +165,7 @@ def locate(
         array. If the echoes are too weak or clipped. If transducers overlap bodies in the initial
         pose. If the scattering matrix belongs to another scene, or is given in addition to a
         family. If the scene has no bodies, or the solver does not support them. If the echoes do
-        not determine the pose or the opening; for example, the echoes of a ball do not determine
+        not determine the pose or the parameter; for example, the echoes of a ball do not determine
         its rotation.
 
     Examples

@@ -267,8 +267,9 @@ class ScatteringFamily:
 
     Attributes
     ----------
-    low, high : smallest and largest value of the parameter, in the unit of the function that was
-        passed to ``scattering_family``. The matrix is not accurate outside this range.
+    low, high : smallest and largest value of the parameter, which is the argument of the function
+        ``scene_of`` that was passed to ``scattering_family``. The matrix is not accurate outside
+        this range.
     start : value of the parameter at which ``locate`` begins its search.
     matrices : the N matrices at the solved values in increasing order, all with waves about the
         same point. The values are Chebyshev points, so they lie inside the range.

@@ -68,9 +68,9 @@ def read_scene(
         ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``. The value None removes a key. ``hand``
         refers to the only obstacle that is a hand; the same applies to other kinds of bodies. The
         file itself does not change.
-    moving : whether the bodies will move later, so that contacts may be missing at first. A scene
-        without foci and contacts then gets one focus, where the skin is nearest to an object.
-        Otherwise, such a scene raises ``InvalidInput``.
+    moving : whether the bodies will move later, so that contacts may be missing at first. If True,
+        a scene without foci and contacts gets one focus, where the skin is nearest to an object; if
+        False, it raises ``InvalidInput``.
 
     Returns
     -------

@@ -116,7 +116,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     -------
     An ``Explanation`` with the causes in order, the peak pressure at each focus after each of them
     [Pa], and advice on what to change. If the amplitude is modulated, pressures from that cause on
-    are rms values over a period of the modulation.
+    are root mean squares of the peak pressure over a period of the modulation.
 
     Raises
     ------

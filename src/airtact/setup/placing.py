@@ -61,9 +61,10 @@ class Layout:
     ----------
     poses : pose of each board, which maps the frame of ``single`` to that of the obstacles.
     weakest : peak pressure at the weakest focus [Pa], with all elements at full scale, in the worst
-        pose of the hand. With the objective "lowest_tenth", it is the pressure that the weakest
-        focus exceeds in nine poses out of ten. If the foci have shares (relative pressures),
-        pressures are divided by them.
+        of the poses of the hand that were passed to ``place``, or else in that of the setup. With
+        the objective "lowest_tenth", it is the pressure that the weakest focus exceeds in nine
+        poses out of ten. If the foci have shares (relative pressures), pressures are divided by
+        them.
     single : transducers of a single board, in the frame of the board; ``array`` combines all.
     """
 

@@ -325,7 +325,8 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     ``render`` calls ``compute``, then this function; call both to use the drive before it is
     verified. If the target requests pressures and the strongest element is below full scale, the
     drive is scaled so that the focus with the smallest ratio of verified pressure to request gets
-    its requested pressure, or up to full scale. Otherwise the drive does not change.
+    its requested pressure; no amplitude becomes larger than full scale. Otherwise the drive does
+    not change.
 
     Parameters
     ----------

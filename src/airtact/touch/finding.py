@@ -18,7 +18,9 @@ class ContactArrays(NamedTuple):
     """Properties of C contacts, one array per property, as in ``Contacts.found``.
 
     A contact is a connected piece of skin inside one object that belongs to one finger or other
-    part of the skin. A piece that spans several parts is divided into one contact per part.
+    part of the skin. A piece that spans several parts is divided into one contact per part. If
+    ``find`` is called with a ``gap``, pieces include skin up to this distance outside an object,
+    where depths are negative.
 
     Attributes
     ----------

@@ -40,7 +40,7 @@ class Skin:
 
     Attributes
     ----------
-    points : (N, 3) positions of the points in the frame of the hand [m].
+    points : (N, 3) positions of the points in the coordinates of the hand or other body [m].
     normals : (N, 3) unit normals of the skin that point out of the hand.
     areas : (N,) area of skin that each point represents [m²].
     triangles : (T, 3) indices in ``points`` of the corners of each triangle.

@@ -27,8 +27,8 @@ class Solid(ABC):
     """A solid that skin can enter: the abstract base class of all shapes of virtual objects.
 
     Use a subclass, such as ``Box``, as the ``shape`` of a ``VirtualObject``. A subclass of your own
-    implements ``depth``, ``ball`` and ``mesh``. All points are in the solid's own frame [m], which
-    ``VirtualObject.pose`` places in the frame of the hand.
+    implements ``depth``, ``ball`` and ``mesh``. All points are in the solid's own coordinates [m],
+    which ``VirtualObject.pose`` maps to those of the scene.
     """
 
     @abstractmethod
@@ -169,11 +169,12 @@ class Cylinder(Solid):
 class HalfSpace(Solid):
     """A solid of all points on or behind an infinite plane, such as a virtual table.
 
-    Points and vectors are in the solid's own frame, as for all ``Solid`` classes.
+    Points and vectors are in the solid's own coordinates, which the pose of a ``VirtualObject``
+    maps to those of the scene.
 
     Attributes
     ----------
-    point : (3,) any point on the plane [m], at most 2 m from the frame's origin.
+    point : (3,) any point on the plane [m], at most 2 m from the origin of these coordinates.
     normal : (3,) vector that points out of the solid; a vector of any length is stored with unit
         length.
 

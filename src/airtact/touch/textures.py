@@ -58,11 +58,12 @@ class Grating:
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """A texture given by an image of heights in the xy plane of an object's own frame.
+    """An image of heights, as the texture of a ``VirtualObject``.
 
-    The image is centred at the frame's origin and is the same for all z. At a point of contact, the
-    strength of the touch is multiplied by the height, so 0 is silent. Between the values, heights
-    are interpolated linearly; beyond the image, the values at its border continue.
+    The image lies in the xy plane of the coordinates of the object's ``shape``, is centred at their
+    origin, and applies to all z. The strength of a touch is multiplied by the height at its
+    position, so 0 is silent. Between the values, heights are interpolated linearly; beyond the
+    image, the values at its border continue.
 
     Attributes
     ----------

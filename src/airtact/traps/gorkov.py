@@ -392,8 +392,9 @@ def stiffness_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.nda
 class Verdict:
     """Verdict on whether a point traps a bead, with the values on which it is based.
 
-    ``verdict`` returns one per point. The attribute ``is_trap`` is the answer, and printing the
-    verdict shows the reasons. Vectors are in the frame of the scene.
+    ``verdict`` returns one per point. ``is_trap`` is True if ``shift`` is at most a twentieth of a
+    wavelength, if the stiffness is positive in all directions, and if ``holds`` is above 1.
+    Printing the verdict shows the reasons. Vectors are in the frame of the scene.
 
     Attributes
     ----------
@@ -402,9 +403,9 @@ class Verdict:
     stiffness : (3, 3) stiffness matrix at the point, as returned by ``stiffness`` [N/m].
     shift : (3,) vector from the point to the place where the radiation force is zero [m], estimated
         by dividing the force by the stiffness.
-    holds : ratio of the holding force to the weight of the bead; a trap needs more than 1. The
-        holding force is the largest restoring force within a quarter of a wavelength of the point,
-        along the weakest of the six directions ±x, ±y and ±z; 0 if there is none.
+    holds : ratio of the holding force to the weight of the bead. The holding force is the largest
+        restoring force within a quarter of a wavelength of the point, along the weakest of the six
+        directions ±x, ±y and ±z; 0 if there is none.
     excess : relative amount by which Gor'kov's potential overestimates force and stiffness for this
         bead; 0.1 is 10 %. The other attributes are not corrected.
     wavelength : wavelength of the sound [m].

@@ -208,15 +208,16 @@ def hold(
     axis : (3,) direction of the axis of all traps, a vector of any length. Between boards that face
         each other, use "twin" along the normal of the boards.
     foci : (F, 3) additional foci on the skin [m]; none by default.
-    focus_share : pressure at the foci divided by the mean pressure at the lobes of the traps, at
-        least 0. The lobes are a sixth of a wavelength from the bead.
+    focus_share : requested pressure at the foci divided by the mean pressure at the lobes of the
+        traps, at least 0. The lobes are a sixth of a wavelength from the bead.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.
 
     Returns
     -------
-    The ``Drive`` that maximises the pressure at the weakest trap or focus, relative to
-    ``focus_share``. The strongest element is at full scale.
+    The ``Drive`` that maximises the smallest of these pressures: the mean at the lobes of each
+    trap, and the pressure at each focus divided by ``focus_share``. The strongest element is at
+    full scale.
 
     Raises
     ------
@@ -505,8 +506,8 @@ def path(
     ------
     InvalidInput
         If the bead would be lost between two frames, if no two corners differ, if the kind is
-        unknown, if the axis is zero, or if a parameter is outside its range. Also if the
-        trap or one of its lobes would be in a body or behind the array.
+        unknown, if the axis is zero, or if a parameter is outside its range. Also if the trap or
+        one of its lobes would be in a body or behind the array.
 
     Examples
     --------

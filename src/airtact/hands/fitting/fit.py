@@ -160,7 +160,7 @@ def fit_hand(
         within 45 mm of the bones between the landmarks; others, and those of the forearm, are
         ignored.
     landmarks : (25, 3) joints in WebXR order, or (21, 3) in MediaPipe and Leap order, in the frame
-        of the points and wrong by up to about 20 mm [m].
+        of the points [m]. They may be wrong by several millimetres, but not by more than 30.
     side : ``"right"`` or ``"left"``; by default it is inferred from the landmarks if the fingers
         bend enough.
     camera : (3,) position, in the frame of the points, from which all of them were seen [m]. Points

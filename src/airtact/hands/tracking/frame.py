@@ -79,9 +79,8 @@ class HandFrame:
     InvalidInput
         Raised as the subclass ``FaultyFrame`` if the time, side or sequence number is invalid, if
         landmarks are NaN, in millimetres, too few or too many, or have implausible bone lengths, or
-        if the cloud contains NaN or spans more than 20 m.
-        Landmarks of the other hand raise no error, because ``HandStream`` needs many frames to
-        recognise them.
+        if the cloud contains NaN or spans more than 20 m. Landmarks of the other hand raise no
+        error, because ``HandStream`` needs many frames to recognise them.
     """
 
     time: float

@@ -63,7 +63,7 @@ class MovingPanels:
     corners : (T, 6, 3) corners (the first three) and edge midpoints of each panel [m].
     inside : (2 T, 3) second collocation points of the dual-surface equation [m]. Points 2 t and
         2 t + 1 lie inside the body, near panel t.
-    deviation : (T,) distance of each panel from the true surface [m].
+    deviation : (T,) largest distance of each panel from the true surface [m].
     admittance : (T,) complex ρc/Z of each panel, with surface impedance Z; 0 if it is sound-hard.
     wavenumber : complex wavenumber of the sound [1/m]; its imaginary part is the absorption.
     near_rule : integration rule for panels near a point.
