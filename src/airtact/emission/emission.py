@@ -221,7 +221,7 @@ class Emission:
 
         Parameters
         ----------
-        drive : amplitude of every element.
+        drive : complex amplitudes of all elements.
         wait : whether to wait for the end of the ramp; otherwise ``share`` shows its progress.
         at : time at which the drive takes effect, on the clock of ``time.monotonic`` [s]. It may be
             at most the link's ``lead`` in the future. During a ramp, and on links without a lead,
@@ -294,7 +294,7 @@ class Emission:
 
         Parameters
         ----------
-        drive : amplitude of every element.
+        drive : complex amplitudes of all elements.
         seconds : duration [s].
         modulation : frequency and depth of the modulation.
 

@@ -319,8 +319,8 @@ def serve(
 ) -> bool:
     """Run a link until its owner closes it or the owner's process ends.
 
-    The link is ``here``, or the link in the first message if ``here`` is None. The function returns
-    False only if the owner did not close the link and the boards could not be silenced.
+    The function runs the link ``here`` or, if ``here`` is None, the link in the first message. It
+    returns False only if the owner did not close the link and the boards could not be silenced.
     """
     player: Player | None = None
     closed = True

@@ -333,7 +333,7 @@ def fine_meshes(
 
     Returns
     -------
-    The vertices [m], the triangles, and the index of the surface of each vertex.
+    The vertices [m], the triangles and, for each vertex, the index of its surface.
     """
     from trimesh.remesh import subdivide_to_size
 

@@ -159,9 +159,9 @@ def register_tracker(
     Raises
     ------
     InvalidInput
-        If an element does not exist, there are fewer than 3, or they are in one line. If a
-        recording contains too few touches, or touches contradict each other by more than 10 mm. If
-        the offset is not between 0 and 50 mm or cannot be determined.
+        If an element does not exist, if there are fewer than 3 elements, or if they lie on one
+        line. If a recording contains too few touches, or touches contradict each other by more than
+        10 mm. If the offset is not between 0 and 50 mm or cannot be determined.
     """
     chosen = elements_to_touch(setup.array) if elements is None else tuple(elements)
     wrong = [element for element in chosen if not 0 <= element < len(setup.array)]

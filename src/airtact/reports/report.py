@@ -29,7 +29,7 @@ def write_report(
 
     Returns
     -------
-    The paths of the files.
+    The paths of the written files.
 
     Raises
     ------

@@ -297,7 +297,8 @@ def _checked_receivers(
     numbers = np.arange(elements) if receivers is None else np.asarray(receivers)
     if numbers.ndim != 1 or numbers.dtype.kind not in "iu":
         raise InvalidInput(
-            f"receivers are {numbers.dtype} of shape {numbers.shape}; use integers of shape (R,).",
+            f"receivers have type {numbers.dtype} and shape {numbers.shape}, but they must be "
+            "integers of shape (R,).",
             code="wrong_shape" if numbers.ndim != 1 else "not_a_number",
         )
     if len(numbers) != rows:

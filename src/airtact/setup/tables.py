@@ -27,7 +27,7 @@ class Rule:
     words : "only with" rejects the key unless one of the conditions holds. "not with"
         rejects it if one holds. "needed by" is like "only with", and also requires the
         key if one holds.
-    conditions : keys, or keys with a value.
+    conditions : keys, or keys with a value, such as 'layout = "boards"'.
     """
 
     def __init__(self, words: str, *conditions: str) -> None:

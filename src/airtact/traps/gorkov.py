@@ -371,7 +371,7 @@ def potential_of(
 
 
 def force_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.ndarray, "points 3"]:
-    """Return the force −∇(a|p|² − b|∇p|²) (P, 3) [N]."""
+    """Return the force −∇(a|p|² − b|∇p|²) (P, 3) [N], with the bead's factors a and b."""
     a, b = bead.factors(scene)
     by_pressure = np.einsum("p,pi->pi", sound.pressure.conj(), sound.first)
     by_velocity = np.einsum("pj,pij->pi", sound.first.conj(), sound.second)
@@ -379,7 +379,10 @@ def force_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.ndarray
 
 
 def stiffness_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.ndarray, "points 3 3"]:
-    """Return the stiffness matrix ∇∇(a|p|² − b|∇p|²) (P, 3, 3) [N/m]."""
+    """Return the stiffness matrix ∇∇(a|p|² − b|∇p|²) (P, 3, 3) [N/m].
+
+    The factors a and b depend on the bead.
+    """
     a, b = bead.factors(scene)
     by_pressure = np.einsum("pi,pj->pij", sound.first.conj(), sound.first)
     by_pressure += np.einsum("p,pij->pij", sound.pressure.conj(), sound.second)

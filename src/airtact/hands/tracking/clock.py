@@ -44,7 +44,7 @@ class FrameClock:
         self._recent: deque[tuple[float, float, float]] = deque()
 
     def saw(self, taken: float, arrived: float) -> None:
-        """Update the estimate with a frame's time and its arrival on ``time.monotonic`` [s]."""
+        """Update the estimate with a frame's time and its arrival time (``time.monotonic``) [s]."""
         offset = arrived - taken
         if self._offset is None:
             for ahead in (0.0, time.time() - time.monotonic()):

@@ -39,7 +39,7 @@ MAX_SEQUENCE = 2**53
 
 
 class FaultyFrame(InvalidInput):
-    """Error raised for a frame of a tracker that cannot be used.
+    """Error raised for a tracker frame that cannot be used.
 
     ``HandFrame`` and ``from_json`` raise it. ``HandStream.feed`` returns it instead, and skips the
     frame. It also has the attributes of ``InvalidInput``.

@@ -28,7 +28,7 @@ class Outline:
     name : name of the contact's focus.
     curve : (P, 3) path of the focus [m].
     strength : strength of the focus, from 0 to 1.
-    side : side of the touching hand.
+    side : "left" or "right", the hand that touches the object.
     """
 
     name: str

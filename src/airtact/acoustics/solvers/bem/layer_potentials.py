@@ -345,8 +345,8 @@ def double_layer_transposed(
 ) -> NodeValues:
     """Return Σ_i s_i D(x_i, y_j) at each node y_j, for sources of strength s_i at x_i.
 
-    The sum is the transposed double layer. ``contact`` marks points that were projected onto a
-    panel.
+    This sum is called the transposed double layer. ``contact`` marks points that were projected
+    onto a panel.
     """
     excitations = strengths.shape[1]
     total = np.zeros((len(nodes.points), excitations), dtype=np.complex128)

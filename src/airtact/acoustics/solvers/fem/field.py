@@ -116,7 +116,7 @@ class Solution:
 
 
 def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
-    """Solve for the field scattered from ``outer`` monopoles and that of ``inner`` point loads."""
+    """Compute the field scattered from ``outer`` monopoles, plus that of ``inner`` loads."""
     right = np.zeros((system.unknowns, outer.strengths.shape[1]), dtype=np.complex128)
     if len(outer.positions):
         right += system.right_hand_side(outer.positions, outer.strengths)
