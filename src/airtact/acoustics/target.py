@@ -172,8 +172,8 @@ class Target:
         """Return the index of the focus with the least pressure relative to its weight.
 
         Foci of weight 0 are ignored. Most drive methods make the ratio of pressure to weight nearly
-        equal at all foci. If several foci are weakest to within 1 %, the one with the lowest
-        pressure is returned.
+        equal at all foci. If the ratios of several foci are within 1 % of the smallest, the focus
+        with the lowest pressure is returned.
 
         Parameters
         ----------

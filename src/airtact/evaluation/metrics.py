@@ -339,7 +339,7 @@ class Evaluation:
 
     @property
     def worst(self) -> float:
-        """Smallest value in ``counted``: a fraction of the request, or a pressure [Pa]."""
+        """Smallest value in ``counted``: a ratio to the requested pressure, or a pressure [Pa]."""
         return float(self.counted.min())
 
     @property

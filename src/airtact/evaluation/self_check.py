@@ -42,7 +42,7 @@ class KnownField:
 
 @dataclass(frozen=True, eq=False)
 class SelfCheck:
-    """Errors of the solver on this machine.
+    """Result of a self-check: errors of the boundary-element solver on this machine.
 
     Attributes
     ----------

@@ -122,7 +122,7 @@ class Hand:
 
     @cached_property
     def places(self) -> Mapping[str, Place]:
-        """Named positions (3,) for targets [m], with the outward unit normals (3,) of the skin.
+        """Named positions (3,) for foci [m], each with the outward unit normal (3,) of the skin.
 
         The names are ``"thumb.pad"``, ``"index.pad"``, ``"middle.pad"``, ``"ring.pad"``,
         ``"pinky.pad"``, ``"palm"``.

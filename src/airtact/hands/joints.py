@@ -236,7 +236,7 @@ def side_named(side: str | None) -> Side | None:
 def checked_side(
     joints: Joints, side: str | None, word: str = "joints", min_evidence: float = 0.2
 ) -> Side:
-    """Return the side of a hand, which by default is inferred from the bends of its fingers.
+    """Return the side of a hand; by default, infer it from the bends of the fingers.
 
     The function raises ``InvalidInput`` if the bends contradict ``side``, or if no side is given
     and the magnitude of ``side_evidence`` is below ``min_evidence``.

@@ -51,7 +51,7 @@ class HandShape(Shape):
 
     @cached_property
     def keyframe(self) -> "HandShape":
-        """Keyframe for the next frame: this shape, or ``follows`` if both are similar."""
+        """Keyframe for the next frame: this shape, or ``follows`` if both shapes are similar."""
         if self.follows is None or motion(self.follows.hulls, self.hulls) > NEAR_KEYFRAME:
             return self
         return self.follows

@@ -39,13 +39,13 @@ class Client:
 
     Use it in a ``with`` block. Foci are removed if the client sends nothing for 0.5 s, so repeat
     them or send any other message several times per second. The methods raise ``InvalidInput`` with
-    the code "link_failed" once the loop has ended.
+    the code "link_failed" once the live loop has ended.
 
     Parameters
     ----------
     address : websocket address that the loop prints when it starts, such as
         ``"ws://127.0.0.1:8765"``.
-    timeout : longest time to wait for the loop to accept the connection [s].
+    timeout : longest time to wait for the live loop to accept the connection [s].
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Client:
 
     @property
     def state(self) -> StateMessage | None:
-        """The newest state of the loop; None until the first state arrives."""
+        """The newest state of the live loop; None until the first state arrives."""
         return self._state
 
     def next_state(self, timeout: float = 1.0) -> StateMessage | None:

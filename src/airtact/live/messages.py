@@ -426,7 +426,7 @@ def _explained(error: msgspec.ValidationError) -> InvalidInput:
 
 
 def read_answer(text: bytes | str) -> Answer | None:
-    """Read a message from the loop; return None if its type is unknown."""
+    """Read a message from the live loop; return None if its type is unknown."""
     try:
         return _answers.decode(text)
     except msgspec.MsgspecError:

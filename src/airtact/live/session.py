@@ -156,7 +156,7 @@ class SessionWriter:
         self._lock = lock_folder(writable_folder(path.parent))
 
     def begin(self) -> None:
-        """Create or replace the file; the loop calls this method once the boards are connected."""
+        """Create or replace the file; the live loop calls this once the boards are connected."""
         self._begun = time.monotonic()
         self._process = start_python(
             "-m",
@@ -294,7 +294,7 @@ def lock_folder(folder: Path) -> int | None:
 
     Returns
     -------
-    The file descriptor; None on systems without file locks.
+    The file descriptor, or None on systems without file locks.
 
     Raises
     ------
@@ -434,7 +434,7 @@ DRIVE_LAYOUT = {
 
 
 def read_session(path: str | Path) -> Session:
-    """Read a session file, even if the loop that wrote it was killed.
+    """Read a session file, even if the live loop that wrote it was killed.
 
     Parameters
     ----------

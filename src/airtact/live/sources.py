@@ -63,7 +63,7 @@ class HandSource:
         return self.stream
 
     def remark(self) -> str:
-        """Describe problems with the frames or a lack of frames, or return "" if there are none."""
+        """Return a sentence about faulty or missing frames, or "" if there are none."""
         return self.stream.remark()
 
     def __enter__(self) -> "HandSource":
@@ -194,7 +194,7 @@ class ReceivedHands(HandSource):
         self.words = f"{'OSC at ' if osc else 'ws://'}127.0.0.1:{self.port}"
 
     def remark(self) -> str:
-        """Describe problems with the frames, or report that none arrived for 5 s."""
+        """Return a sentence about faulty frames, or about the lack of frames for 5 s."""
         if self.stream.idle > 5.0:
             return f"no frames at port {self.port}; is the tracker's program running?"
         return super().remark()

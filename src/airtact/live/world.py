@@ -113,7 +113,7 @@ class WantedFocus:
 
 
 class World:
-    """The virtual objects and requested foci of the loop; any thread may read and change them.
+    """Virtual objects and requested foci of the live loop; any thread may read and change them.
 
     Applications change them by messages (``take`` or ``receive``). The live loop reads ``objects``
     and ``foci`` for each drive, and ``state`` is its answer to the applications. Foci end 0.5 s
@@ -231,7 +231,7 @@ class World:
         return sentence if self._clock() - when < 3.0 else ""
 
     def show(self, moment: Moment | None, reason: str | None, scale: float = 1.0) -> None:
-        """Record the state of the loop; the loop calls this method in every iteration.
+        """Record the state of the live loop, which calls this method in every iteration.
 
         Parameters
         ----------

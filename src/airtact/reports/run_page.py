@@ -40,7 +40,7 @@ CITATION = (
 
 
 def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Path, ...]:
-    """Write the field and the report of a rendering to field.vtkhdf and report.html in a folder."""
+    """Write field.vtkhdf and report.html, the field and the report of a rendering, to a folder."""
     clock = Clock(progress)
     setup = run.setup
     scene = setup.scene

@@ -37,7 +37,7 @@ def write_field(
     """Write the pressure [Pa] at the points of a box as VTK image data, and bodies as polygons.
 
     The point data are pressure_real and pressure_imag; both are NaN inside bodies. The cell data
-    ``body`` are the indices of the bodies.
+    ``body`` contain the index of the body of each polygon.
     """
     with whole_hdf5(path) as file:
         root = _group(file, "VTKHDF", "PartitionedDataSetCollection")

@@ -174,7 +174,7 @@ class ComputedDrive:
         solve for this matrix.
     sequence : drives for moving foci; None if the foci do not move.
     field : field of a source (beacon) at each focus and suppression point.
-    notes : warnings of the method.
+    notes : warnings issued by the method that computed the drive.
     """
 
     setup: Setup

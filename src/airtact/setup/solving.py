@@ -225,7 +225,7 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 
 
 def verification_solver(setup: Setup) -> Solver:
-    """Return a solver for verifying the drive, which is more accurate than the setup's solver.
+    """Return a more accurate solver than the setup's, for verifying the drive.
 
     If bodies are filled with a fluid and the setup's solver is ``FiniteElement``, it is the same
     solver with the next higher order. For other bodies, it is ``BoundaryElement`` with at least 1.8

@@ -23,9 +23,9 @@ def outline_of(
 
     Returns
     -------
-    Curves (P, 3) [m] through the points where the linearly interpolated depth is 0 on
-    edges of the triangles. The points are projected onto the exact surface of the skin.
-    The last point of a closed curve equals its first.
+    Curves (P, 3) [m] through the points on the triangle edges where the linearly interpolated depth
+    is 0. The points are projected onto the exact surface of the skin. The last point of a closed
+    curve equals its first.
     """
     depths = thing.depth(skin.points)
     inner = np.zeros(len(skin.points), dtype=bool)

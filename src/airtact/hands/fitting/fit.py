@@ -89,7 +89,7 @@ class FittedHand:
     points : (N, 3) points of the cloud near the landmarks, averaged in cubes of 4 mm, in the frame
         of the cloud [m].
     distances : (N,) distances of these points from the fitted skin [m], positive outside.
-    outliers : (N,) mask of the points that had no weight in the fit.
+    outliers : (N,) mask of the points that the fit ignored as outliers.
     misfit : root mean square distance of the points, without outliers, from the skin [m].
     """
 

@@ -177,8 +177,8 @@ class Predictor:
 
         Returns
         -------
-        The frame at the predicted time, with the number of the latest frame. It marks the hand as
-        lost if the hand has not been seen for longer than ``patience``.
+        The predicted frame, which has the number of the latest frame. It marks the hand as lost if
+        the hand has not been seen for longer than ``patience``.
 
         Raises
         ------

@@ -87,7 +87,7 @@ def register(
 
     Parameters
     ----------
-    touched : (T, 3) at least 3 positions of the fingertip's joint in the tracker's frame [m].
+    touched : (T, 3) positions of the fingertip's joint in the tracker's frame [m], at least 3.
     points : (T, 3) points of the scene that were touched, in the same order [m]. One must be at
         least about 20 mm from the line through the others.
     normals : (T, 3) unit normals of the touched faces in the frame of the scene, toward the finger.

@@ -281,7 +281,7 @@ class BendingPanels:
     ----------
     scene : scene of the live loop.
     posed : the hand in the pose in which it is meshed.
-    accuracy : relative error of the solutions.
+    accuracy : target for the relative error of the solutions.
     min_seen : fraction of the elements that a panel must face to be kept; 0 keeps all panels.
 
     Raises
@@ -438,7 +438,7 @@ class BendingHand:
     Parameters
     ----------
     scene : scene of the live loop.
-    accuracy : relative error of the solutions.
+    accuracy : target for the relative error of the solutions.
     min_seen : fraction of the elements that a panel must face to be kept; 0 keeps all panels.
     """
 

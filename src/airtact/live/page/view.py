@@ -331,7 +331,7 @@ class MovingSkin:
 
 
 def expected_middle(array: PhasedArray) -> Float64[np.ndarray, "3"]:
-    """Return the expected position of a hand (3,) [m].
+    """Return the position (3,) [m] at which a hand is expected.
 
     The position is 0.2 m in front of a flat array, or at the centre of an array that surrounds
     the hand.

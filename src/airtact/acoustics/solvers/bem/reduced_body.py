@@ -116,7 +116,7 @@ class ReducedBody:
         ``rows``.
     scattering : scattering matrix, which maps the right-hand side at ``columns`` to the transposed
         solution on ``rows``.
-    error : relative difference between the scattering by the skeletons and by all nodes. It is
+    error : relative difference between the sound scattered by the skeletons and by all nodes. It is
         measured at a distance of about ``reach``, both for sources at that distance and for sources
         close to the surface.
     tree : search tree of the nodes, used to compute distances.
