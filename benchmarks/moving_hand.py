@@ -434,9 +434,9 @@ class Phalanges:
         )
 
     def meshed_anew(self) -> Row:
-        """Time them as one body meshed in each pose, which is what the live loop does for fingers that touch."""
+        """Time them as one body, whose panels are moved from a similar pose if there was one, which is what the live loop does for fingers that touch."""
         solver = PartSolver(self.scene)
-        how = "as one body meshed in each pose"
+        how = "as one body, on panels of a similar pose"
         asked = "8 ms, correlation 0.995"
         return self._row(how, asked, lambda joints: solver.meshed(joints, "phalanges", 0.0))
 

@@ -17,7 +17,7 @@ from airtact.geometry.mesh.triangles import (
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.geometry.shape import BEND, Shape
 from airtact.hands.body import Hulls
-from airtact.hands.joints import PerPoint, Point, Points, unit
+from airtact.hands.joints import PerPoint, Point, Points, cross, unit
 from airtact.hands.skin_mesh import HandMesh, even_skin, midpoints, settled
 
 # Largest motion at which a frame keeps the keyframe of the previous frame [m].
@@ -212,7 +212,7 @@ def _motion_of_pair(
     """Return the rotation and translation that map two points onto two others, without twist."""
     start = unit(old[1] - old[0])
     end = unit(new[1] - new[0])
-    x, y, z = np.cross(start, end)
+    x, y, z = cross(start, end)
     across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn = np.eye(3) + across + across @ across / (1.0 + start @ end)
     return turn, new.mean(axis=0) - turn @ old.mean(axis=0)

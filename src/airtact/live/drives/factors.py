@@ -12,8 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex64, Complex128, Float64
+from scipy.spatial.distance import cdist
 
 from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.layer_potentials import NearRule
+from airtact.acoustics.solvers.bem.moving_panels import MovingPanels
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.acoustics.target import Target
@@ -22,7 +25,14 @@ from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.hands.body import FREE, OWNER, PARTS, Hulls
 from airtact.hands.hand import PLACES, Hand
-from airtact.hands.shape import HandShape
+from airtact.hands.joints import Points
+from airtact.hands.shape import (
+    NEAR_KEYFRAME,
+    HandShape,
+    hull_weights,
+    motion,
+    moved_with_hulls,
+)
 from airtact.live.moment import Rule
 from airtact.live.scene import (
     Foci,
@@ -237,6 +247,7 @@ class PartSolver:
         self._scene = scene
         self._rigid: RigidParts | None = None
         self._keyframe: HandShape | None = None
+        self._bent: list[BentPanels] = []  # the newest ones first
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
         """Solve the scattering by a part of the hand, rigid or meshed, at a time [s]."""
@@ -258,19 +269,74 @@ class PartSolver:
         accuracy = 0.035 if part == "phalanges" else ACCURACY
         solver = BoundaryElement(accuracy=accuracy, estimate=False)
         hulls = _selected(posed.hand.shape.hulls, hulls_of(part, scene.places))
+        points = beacon_points(scene, posed)
+        elements = scene.with_images.array.positions
+        # Within 12 mm of the skin, the pressure at an element requires both integral equations.
+        middle = hulls.balls[:, :3].mean(axis=0)
+        extent = cdist(hulls.balls[:, :3], middle[None])[:, 0] + hulls.balls[:, 3]
+        near = cdist(elements, middle[None]).min() < extent.max() + 12e-3
+        # A focus inside the body is an error, which only ``radiate`` raises.
+        moving = part == "phalanges" and not near and hulls.look(points).distance.min() > 0.0
+        for bent in self._bent if moving else ():
+            received = bent.received(hulls, points, elements)
+            if received is not None:
+                return factors_of(scene, posed, part, time, received)
         shape = HandShape.following(hulls, self._keyframe if part == "phalanges" else None)
         self._keyframe = shape.keyframe
         # Use the solver's panel size as edge length, so that both share one mesh.
         surface = _surface(shape, solver.panel_edge(scene.medium.wavelength(scene.frequency)))
         # By reciprocity, beacons at the foci give the pressures from all elements at once.
         air = Scene(scene.medium, [sound_hard(surface)], frequency=scene.frequency)
-        elements = scene.with_images.array.positions
-        # Within 12 mm of the skin, the pressure at an element requires both integral equations.
+        if moving:
+            self._bent = [BentPanels(hulls, solver.moving_panels(air, points)), *self._bent[:5]]
+            received = self._bent[0].received(hulls, points, elements)
+            if received is not None:
+                return factors_of(scene, posed, part, time, received)
         near = bool((surface.depth(elements) > -12e-3).any())
-        field = replace(solver, estimate=near).radiate(
-            air, Target(beacon_points(scene, posed)).beacons()
-        )
+        field = replace(solver, estimate=near).radiate(air, Target(points).beacons())
         return factors_of(scene, posed, part, time, field.at(elements))
+
+
+class BentPanels:
+    """Panels of a part of a hand, made in one pose and moved with its hulls to similar ones.
+
+    Parameters
+    ----------
+    hulls : the part in the pose of the panels.
+    panels : these panels.
+    """
+
+    def __init__(self, hulls: Hulls, panels: MovingPanels) -> None:
+        self._hulls = hulls
+        # Coarse integrals over near panels cost none of the pressure of a drive.
+        self._panels = replace(panels, near_rule=NearRule(0.75, (2, 2)))
+        self._points = np.concatenate([panels.corners.reshape(-1, 3), panels.inside])
+        weights = hull_weights(hulls, self._points)
+        # Separate fingers do not move each other's panels.
+        weights[hulls.apart[weights.argmax(axis=1)] == 1.0] = 0.0
+        self._weights = weights / weights.sum(axis=1, keepdims=True)
+
+    def received(
+        self, hulls: Hulls, beacons: Foci, elements: Points
+    ) -> Complex128[np.ndarray, "points foci"] | None:
+        """Return the pressure of each beacon at the elements, which are away from the skin [Pa].
+
+        None is returned if the panels do not fit the pose.
+        """
+        if not np.array_equal(hulls.apart, self._hulls.apart):
+            return None
+        if motion(self._hulls, hulls) > NEAR_KEYFRAME:
+            return None
+        points = moved_with_hulls(self._hulls, hulls, self._points, self._weights)
+        corners, inside = np.split(points, [self._panels.corners.size // 3])
+        skin = hulls.look(corners)
+        # Where fingers touch, the crease between them moves along the skin.
+        if np.abs(skin.distance).max() > 0.1e-3:
+            return None
+        corners -= skin.distance[:, None] * skin.gradient
+        beacon_sources = Target(beacons).beacons()
+        solution = self._panels.radiated(corners.reshape(-1, 6, 3), inside, beacon_sources, 0.04)
+        return solution.at(elements)
 
 
 def _bone_lengths(scene: LiveScene, joints: Joints) -> Float64[np.ndarray, "foci"]:
