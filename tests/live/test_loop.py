@@ -341,7 +341,9 @@ def odd(frame, kind):
         ("restart from 0", {"out_of_order": 18, "restarted": 1}, 2),
         ("an hour on", {"time_leap": 18, "restarted": 1}, 2),
         ("ms", {"time_leap": 17, "restarted": 1, "converted": 72}, 1),
-        ("ns", {"time_leap": 17, "restarted": 1, "converted": 72}, 1),
+        pytest.param(
+            "ns", {"time_leap": 17, "restarted": 1, "converted": 72}, 1, marks=pytest.mark.slow
+        ),
     ],
 )
 def test_odd_times_and_places_never_leave_the_sound_behind(
