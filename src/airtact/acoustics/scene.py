@@ -320,7 +320,7 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 def filled(surface: Surface, medium: Medium) -> Obstacle:
     """Build a body filled with a fluid, which sound can enter.
 
-    Only ``FiniteElement`` supports such bodies, and ``SphereSeries`` a single sphere. Other solvers
+    ``FiniteElement`` supports such bodies; ``SphereSeries`` supports a single sphere. Other solvers
     raise ``InvalidInput``.
 
     Parameters

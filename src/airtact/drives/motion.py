@@ -52,9 +52,9 @@ class Motion:
         more points, and "circle" otherwise.
     size : radius of the circle or total length of the line [m], above zero and at most 0.1. The
         default radius is 3 mm for "lm" and 10 mm for "stm"; the default length is twice as large.
-    frequency : how many times per second a focus traverses its path, back and forth in the case of
-        a line [Hz]. The default is 50 Hz for "lm"; for "stm" it is the frequency at which the focus
-        moves at 7 m/s.
+    frequency : number of times per second that a focus traverses its path, back and forth in the
+        case of a line [Hz]. The default is 50 Hz for "lm"; for "stm" it is the frequency at which
+        the focus moves at 7 m/s.
     frames : number of positions on a path around a focus, 4 to 1024; the default is 16.
     along : "skin" for a path that keeps the focus's distance from the nearest
         surface, or "array" for a path in the plane through the focus that is

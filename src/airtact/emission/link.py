@@ -29,9 +29,8 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
 
     Attributes
     ----------
-    code : fixed name of the kind of error, for programs, because the wording of the message may
-        change: "link_failed" for a failed link, "emission_over" for a call after the emission has
-        ended.
+    code : kind of error, which does not change if the message is reworded: "link_failed" for a
+        failed link, "emission_over" for a call after the emission has ended.
     """
 
     def __init__(self, sentence: str, *, code: str) -> None:

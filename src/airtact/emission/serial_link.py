@@ -40,8 +40,8 @@ class SerialLink(Link):
     ----------
     port : name of the serial device, such as /dev/ttyUSB0 or COM3.
     board : kind of the boards, "sonicsurface" (the default) or "nano16".
-    boards : number of boards, 1 by default. At most 2 for "sonicsurface", of which the first is the
-        primary and the second the secondary, and 1 for "nano16".
+    boards : number of boards, 1 by default. A line can drive one Nano16 or up to two SonicSurface
+        boards, of which the first is the primary and the second the secondary.
     boot : time limit for the first answer of a Nano16 [s], which restarts if the port is opened; 4
         s by default.
 
@@ -49,7 +49,7 @@ class SerialLink(Link):
     ------
     InvalidInput
         If the kind of board is unknown or has no serial line, one line cannot drive this number of
-        boards, or the port is not a text.
+        boards, or the port is not text.
     """
 
     name = "serial"

@@ -46,7 +46,7 @@ def drive_sources(
     InvalidInput
         If there is no drive, or if a drive is silent (all amplitudes are 0 or belong to dead
         elements), does not have as many elements as the array or is not a ``Drive``. If the scene
-        contains boards, but an element is not in the face of one.
+        contains boards, but an element does not lie in the face of any board.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(drives) == 0:
@@ -344,7 +344,7 @@ class Evaluation:
 
     @property
     def mean(self) -> float:
-        """Mean of the values in ``counted``: a fraction of the request, or a pressure [Pa]."""
+        """Mean of ``counted``: a ratio to the requested pressure, or a pressure [Pa]."""
         return float(self.counted.mean())
 
     @property

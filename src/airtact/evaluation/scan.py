@@ -34,8 +34,8 @@ MIN_POSITIONS = 3
 class Scan:
     """The readings of a microphone at many positions, as read by ``load_scan``.
 
-    Readings at the same position are averaged; if there are any, the positions are sorted by x, y
-    and z.
+    Readings at the same position are averaged; in this case, the positions are sorted by x, y and
+    z.
 
     Attributes
     ----------
@@ -314,7 +314,7 @@ def best_shift(
 def fitted(
     measured: Complex128[np.ndarray, "points"], model: Complex128[np.ndarray, "points"]
 ) -> tuple[complex, float]:
-    """Return the least-squares factor from a model to a measurement, and the relative error."""
+    """Return the least-squares factor that fits a model to a measurement, and the error."""
     # Least squares: s = ⟨model, measured⟩ / ‖model‖²; ``vdot`` conjugates its first argument
     scale = complex(np.vdot(model, measured) / np.vdot(model, model).real)
     return scale, float(np.linalg.norm(measured - scale * model) / np.linalg.norm(measured))

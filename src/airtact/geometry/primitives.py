@@ -108,7 +108,7 @@ class Capsule(Shape):
         return [RidgedMesh(np.array(surface.vertices), np.array(surface.triangles), no_ridges)]
 
     def flat_mesh(self, away: float) -> FlatMesh:
-        """Return flat triangles within both ``away`` [m] and 1 % of the radius from the surface."""
+        """Return flat triangles at most ``away`` [m] and 1 % of the radius from the surface."""
         sagitta = min(away, 0.01 * self.radius)
         mesh = self.mesh(float(np.sqrt(8.0 * sagitta * self.radius)))
         return mesh.vertices, mesh.triangles

@@ -33,7 +33,7 @@ State = Literal["waiting", "playing", "fading", "silent", "stopped"]
 class Moment:
     """A drive of the live loop for one time, with the predicted hand, foci and pressures.
 
-    A ``DriveMaker`` returns it, and the loop emits it. Positions are in scene coordinates.
+    A ``DriveMaker`` returns it, and the live loop emits it. Positions are in scene coordinates.
 
     Attributes
     ----------
@@ -65,7 +65,8 @@ class Moment:
     contacts : (C, 3) deepest point of each contact of skin with an object [m]; None without
         objects.
     depths : (C,) depths of the points ``contacts`` in the objects [m]; None without objects.
-    touching : part of the hand, such as "left.index", and name of the object for each contact.
+    touching : for each contact, the part of the hand, such as "left.index", and the name of the
+        object.
     objects : the virtual objects at ``time``.
     rejected : reasons why requested foci receive no sound, by name of the focus.
     """
@@ -111,7 +112,7 @@ class Controls:
     method : name of the method that computes the drives, a key of ``drives.METHODS`` other than the
         robust ones; None for the scene's method.
     cap : largest amplitude of an element, as a fraction of full scale, 0 to 1; 0 silences all
-        elements. It can only lower the limit with which the loop was started.
+        elements. It can only lower the limit with which the live loop was started.
     offset : distance of all foci from the skin, outward [m], 0 to 0.1; None for the distances in
         the scene file, or for those requested by applications.
     modulated : whether the scene's modulation is applied, which varies the amplitude or moves the

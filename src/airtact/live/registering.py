@@ -145,8 +145,8 @@ def register_tracker(
     elements : indices in the array of at least 3 transducers to touch, in order; by default, those
         of ``elements_to_touch``.
     offset : distance of the fingertip's joint from a touched face [m], 0 to 0.05; by default, the
-        skin radius of the scene's hand, or of a generic hand, at this joint. It is ignored if it is
-        fitted.
+        skin radius of the scene's hand, or of a generic hand, at this joint. It is ignored if
+        ``fit_offset`` is True.
     fit_offset, fit_scale : whether to fit the offset, or a factor for all of the tracker's lengths,
         together with the pose; False by default.
     report : function called with the progress as a ``TouchStep``, up to ten times per second.
@@ -154,7 +154,7 @@ def register_tracker(
     Returns
     -------
     A ``RegisteredTracker`` with the fitted pose, which maps the tracker's frame to the scene, its
-    uncertainty, and the touched transducers. Its ``table`` is for the scene file.
+    uncertainty, and the touched transducers. Its ``table`` is the text to add to the scene file.
 
     Raises
     ------

@@ -85,7 +85,8 @@ class Contender:
 class MethodComparison:
     """Drives of all methods for a setup, from one transfer matrix, as returned by ``compare``.
 
-    All drives are verified at the foci by one more accurate solve. ``best`` is the best method.
+    All drives are verified at the foci by a single, more accurate solve. The attribute ``best``
+    contains the best method and its drive.
 
     Attributes
     ----------

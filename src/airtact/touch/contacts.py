@@ -28,12 +28,12 @@ class Contacts:
 
     Attributes
     ----------
-    skin : points of the skin, as a ``Skin``. Its frame is that of all positions here.
+    skin : points of the skin, as a ``Skin``. All positions in this object are in its frame.
     virtual_objects : all objects, whether touched or not; unnamed ones are named "object 1" and
         so on.
     offset : distance of the foci from the skin, outward [m].
-    found : ``ContactArrays`` with the properties of all contacts, which also are properties of
-        this class, such as ``points`` and ``depths``.
+    found : ``ContactArrays`` with the properties of all contacts, which are also properties of this
+        class, such as ``points`` and ``depths``.
     """
 
     skin: Skin
@@ -162,7 +162,7 @@ def contact(
     Parameters
     ----------
     hand : a ``Hand``, a ``Surface``, a list of these (which may be mixed), or a mapping from names
-        to them. Their coordinates are those to which the objects' poses refer.
+        to them. The poses of the objects must refer to the same coordinates.
     objects : one virtual object, or a sequence of up to 64. Unnamed objects are called "object 1"
         and so on.
     offset : distance from the skin, outward, at which ``Contacts.foci`` and ``Contacts.target``

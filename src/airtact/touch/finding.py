@@ -80,7 +80,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
     ----------
     skin : points of the skin, with their normals, areas and neighbours.
     objects : virtual objects in the frame of the skin, as checked by ``objects_of``.
-    gap : distance from an object [m] below which skin outside it is treated as a contact, too.
+    gap : distance from an object [m] below which skin outside it is also treated as a contact.
 
     Returns
     -------

@@ -188,7 +188,7 @@ def _fine_mesh(
             raise InvalidInput(
                 f"the surface requires more than {MAX_POINTS:,} skin points if neighbours are at "
                 f"most {1e3 * longest_edge:.3g} mm apart: pass only the part that touches objects, "
-                "or use objects of at least 7 mm across.",
+                "or use objects at least 7 mm across.",
                 code="too_many",
             )
         middles = surface.shape.project(vertices[edges].mean(axis=1))

@@ -510,7 +510,8 @@ def known_array(name: str, element: Element | None = None) -> PhasedArray:
     name : "tinylev" or "biglev" for two spherical caps of 36 transducers each, which face the
         origin from y = ±59 mm or ±95 mm; "flat_8x8" for 64 transducers in the plane y = 0, 10 mm
         apart, which radiate toward +y; "opposed_sonicsurfaces" for two boards of 256 transducers at
-        y = ±116.5 mm, which face each other. Of two parts, that at positive y comes first.
+        y = ±116.5 mm, which face each other. If there are two parts, the part at positive y comes
+        first.
     element : kind of transducer; by default, a piston with a radius of 4.5 mm.
 
     Returns

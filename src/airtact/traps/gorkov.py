@@ -507,8 +507,8 @@ def verdict(
 
     Returns
     -------
-    A list of one ``Verdict`` per point. Its attribute ``is_trap`` is the answer, ``force``,
-    ``stiffness`` and ``holds`` (the largest load in weights of the bead) are the values behind it.
+    A list of one ``Verdict`` per point. Its attribute ``is_trap`` is the answer; it is based on the
+    attributes ``force``, ``stiffness`` and ``holds`` (the largest load in weights of the bead).
 
     Raises
     ------

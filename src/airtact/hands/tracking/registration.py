@@ -106,7 +106,7 @@ def register(
     Raises
     ------
     InvalidInput
-        If there are fewer than 3 touches, if the points are in one line, if the offset is outside
+        If there are fewer than 3 touches, if the points lie on one line, if the offset is outside
         its range or cannot be distinguished from a shift of the tracker, or if the rms of the
         residuals is more than 10 mm and no single touch is the cause.
 

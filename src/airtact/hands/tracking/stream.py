@@ -158,7 +158,7 @@ class HandStream:
     ----------
     silence : time without frames after which a hand is treated as lost [s], above zero. ``latest``
         then returns a frame without landmarks and cloud.
-    on_frame : function called with every used ``HandFrame``, in order, in the thread that calls
+    on_frame : function called with every valid ``HandFrame``, in order, in the thread that calls
         ``feed``; by default, nothing is called.
     clock : function that returns the time at which a frame arrives, to which ``silence`` refers
         [s]; by default ``time.monotonic``.

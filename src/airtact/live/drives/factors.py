@@ -298,7 +298,7 @@ class PartSolver:
 
 
 class BentPanels:
-    """Panels of a part of a hand, made in one pose and moved with its hulls to similar ones.
+    """Panels of a part of a hand, made in one pose and moved with its hulls to similar poses.
 
     Parameters
     ----------
