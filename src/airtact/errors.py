@@ -129,7 +129,10 @@ def about(name: str) -> Iterator[None]:
     try:
         yield
     except InvalidInput as fault:
-        raise InvalidInput(f"{name}: {fault}", fault.position, code=fault.code) from None
+        # Messages about missing files contain the whole path.
+        known = fault.code == "file_missing" and name in str(fault)
+        words = str(fault) if known else f"{name}: {fault}"
+        raise InvalidInput(words, fault.position, code=fault.code) from None
 
 
 @contextmanager
@@ -395,7 +398,10 @@ def check_finite(array: np.ndarray, what: str) -> None:
 def file_fault(path: Path, error: OSError) -> InvalidInput:
     """Return the error for a file that is missing or cannot be read."""
     if isinstance(error, FileNotFoundError):
-        return InvalidInput(f"the file {path} does not exist.", code="file_missing")
+        examples = Path(__file__).parent / "setup" / "examples"
+        copies = [file for file in examples.rglob("*") if file.name == path.name]
+        hint = f" To use airtact's example of this name, copy {copies[0]}." if copies else ""
+        return InvalidInput(f"the file {path} does not exist.{hint}", code="file_missing")
     return InvalidInput(
         f"cannot read the file {path}: {error.strerror or error}.", code="file_unreadable"
     )

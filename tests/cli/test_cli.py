@@ -10,6 +10,7 @@ import pytest
 import trimesh
 
 import airtact as at
+from airtact import cli
 from airtact.setup import rendering
 from cli.running import done, output, rejected
 from geometry.mesh.meshes import box_mesh
@@ -219,6 +220,16 @@ def test_a_missing_scene_and_a_wrong_option_are_exit_code_2(capsys, tmp_path):
     assert errors.endswith("no.toml does not exist. [file_missing]")
     assert output(capsys, "check", BALL, "--unreadable")[0] == 2
     assert output(capsys, "export", BALL)[0] == 2
+
+
+def test_a_checkout_without_kernels_says_so_in_one_sentence(capsys, monkeypatch):
+    def unbuilt(**_: object) -> None:
+        raise ImportError("cannot import name '_kernels' from 'airtact'")
+
+    monkeypatch.setattr(cli.commands, "main", unbuilt)
+    errors = rejected(capsys, "emit", "--help")
+    assert "pip install ." in errors
+    assert errors.endswith("[extra_missing]")
 
 
 @pytest.mark.parametrize("folder", ["file", "file/out"])

@@ -94,7 +94,7 @@ def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
     assert "skin hardly feels a constant force" in printed
     assert "--modulate am:200" in printed
     assert "This is not a safety assessment" in printed
-    assert "9 frames were sent. The last one silences the boards, which confirmed it." in printed
+    assert "9 messages were sent. The last one silences the boards, which confirmed it." in printed
 
 
 def test_a_drive_goes_by_udp(capsys, drive) -> None:

@@ -122,7 +122,7 @@ def test_suppression_points_stay_suppressed() -> None:
         (lambda: at.drives.Motion("lm", frequency=0.0), "out_of_range"),
         (lambda: at.drives.Motion("stm", "circle", size=3.0), "out_of_range"),
         (lambda: at.transducers.AmplitudeModulation(20000.0), "out_of_range"),
-        (lambda: at.drives.Motion("lm", frames=3), "sizes_differ"),
+        (lambda: at.drives.Motion("lm", frames=3), "out_of_range"),
         (lambda: at.drives.Motion("lm", along="skin").paths(OPEN, ALONE, MIDDLE), "misplaced"),
         (lambda: at.drives.moving_foci(matrix_of(ALONE), ALONE, 2, 50.0), "sizes_differ"),
         (lambda: at.drives.moving_foci(matrix_of(ALONE), ALONE, 1, 20000.0), "out_of_range"),

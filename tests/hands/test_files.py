@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import airtact as at
 from airtact.hands import load_cloud, load_landmarks
 from faults import raises_code
 from paths import HANDS
@@ -50,3 +51,12 @@ def test_landmarks_are_read_with_their_side(tmp_path: Path) -> None:
     assert side == "right"
     with raises_code("hand_implausible", "swapped.json", "25"):
         load_landmarks(tmp_path / "swapped.json")
+
+
+def test_what_is_not_a_pose_is_named_once_with_what_to_use(tmp_path: Path) -> None:
+    with raises_code("unknown_format", 'surface = "hand.glb"', "load_rigged_hand"):
+        at.load_hand(tmp_path / "hand.glb")
+    missing = tmp_path / "relaxed.json"
+    with raises_code("file_missing", str(at.example("relaxed.json"))) as fault:
+        at.load_hand(missing)
+    assert str(fault.value).startswith(f"the file {missing} does not exist. ")

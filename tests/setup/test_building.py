@@ -138,6 +138,14 @@ def test_an_array_from_a_file(read, tmp_path):
     np.testing.assert_allclose(array.normals, [[-1, 0, 0], [0, -1, 0]])
 
 
+def test_monopoles_in_a_file_need_no_directions(read, tmp_path):
+    (tmp_path / "ring.csv").write_text("x,y,z\n0.1,0,0\n0,0.1,0\n")
+    own = '[array]\nlayout = "ring.csv"\nsource = "monopole"\n'
+    array = read(MEDIUM, own, BALL, FOCUS).array
+    np.testing.assert_array_equal(array.positions, [[0.1, 0, 0], [0, 0.1, 0]])
+    assert not array.element.directional
+
+
 def test_an_array_file_may_number_its_rows_in_any_order(read, tmp_path):
     for names, high, low in (
         ("index", "1", "0"),

@@ -90,7 +90,11 @@ def test_a_wrong_key_is_named_with_its_path_and_the_nearest_right_one(text, sent
     ],
 )
 def test_a_wrong_value_is_named_with_its_path(text, sentence):
-    code = "key_missing" if "missing" in sentence else "out_of_range"
+    code = "key_missing" if "missing" in sentence else "wrong_kind"
+    if "expected a number" in sentence or "expected a whole" in sentence:
+        code = "not_a_number"
+    if "length" in sentence:
+        code = "out_of_range"
     with raises_code(code) as fault:
         parse_scene(text)
     assert str(fault.value) == sentence

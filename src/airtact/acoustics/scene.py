@@ -242,7 +242,7 @@ class Obstacle:
             self.surface,
             Surface,
             "an obstacle's surface",
-            "one Surface: sphere(...) or pinch().surfaces[0]",
+            "one Surface, such as sphere(...), hand.surface or pinch().surfaces[0]",
         )
         check_choice(self.boundary, "boundary", ("sound_hard", "impedance", "filled"))
         if (self.ratio is not None) != (self.boundary == "impedance") or (

@@ -91,6 +91,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sentence = f"{error.filename or 'a file'}: {error.strerror or error}"
         code = "file_missing" if isinstance(error, FileNotFoundError) else "file_failed"
         status = 2
+    except ImportError as error:
+        if "_kernels" not in str(error):
+            raise
+        sentence = (
+            "the compiled part of airtact is missing, because this source folder was not built: "
+            "run pip install . in the checkout, and do not add src to PYTHONPATH"
+        )
+        code = "extra_missing"
+        status = 2
     # Naming these errors imports NumPy, so --help must not reach this line.
     except (at.InvalidInput, at.NotConverged) as error:
         sentence = str(error)

@@ -105,7 +105,7 @@ def emit(
         end = "sent. The last one silences the boards, which a SonicSurface cannot confirm."
     else:
         end = "sent. The last one silences the boards, which confirmed it."
-    lines = [f"{counted(to_boards.sent, 'frame was', 'frames were')} {end}"]
+    lines = [f"{counted(to_boards.sent, 'message was', 'messages were')} {end}"]
     if played is not None:
         kind = "sequence" if plan.modulation is None else "modulated drive"
         lines.append(

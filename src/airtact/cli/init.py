@@ -90,7 +90,7 @@ def init(place: Path, board: str, hand: Path | None, right: bool) -> None:
     show(
         lines=[
             f"Scene: {scene}",
-            *(f"Hand: {file}" for file in copied),
+            *(f"{'Licence' if file.suffix == '.txt' else 'Hand'}: {file}" for file in copied),
             f"Next: airtact render{named} --open",
         ]
     )

@@ -91,7 +91,7 @@ class Motion:
         if self.frames is not None and not MIN_FRAMES <= self.frames <= MAX_FRAMES:
             raise InvalidInput(
                 f"a path must have {MIN_FRAMES} to {MAX_FRAMES} frames, not {self.frames}.",
-                code="sizes_differ",
+                code="out_of_range",
             )
         if self.path != "points":
             return

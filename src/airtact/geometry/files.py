@@ -113,7 +113,7 @@ def _check_unit(extent: float) -> None:
     likely = [f"{units[name]:g} for {name}" for name, size in sizes.items() if 5 <= size <= 300]
     advice = f"such as {' or '.join(likely)}, " if likely else ""
     raise InvalidInput(
-        f"the body is {extent:.3g} wide in the units of the file: {listed}. Set scale, "
-        f"{advice}or 1.0 if it really is in metres.",
+        f"the body is {extent:.3g} wide in the units of the file: {listed}. Set scale "
+        f"(--scale), {advice}or 1.0 if it really is in metres.",
         code="not_in_metres",
     )

@@ -11,7 +11,7 @@ from jaxtyping import Float64
 
 from airtact.errors import InvalidInput, about, of_kind, points_of, positive
 from airtact.files.bounded import json_of, text_of
-from airtact.files.meshes import read_node_positions, read_vertices
+from airtact.files.meshes import SUFFIXES, read_node_positions, read_vertices
 from airtact.hands.hand import Hand, hand_from_joints
 from airtact.hands.joints import NAMES, Points, Side, side_named
 
@@ -93,6 +93,13 @@ def load_landmarks(path: str | Path) -> tuple[Float64[np.ndarray, "joints 3"], S
 
 
 def _read_pose(path: Path) -> Pose:
+    if path.suffix.lower() in SUFFIXES:
+        raise InvalidInput(
+            f"a pose is a .json file with the joints of a hand, but {path.suffix} files contain "
+            f'meshes: in a scene file, set surface = "{path.name}" instead; in Python, use '
+            "load_surface for the skin and load_rigged_hand for the joints of a .glb file.",
+            code="unknown_format",
+        )
     text = text_of(path, 1_000_000)
     try:
         pose = msgspec.convert(json_of(text), Pose)

@@ -205,8 +205,8 @@ class Hand:
         Raises
         ------
         InvalidInput
-            If the height is not between 0 and 1 m, or if the elements radiate in all directions, so
-            that the array has no front. Also if ``place`` is unknown, or is inside the body because
+            If the height is not between 0 and 1 m, or if the elements face many directions, so that
+            the array has no front. Also if ``place`` is unknown, or is inside the body because
             a finger touches it.
         """
         height = within(height, 0.0, 1.0, "the height of a hand", "m")
@@ -215,7 +215,7 @@ class Hand:
         # The mean is small if the unit normals mostly cancel: 0 for a box, 0.5 for a hemisphere.
         if np.linalg.norm(front) < 0.3:
             raise InvalidInput(
-                "the elements radiate in all directions, so the array has no front; use "
+                "the elements of the array face many directions, so it has no front; use "
                 "moved(pose).",
                 code="misplaced",
             )

@@ -124,13 +124,18 @@ def _pictures(run: Rendering) -> dict[str, Any]:
     uniform = is_uniform(run.drive.amplitudes)
     shown = "Phase" if uniform else "Phase and amplitude"
     amplitude = f" All amplitudes are {run.drive.peak:.2f} of full scale." if uniform else ""
+    order = ""
+    if np.ptp(array.normals, axis=0).max() > 1e-3:
+        order = (
+            " The faces are in the order that a viewer inside the array sees when turning right "
+            "(compare Fig. 5 of Inoue, Makino and Shinoda, 2014)."
+        )
     figure = draw_phases(array.positions, array.normals, run.drive.amplitudes)
     phases = picture(
         figure,
         f"{shown} of each transducer for the method {run.method}, in Re[u e^(−iωt)].{amplitude} "
-        "Each face is drawn as seen from the side to which it radiates. The faces are in the "
-        "order that a viewer inside the array sees when turning right (compare Fig. 5 of Inoue, "
-        f"Makino and Shinoda, 2014). Rounding to {len(levels.amplitudes)} amplitude levels and "
+        f"Each face is drawn as seen from the side to which it radiates.{order} "
+        f"Rounding to {len(levels.amplitudes)} amplitude levels and "
         f"{levels.phases} phase levels (drive.csv) changes the pressure at the foci by at most "
         f"{rounding:.2%}.",
         f"{shown} of {len(array)} transducers, face by face",

@@ -252,6 +252,8 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
         case _ if listed:
             file = read_text_table(folder / table.layout)
             names = ("x", "y", "z", "nx", "ny", "nz")
+            if table.source == "monopole" and not {"nx", "ny", "nz"} & set(file.names):
+                names = ("x", "y", "z")  # monopoles have no direction
             file.require(*names)
             if not file.rows:
                 raise InvalidInput(f"{table.layout} contains no transducers.", code="empty")
@@ -263,7 +265,7 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
                     code="does_not_match",
                 )
             columns = columns[orders[0]] if orders else columns
-            array = PhasedArray(columns[:, :3], columns[:, 3:], element)
+            array = PhasedArray(columns[:, :3], columns[:, 3:] if len(names) > 3 else None, element)
         case name if name in KNOWN_ARRAYS:
             array = known_array(name, element)
         case _:

@@ -272,7 +272,7 @@ def _advice(causes: list[Cause], weakest: int) -> str:
         if cause.remedy and gain > best_gain:
             best_gain = gain
             words = (
-                f"The largest loss is due to {cause.name}. Without it, the pressure at the weakest "
-                f"focus would be {gain:.2g} times as high. Remedy: {cause.remedy}."
+                f"The largest avoidable loss is due to {cause.name}. Without it, the pressure at "
+                f"the weakest focus would be {gain:.2g} times as high. Remedy: {cause.remedy}."
             )
     return words

@@ -164,8 +164,11 @@ def _explained(error: msgspec.ValidationError, data: Any) -> InvalidInput:
             "brackets.",
             code="wrong_kind",
         )
+    code = "out_of_range"  # such as the length of a list
+    if of_kind := re.match(r"Expected `([a-z| ]+)`, got", fault):
+        code = "not_a_number" if re.search("int|float", of_kind[1]) else "wrong_kind"
     fault = re.sub(r"`([a-z| ]+)`", _plain_types, fault)
-    return InvalidInput(f"{path}: {fault[:1].lower()}{fault[1:]}.", code="out_of_range")
+    return InvalidInput(f"{path}: {fault[:1].lower()}{fault[1:]}.", code=code)
 
 
 def _along(path: str, data: Any) -> tuple[Any, list[Any]]:

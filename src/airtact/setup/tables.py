@@ -608,9 +608,9 @@ class ModulationTable(Table, frozen=True):
         for "am", 50 for "lm", and 7 m/s along the path for "stm".
     depth : modulation depth of the force, above 0, at most 1; by default 1.
     path : shape of the path; "points" requires "stm".
-    radius : radius of the circle [m]; by default 0.003 for "lm", 0.01 for "stm".
-    length : length of the line [m]; by default 0.006 for "lm", 0.02 for "stm".
-    frames : number of positions on the path; by default 16.
+    radius : radius of the circle, at most 0.1 [m]; by default 0.003 for "lm", 0.01 for "stm".
+    length : length of the line, at most 0.1 [m]; by default 0.006 for "lm", 0.02 for "stm".
+    frames : number of positions on the path, 4 to 1024; by default 16.
     along : whether the path lies on the nearest skin or in the plane facing the array; by default
         "skin" within 20 mm of skin, otherwise "array".
     """

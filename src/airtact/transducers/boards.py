@@ -123,7 +123,9 @@ def _whole_boards(board: Board, elements: int) -> int:
         near = len(board) * min(max(count, 1), board.max_boards)
         raise InvalidInput(
             f"{counted(elements, 'element does', 'elements do')} not make up whole {board.name} "
-            f"boards, which have {len(board)} elements each: use a drive for {near} elements.",
+            f"boards, which have {len(board)} elements each: use a drive for {near} elements. "
+            "airtact only plays drives on the boards that it supports; other programs can play "
+            "drive.csv on your own array.",
             code="sizes_differ",
         )
     return count
