@@ -96,8 +96,8 @@ def plane(point: Vector, normal: Vector) -> Plane:
     Parameters
     ----------
     point : (3,) any point of the plane, in the frame of the scene [m].
-    normal : (3,) vector of any length that points to the side with the sound. All bodies and
-        elements must be on this side; elements may lie in the plane.
+    normal : (3,) vector of any length that points to the side of the bodies and elements. All of
+        them must be on this side; elements may also lie in the plane.
 
     Returns
     -------
@@ -524,7 +524,7 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], name: str)
 def check_not_inside(
     depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], name: str
 ) -> None:
-    """Raise an error if points lie more than ``CONTACT`` [m] deep in a body."""
+    """Raise an error if a point lies inside a body, more than ``CONTACT`` [m] deep."""
     count = int((depth > CONTACT).sum())
     if count:
         deepest = int(depth.argmax())

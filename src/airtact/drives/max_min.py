@@ -177,7 +177,7 @@ def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relax
 
 
 def to_rank_one(matrix: FociRows, relaxed: Relaxed) -> Complex128[np.ndarray, "foci"]:
-    """Reduce a relaxation to one time interval, and return the sources at the foci.
+    """Reduce a relaxed solution to a single signal, and return the sources at the foci.
 
     The weakest signals are dropped, a few at a time, with iterations in between.
     """

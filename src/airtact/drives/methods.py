@@ -122,8 +122,8 @@ class Method:
     description : one-line description.
     heeds_phases : whether the foci get the phases that the target requests; otherwise the
         method ignores the requested phases.
-    heeds_suppression_points : whether the method lowers the pressure at the suppression points. It
-        then needs a transfer matrix from ``target.beacons(suppression=True)``.
+    heeds_suppression_points : whether the method lowers the pressure at the suppression points.
+        Such a method needs a transfer matrix from ``target.beacons(suppression=True)``.
     """
 
     name: str

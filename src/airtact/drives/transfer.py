@@ -336,7 +336,7 @@ def rounding_error(
     of_kind(frame, Frame, "the emitted frame", "quantise(drive, levels)")
     if frame.silent:
         raise InvalidInput(
-            "all elements of the frame are off. Use a frame with sound.", code="all_zero"
+            "all elements of the frame are off. Use a frame that emits sound.", code="all_zero"
         )
     rounded = frame.drive()
     exact = np.abs(transfer.pressure(drive))
@@ -357,7 +357,8 @@ MIN_FOCUS_DISTANCE = 0.1
 def check_foci(transfer: TransferMatrix, target: Target) -> None:
     """Raise ``InvalidInput`` if the target and the transfer matrix have different points.
 
-    The rows of the matrix are the target's foci, or its foci followed by its suppression points.
+    The rows of the matrix must correspond to the target's foci, or to its foci followed by its
+    suppression points.
     """
     of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
     of_kind(target, Target, "the target", "Target(points, pressures)")

@@ -75,7 +75,7 @@ class Emission:
         clock of ``time.monotonic``, and the event. An earlier log is replaced; another file raises
         ``InvalidInput``. By default, no log is written.
     resumes : whether the emission continues after the boards have been silenced because no call was
-        made in time. The next drive then rises over a ramp. Otherwise the emission ends.
+        made in time; the next drive is then ramped up. Otherwise the emission ends.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class Emission:
         return None if self._link_process is None else self._link_process.process
 
     def send(self, drive: Drive, wait: bool = True, at: float | None = None) -> Frame:
-        """Play a drive continuously; a first drive, or one after silence, rises over a ramp.
+        """Play a drive continuously. After silence, its amplitude is ramped up.
 
         Parameters
         ----------
@@ -246,7 +246,7 @@ class Emission:
         """Start to play a sequence, which repeats until the next call.
 
         A sequence of the same length as the previous one continues at the same position. Any
-        modulation ends. The first sequence rises over the ramp; if boards repeat it themselves,
+        modulation ends. The first sequence is ramped up; if boards repeat it themselves,
         only its most powerful frame is played during the ramp. If ``wait`` is True, the method
         returns after the ramp, otherwise at once.
 
@@ -289,8 +289,8 @@ class Emission:
         """Play a drive with amplitude modulation for ``seconds`` after the ramp.
 
         Skin only feels a modulated drive. By default the force varies as a cosine at 200 Hz. On
-        boards without amplitude levels, the number of active elements varies instead. The drive
-        rises over the ramp.
+        boards without amplitude levels, the number of active elements varies instead. The
+        amplitude is ramped up first.
 
         Parameters
         ----------
@@ -336,7 +336,7 @@ class Emission:
         self._ask("modulate", envelope, rate)
 
     def silence(self, fade: float = 0.1, wait: bool = True) -> None:
-        """Fade to silence. The next drive rises over a ramp.
+        """Fade to silence. The next drive is ramped up.
 
         Parameters
         ----------

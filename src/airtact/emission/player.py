@@ -186,7 +186,7 @@ class Player:
             self._transmit(self._now())
 
     def silence(self, fade: float) -> float:
-        """Fade to silence and return the duration [s]. The next drive rises over the ramp."""
+        """Fade to silence and return the duration [s]. The next drive is ramped up."""
         self._feed()
         if self._emitting:
             self._begin_ramp(fade, -1.0)

@@ -148,7 +148,8 @@ class Comparison:
         if not pressures[0].all():
             focus = int(np.argmin(pressures[0]))
             raise InvalidInput(
-                f"{self.names[0]!r} produces 0 Pa at focus {focus}. List another drive first.",
+                f"the reference {self.names[0]!r} produces 0 Pa at focus {focus}. List another "
+                "drive first.",
                 code="all_zero",
             )
         return pressures / pressures[0]
@@ -400,14 +401,14 @@ def body_word(bodies: Sequence[str]) -> str:
 def headline(
     comparison: Comparison, drive: Drive, word: str = "hand", foci: Sequence[str] = ()
 ) -> str:
-    """State the pressure at the weakest focus, and the gain from considering the bodies.
+    """State the pressure at the weakest focus, and the gain from modelling the bodies.
 
     Parameters
     ----------
-    comparison : comparison whose first drive considers the bodies. It may contain a second drive,
-        which uses the same method but ignores the bodies.
-    drive : the emitted drive, which considers the bodies. If it is at full scale, the drives of the
-        comparison are compared at equal peak, and otherwise at equal energy.
+    comparison : comparison whose first drive was computed with the bodies. It may contain a second
+        drive, computed by the same method without the bodies.
+    drive : the emitted drive, which was computed with the bodies. If it is at full scale, the
+        drives of the comparison are compared at equal peak, and otherwise at equal energy.
     word : word that the sentence uses for the bodies, such as "hand".
     foci : a name for each focus. The sentence names the focus whose pressure decreases most and, if
         the requests differ, the weakest focus.

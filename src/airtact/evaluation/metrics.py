@@ -58,7 +58,7 @@ def drive_sources(
         if not (array.gains * drive.amplitudes).any():
             raise InvalidInput(
                 f"{name} is silent: all amplitudes are 0 or belong to dead elements. Use a "
-                "drive with sound.",
+                "drive that emits sound.",
                 code="all_zero",
             )
     # (E, 1) gains times (E, S) amplitudes, then (1, Q, 1) weights: element by element, as

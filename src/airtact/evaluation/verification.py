@@ -31,9 +31,10 @@ def radiation_pressure(
     """Return the acoustic radiation pressure on a sound-hard surface.
 
     This is the time average of the excess pressure, to second order ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2 with
-    density ρ and sound speed c. No air crosses a hard surface at rest. With the peak values P and U
-    of pressure and velocity, the average is therefore |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc.
-    R. Soc. Lond. A 147, 212, 1934; T. Hasegawa, K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969).
+    density ρ and sound speed c. There is no momentum flux through a hard surface at rest, because
+    the normal velocity is 0. With the peak values P and U of pressure and velocity, the average is
+    therefore |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc. R. Soc. Lond. A 147, 212, 1934; T. Hasegawa,
+    K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969).
     A plane wave of pressure p at normal incidence exerts 2⟨p²⟩/(ρc²) on a wall.
 
     Parameters

@@ -90,7 +90,7 @@ KINDS = {"real": "biuf", "complex": "biufc", "whole": "biu", "text": "OS"}
 def datasets_of(
     path: Path, layout: Mapping[str, str], newest: int, largest: int = LARGEST_DATA
 ) -> dict[str, Any]:
-    """Read the datasets and attributes of an HDF5 file that a layout lists.
+    """Read those datasets and attributes of an HDF5 file that ``layout`` lists.
 
     If another process has locked the file, the function waits for up to 10 s.
 

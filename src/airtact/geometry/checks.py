@@ -185,7 +185,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
 
 
 def approach(first: Surface, second: Surface, within: float = np.inf) -> Approach | None:
-    """Return the closest approach of two surfaces, or None if over ``within`` [m] apart."""
+    """Return the closest approach of two surfaces, or None if it exceeds ``within`` [m]."""
     if isinstance(first.shape, Capsule) and isinstance(second.shape, Capsule):
         on_first, on_second = nearest_on_segments(first.shape.axis, second.shape.axis)
         across = on_second - on_first

@@ -56,20 +56,22 @@ class Shape(ABC):
 
     @property
     def thinnest(self) -> float:
-        """Diameter of the largest inner ball [m] if it is the same everywhere, otherwise 0."""
+        """Thickness [m] (see ``thickness_at``) if it is the same everywhere, otherwise 0."""
         return 0.0
 
     @property
     def least_thickness(self) -> float:
-        """Lower bound [m] on the diameter of inner balls at the surface, or 0 if unknown."""
+        """Lower bound [m] on the thickness (see ``thickness_at``), or 0 if unknown."""
         return self.thinnest
 
     def thickness_at(
         self, points: Points, normals: PointVectors, largest: float
     ) -> Float64[np.ndarray, "points"]:
-        """Return a lower bound (P,) [m] on the diameter of inner balls at surface points (P, 3).
+        """Return a lower bound (P,) [m] on the thickness of the body at surface points (P, 3).
 
-        ``normals`` (P, 3) point outwards. Diameters above ``largest`` [m] need not be accurate.
+        The thickness at a point is the diameter of the largest ball in the body that touches the
+        surface there. ``normals`` (P, 3) point outwards. Bounds above ``largest`` [m] need not be
+        accurate.
         """
         return np.full(len(points), self.least_thickness)
 

@@ -90,7 +90,7 @@ class Followed:
     ----------
     seconds : duration of the run [s].
     frames : number of valid frames of the hand.
-    drives : number of drives that reached the link, including silence.
+    drives : number of drives that reached the link, including silent ones.
     rate : drives per second while there was sound; 0 without sound.
     age, oldest : median and 95th percentile of the time from the newest frame to the sound in the
         air [s]; NaN without drives.

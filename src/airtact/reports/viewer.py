@@ -100,7 +100,7 @@ def scene_view(
 
     Parameters
     ----------
-    field : solved field; its first excitations are the drives.
+    field : solved field, whose first excitations correspond to the drives.
     at_foci : pressure of the field at the foci [Pa].
     drives : drives by name, with the amplitudes for which the field was solved.
     scales : (D,) factor by which each drive is multiplied for the picture.

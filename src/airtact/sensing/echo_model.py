@@ -165,7 +165,7 @@ def _cross(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
 
 
 def motion_of(twist: Twist) -> Pose:
-    """Return the rigid motion about the centre of the waves that is the exponential of a twist."""
+    """Return the exponential of a twist: a rigid motion about the centre of the waves."""
     generator = np.zeros((4, 4))
     generator[:3, :3] = _cross(twist[3:])
     generator[:3, 3] = twist[:3]

@@ -87,7 +87,7 @@ class ReachMap:
 
     @property
     def extremes(self) -> list[tuple[str, int, int]]:
-        """Name of each part of the skin, and the indices of its weakest and strongest points.
+        """Name of each part of the skin, with the indices of its weakest and strongest points.
 
         The parts are sorted by the pressure at their strongest point, highest first.
         """

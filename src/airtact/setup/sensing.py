@@ -76,8 +76,8 @@ class Sensed:
     ----------
     setup, fitted : the setup of the scene file, and the same setup with the estimated
         gap.
-    located : result of the fit. Its pose moves the obstacles from their position in the scene file
-        to the estimated position.
+    located : estimated pose and its uncertainty. The pose moves the obstacles from their position
+        in the scene file to the estimated position.
     echoes : the echoes from which the pose was estimated.
     shifts : (1 or 2, 6) translation of the bodies' centre [m] and rotation [rad] of the estimated
         pose. The first row is relative to the pose in the scene file; for simulated echoes, a

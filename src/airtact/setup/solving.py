@@ -284,7 +284,10 @@ def _verification_accuracy(setup: Setup) -> float:
 def unknowns_of(
     solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]
 ) -> int:
-    """Return the number of unknowns for sources at points [m]; above 50,000, only an estimate."""
+    """Return the number of unknowns of a solve for sources at points [m].
+
+    Numbers above 50,000 are estimates.
+    """
     area = sum(obstacle.surface.area for obstacle in scene.obstacles)
     estimate = round(solver.nodes_per_square_wavelength * area / scene.wavelength**2)
     if estimate > 50_000:  # meshing so many panels would take too long

@@ -396,7 +396,7 @@ class ScenePoints:
     def memory(self, points: Sequence[Mapping[str, Value]]) -> float:
         """Estimate the memory [bytes] of a solve from the first, middle and last point.
 
-        An invalid path of a key raises an error. If every point is invalid, the method raises the
+        An invalid key path raises an error. If every point is invalid, the method raises the
         error of the first one.
         """
         needed = 1.2e8  # of a process that has imported airtact

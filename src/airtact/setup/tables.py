@@ -361,7 +361,7 @@ class PlaneTable(Table, frozen=True):
     Attributes
     ----------
     point : any point on the plane [m].
-    normal : direction toward the side with the sound.
+    normal : direction toward the side with the array.
     """
 
     point: Triple

@@ -104,7 +104,7 @@ def potential(
     """Return Gor'kov's potential of a bead at points; its negative gradient is the force.
 
     Beads collect at its minima, as ``find`` computes. The potential neglects streaming, viscosity,
-    weight, and echoes of the sound that the bead scatters. See ``force`` for its accuracy.
+    weight, and reflections of the sound that the bead scatters. See ``force`` for its accuracy.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def force(
     Gor'kov's potential is valid for beads much smaller than the wavelength. It overestimates force
     and stiffness by about (ka)²/2 for a bead of radius a at the wavenumber k: for polystyrene in
     air at 40 kHz, by 7 % at 0.5 mm, 12 % at 0.65 mm and 33 % at 1 mm. The result neglects
-    streaming, viscosity, weight, and echoes of the sound that the bead scatters.
+    streaming, viscosity, weight, and reflections of the sound that the bead scatters.
 
     Parameters
     ----------

@@ -283,7 +283,7 @@ class HandStream:
 
         Returns
         -------
-        The oldest of the new frames of both hands, which may mark its hand as lost; None after the
+        The oldest new frame of either hand, which may mark this hand as lost; None after the
         timeout.
         """
         end = time.monotonic() + timeout

@@ -233,8 +233,8 @@ class CarriedFactors(HandFactors):
     straight : (F,) direct part of ``factors``, without scattering.
     bones : axes and starting points of the bones, in the pose to which the factors apply.
     centres : (H, F, 3) centre of the sources of each bone for each focus [m].
-    waves : (H, F, R) part of the factors due to the sound that each bone scatters. The phase of the
-        detour through the centre of the bone's sources is removed.
+    waves : (H, F, R) part of the factors due to the sound that each bone scatters, without the
+        phase shift of the detour through the centre of the bone's sources.
     """
 
     straight: Float64[np.ndarray, "foci"]

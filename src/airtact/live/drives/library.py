@@ -58,8 +58,9 @@ def expected_kept(
     ----------
     part : how the drive was computed, as in ``Moment.rule``; for "distances", the result does not
         depend on the poses.
-    gap : ``gap_change`` from the solved pose to the current one [m].
-    turned : ``turn`` from the solved pose to the current one [rad].
+    gap : rms change of the distances between the foci and bones since the solved pose [m].
+    turned : rms change of the directions from the foci to the elements, as seen from the bones,
+        since the solved pose [rad].
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
     foci : number of foci.
     """

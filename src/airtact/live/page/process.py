@@ -31,7 +31,7 @@ Send = Callable[[Message], None]
 
 
 class Placed(NamedTuple):
-    """A virtual object, given by its name, the number of its shape, and its pose."""
+    """A virtual object, given by its name, an integer that identifies its shape, and its pose."""
 
     name: str
     key: int

@@ -45,7 +45,8 @@ class Picture:
     ----------
     facts : numbers and texts to display, by name.
     arrays : arrays that change with every picture.
-    kept : groups of arrays by key. The page keeps a group as long as pictures contain its key.
+    kept : groups of arrays that seldom change, by key. The page keeps a group as long as pictures
+        contain its key.
     """
 
     facts: dict[str, Any]

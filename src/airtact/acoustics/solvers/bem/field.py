@@ -280,7 +280,8 @@ class BoundaryField(RadiatedField):
         pressure times 0.15 times the target error ``accuracy``. The second term accounts for the
         errors of panels and quadrature, which are the same in both solutions. The transposed
         solution is accurate only away from the surface, so points on or near the surface are moved
-        away by a panel's radius if there is room. The error is NaN without a direct solution.
+        away from it by the radius of a panel if there is room. The error is NaN without a direct
+        solution.
         """
         squares, size = self._errors(points_of(points, "points"))
         size = np.linalg.norm(size, axis=0)

@@ -200,7 +200,7 @@ class NearRows(_kernels.NearRows):
     """
 
     def split(self, points: int) -> tuple["NearRows", "NearRows"]:
-        """Divide the corrections between the first ``points`` points and all other points."""
+        """Split the corrections into those at the first ``points`` points and all others."""
         begin = int(self.first[points])
         return (
             NearRows(self.first[: points + 1], self.panel[:begin], self.excess[:begin]),

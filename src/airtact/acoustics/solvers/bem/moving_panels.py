@@ -145,9 +145,9 @@ class MovingPanels:
 
         The resulting field is accurate away from the body and on it.
 
-        The method needs all panels, and the sources must be away from the body. Its parameters are
-        those of ``radiated``. It raises ``InvalidInput`` if the matrix does not fit into memory,
-        and ``NotConverged`` if the iteration does not reach the tolerance.
+        The panels must cover the whole body, and the sources must be away from it. The parameters
+        of this method are those of ``radiated``. It raises ``InvalidInput`` if the matrix does not
+        fit into memory, and ``NotConverged`` if the iteration does not reach the tolerance.
         """
         surface = self._surface(corners, inside)
         right = direct_right_side(surface, sources.positions, sources.strengths)

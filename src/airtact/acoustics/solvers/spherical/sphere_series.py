@@ -134,7 +134,7 @@ class SphereModes:
         return complex(point), complex(point / total)
 
     def first_safe_order(self) -> int:
-        """Order above which the terms decrease: larger than both ka and k1 a."""
+        """Order above which the terms decrease: larger than ka outside and inside the sphere."""
         largest = max(abs(self.size), abs((self.inner_wavenumber or 0.0) * self.radius))
         return int(largest + 5.0 * np.cbrt(largest) + 10.0)
 
@@ -146,11 +146,11 @@ class SphereModes:
         versine: Pairs,
         scale: Pairs,
     ) -> ComplexPairs:
-        """Return the scattered pressure [Pa] of unit monopoles, or their total pressure inside.
+        """Return the scattered pressure outside the sphere or the total pressure inside [Pa].
 
-        If ``inside`` is True, all points are inside the fluid sphere, and otherwise all are outside
-        the sphere. ``versine`` is 1 - cos γ for each pair of a point and a source. The error is
-        ``ACCURACY`` times ``scale`` [Pa].
+        The sources are unit monopoles. If ``inside`` is True, all points are inside the fluid
+        sphere, and otherwise all are outside the sphere. ``versine`` is 1 - cos γ for each pair of
+        a point and a source. The error is ``ACCURACY`` times ``scale`` [Pa].
 
         Raises
         ------
