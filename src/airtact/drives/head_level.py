@@ -108,11 +108,11 @@ class HeadLevel:
 
     ``at`` returns the level if the amplitudes are limited to a cap, and ``safe_cap`` the largest
     cap (1 is full scale) at which the level is at most ``MAX_HEAD_LEVEL``, 110 dB SPL. The level is
-    the largest on a sphere around the middle of the array, 0.5 m outside the farthest element;
-    elements radiate equally in all directions. The level ignores nonlinear steepening, which is
-    negligible at ``MAX_HEAD_LEVEL`` and therefore does not affect ``safe_cap``. Beyond a focus,
-    steepening at full scale lowers the level at loud points and raises it at quieter points
-    (``python -m benchmarks.nonlinear beyond``).
+    the largest on a sphere around the middle of the array, 0.5 m outside the farthest element.
+    Elements are assumed to radiate equally in all directions. The level ignores nonlinear
+    steepening, which is negligible at ``MAX_HEAD_LEVEL`` and therefore does not affect
+    ``safe_cap``. Beyond a focus, steepening at full scale lowers the level at loud points and
+    raises it at quieter points (``python -m benchmarks.nonlinear beyond``).
 
     Attributes
     ----------

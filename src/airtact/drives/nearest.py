@@ -27,8 +27,8 @@ def nearest_drive(
     Parameters
     ----------
     transfer : (F, E) transfer matrix, for example with the hand in place.
-    target : the F foci and their requested pressures or shares. A requested pressure only counts
-        relative to those of the other foci.
+    target : the F foci and their requested pressures or shares. Only the ratios between the
+        requested pressures matter.
     drive : the drive of E elements to change, for example one from another program.
     share : fraction of the bound that the weakest focus must reach, from 0 to 1.
 

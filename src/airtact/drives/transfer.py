@@ -44,8 +44,8 @@ class TransferMatrix:
         and count toward F.
     estimated_error : relative error of the matrix, as estimated by the solver (0.01 is 1 %); NaN if
         unknown.
-    foci : (F, 3) positions of the rows' points in the frame of the bodies [m], or None if unknown.
-        If they are known, methods check that they are the target's points.
+    foci : (F, 3) position to which each row belongs, in the frame of the bodies [m], or None if
+        unknown. If they are known, methods check that they are the target's points.
     wavelength : wavelength of the sound in the air [m], or None if unknown.
 
     Raises

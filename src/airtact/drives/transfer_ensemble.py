@@ -66,8 +66,8 @@ class TransferEnsemble(TransferMatrix):
     ----------
     geometry : (S, F, E) transfer matrices of the samples of the hand and the air, with nominal
         gains of the elements [Pa]. ``matrices`` includes the sampled gains.
-    gains : (S, E) complex factor on each element's nominal gain in each sample, or None if all are
-        1.
+    gains : (S, E) complex factor by which each element's nominal gain is multiplied in each sample,
+        or None if all factors are 1.
     uncertainty : the distributions from which the samples were drawn.
     seed : seed of the samples.
     left_out : number of further samples that were drawn but omitted because they are impossible,

@@ -41,8 +41,8 @@ class Scan:
     ----------
     points : (N, 3) positions of the centre of the microphone's face [m], in the frame of the scene
         with which the scan is compared.
-    pressures : (N,) complex readings for the time factor e^{−iωt}, in any unit; amplitudes without
-        imaginary part if no phase was measured.
+    pressures : (N,) complex readings for the time factor e^{−iωt}, in any unit; real
+        amplitudes, stored as complex numbers, if no phase was measured.
     phased : whether the phase was measured. If not, only magnitudes are compared.
     repeated : number of positions that occurred more than once; computed, not passed.
 
@@ -339,7 +339,7 @@ class Microphone:
     Raises
     ------
     InvalidInput
-        If a length is outside its range, or the axis is not three numbers of which one is not 0.
+        If a length is outside its range, or the axis is zero or does not have three components.
     """
 
     diameter: float = 6.35e-3

@@ -38,8 +38,8 @@ class Look(NamedTuple):
     distance : (P,) distance from the skin [m], negative inside.
     gradient : (P, 3) gradient of the distance at constant blend radius.
     bend : (P,) radius of curvature of the skin [m].
-    facing : (P,) distance [m] from the closest of the hulls that must stay separate from the hull
-        nearest to the point, such as those of the other fingers.
+    facing : (P,) distance [m] from the closest hull that must not merge with the hull nearest to
+        the point, such as a hull of another finger.
     nearest : (P,) index of the nearest hull.
     """
 

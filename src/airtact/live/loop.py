@@ -50,7 +50,7 @@ class Status:
     state : state of the loop in words, such as "playing" or "waiting for a hand", with the
         reasons for silence and for rejected frames.
     processes : text about processes that have ended; empty if all are running.
-    rate : drives with sound sent to the boards per second.
+    rate : number of drives sent to the boards per second, without silent ones.
     age : median time from the newest frame to the sound in the air [s]; NaN without drives.
     kept : median of ``Moment.kept``: the pressure expected at the weakest focus, divided by that of
         a drive computed for the exact hand; NaN if unknown.

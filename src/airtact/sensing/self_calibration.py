@@ -58,7 +58,7 @@ class Calibrated:
     motions : B poses that map the assumed positions of each board's elements to the estimated ones,
         in the array's frame. Board 0 does not move, because a motion of the whole array cannot be
         measured.
-    emission, reception : (E,) complex factors on the pressure that an element emits and on the one
+    emission, reception : (E,) complex factors of the pressure that an element emits and of the one
         that it reports, relative to an element with the nominal sensitivity; 0 for dead elements,
         and 1 in ``reception`` for elements that do not receive. Only their products can be
         measured, so both are scaled to the same mean (with two boards, separately for each

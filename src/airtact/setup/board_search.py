@@ -266,8 +266,8 @@ class Search:
         if not found:
             raise InvalidInput(
                 f"no layout of {counted(boards, 'board', 'boards')} fits at least "
-                f"{1e3 * self.distance[0]:g} mm from all bodies and foci, with its centres at most "
-                f"{1e3 * self.distance[1]:g} mm from the centre of the foci and inside the "
+                f"{1e3 * self.distance[0]:g} mm from all bodies and foci, with board centres at "
+                f"most {1e3 * self.distance[1]:g} mm from the centre of the foci and inside the "
                 "region: allow a larger distance or region.",
                 code="out_of_range",
             )

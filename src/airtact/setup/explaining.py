@@ -100,8 +100,8 @@ class Explanation:
 def why(result: Rendering, kept: float | None = None) -> Explanation:
     """Explain the pressure at each focus of a rendered drive.
 
-    The first pressure is the largest that the array can produce anywhere in open air. Causes of
-    other pressures, such as the shadow of the hand or rounding, are added one by one, and the
+    The first pressure is the largest that the array can produce anywhere in open air. Causes that
+    change the pressure, such as the shadow of the hand or rounding, are added one by one, and the
     pressure is computed after each. The pressure after the last cause is therefore the first
     pressure plus all changes.
 

@@ -244,7 +244,7 @@ def plan(
 def default_level(
     setup: "at.Setup", drive: Drive, transfer: TransferMatrix, moving: "at.setup.MovingDrive | None"
 ) -> Iterator[str]:
-    """State the pressure that ``airtact emit`` plays by default, if it limits the drive.
+    """State the pressure that ``airtact emit`` produces by default, if it limits the drive.
 
     Parameters
     ----------

@@ -322,7 +322,7 @@ class ObjectKeys(Table, frozen=True):
     style : "points" puts a focus where the skin is deepest; "outline" moves a focus along the edge
         of the contact; "texture" is like "points", but stronger on the ridges of ``grating``.
     grating : ridges fixed to the object.
-    stiffness : increase of relative strength with depth [1/m], from 0.2 at the surface; by default
+    stiffness : increase of strength per depth [1/m]; the strength is 0.2 at depth 0; by default
         400, or 0.8 / ``travel`` for a button.
     """
 

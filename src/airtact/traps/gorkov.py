@@ -508,7 +508,8 @@ def verdict(
     Returns
     -------
     A list of one ``Verdict`` per point. Its attribute ``is_trap`` is the answer; it is based on the
-    attributes ``force``, ``stiffness`` and ``holds`` (the largest load in weights of the bead).
+    attributes ``force``, ``stiffness`` and ``holds`` (the largest load, in multiples of the
+    bead's weight).
 
     Raises
     ------

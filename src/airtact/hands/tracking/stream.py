@@ -257,7 +257,7 @@ class HandStream:
             return None
 
     def disconnect(self, source: str, interrupted: bool) -> None:
-        """Release the hands of a connection that ended, and count ``interrupted`` connections."""
+        """Release the hands of a connection that ended, and count it if it was interrupted."""
         with self._changed:
             self._counts["interrupted"] += interrupted
             for hand in self._hands.values():

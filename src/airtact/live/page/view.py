@@ -63,7 +63,8 @@ class View:
 
     Attributes
     ----------
-    objects : dict from the number of each virtual object's shape to its vertices and triangles.
+    objects : dict from the integer that identifies a virtual object's shape (``Placed.key``) to the
+        vertices and triangles of this shape.
     """
 
     def __init__(self, scene: LiveScene) -> None:
