@@ -21,17 +21,20 @@ Amplitudes = Complex128[np.ndarray, "elements"]
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """The amplitude and phase of every element of an array.
+    """The amplitude and phase of every element of an array, constant in time.
+
+    Drive methods such as ``best`` return it; ``evaluate`` computes the pressures that it produces.
 
     Attributes
     ----------
-    amplitudes : (E,) complex amplitude d of each of the E elements. An element emits Re[d
-        e^{−iωt}]; |d| = 1 is full scale.
+    amplitudes : (E,) complex amplitude d of each of the E elements, in the order of the array. An
+        element emits Re[d e^{−iωt}]; |d| = 1 is full scale.
 
     Raises
     ------
     InvalidInput
-        If the array is empty, if a number is not finite, or if a magnitude exceeds 1.
+        If ``amplitudes`` is not an array of shape (E,) with at least one number, if a number is not
+        finite, or if a magnitude exceeds 1.
     """
 
     amplitudes: Amplitudes

@@ -58,28 +58,32 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
     """Compute a phase-only drive by iterations on the foci alone, which is fast for many elements.
 
     Each iteration replaces the sources s at the foci by w · phase(p), with the requested pressures
-    w and p = H Hᴴ s, where H Hᴴ is an (F, F) matrix. At the end the sources are weighted by w²/|p|,
-    and every element is set to full scale (Plasencia, Hirayama, Montano-Murillo and Subramanian,
-    ACM Trans. Graph. 39 (2020) 138). This last step lowers the pressure at the weakest focus. Ten
-    iterations of ``weighted_gerchberg_saxton``, which are our addition to the published method,
-    restore the pressure and never lower it.
+    w and p = H Hᴴ s, where H is the transfer matrix and H Hᴴ an (F, F) matrix. At the end the
+    sources are weighted by w²/|p|, and every element emits the phase of Hᴴ s at full scale
+    (Plasencia, Hirayama, Montano-Murillo and Subramanian, ACM Trans. Graph. 39 (2020) 138). This
+    last step lowers the pressure at the weakest focus. Ten iterations of
+    ``weighted_gerchberg_saxton``, which are our addition to the published method, restore the
+    pressure and never lower it. The target's phases and suppression points have no effect.
 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and their requested pressures.
-    iterations : number of iterations on the foci.
+    target : the foci and their requested pressures or shares; equal weights without either.
+    iterations : number of iterations on the foci, 1 or more; 50 by default.
 
     Returns
     -------
-    A drive of E elements with equal amplitudes: full scale, or less if that is enough for the
-    requested pressures.
+    A ``Drive`` of E elements with equal amplitudes. They are at full scale or, if the target
+    requests pressures that a weaker drive reaches at all foci, at the lowest amplitude that reaches
+    them.
 
     Raises
     ------
     InvalidInput
         If the transfer matrix was computed for other foci, if there are more foci than elements, if
-        two foci are too close together, if a focus is shadowed, or if ``iterations`` is below 1.
+        two foci are less than a tenth of a wavelength apart, if a focus is shadowed (its largest
+        possible pressure is below 5 % of the median of the others), or if ``iterations`` is below
+        1.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)

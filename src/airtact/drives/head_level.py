@@ -31,13 +31,15 @@ NO_SAFETY_ASSESSMENT = (
 def sound_pressure_level(pressure: Num[np.ndarray, "points"]) -> Float64[np.ndarray, "points"]:
     """Return the sound pressure level [dB SPL], 20 log10 of the rms pressure relative to 20 µPa.
 
+    The rms pressure of a pure tone is its peak pressure divided by √2.
+
     Parameters
     ----------
-    pressure : (P,) peak pressures [Pa], real or complex.
+    pressure : (P,) peak pressures of a tone [Pa], real or complex.
 
     Returns
     -------
-    (P,) levels [dB SPL]; -inf where the pressure is 0.
+    (P,) levels [dB SPL]; -inf where the pressure is 0, without a warning.
 
     Examples
     --------

@@ -36,9 +36,9 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
 
     Returns
     -------
-    A drive of E elements, scaled so that the weakest focus gets its requested pressure. If this
-    requires more than full scale, or if no pressure is requested, the largest amplitude is 1.
-    ``achieved_fraction`` returns the ratio of each focus's pressure to its request.
+    A ``Drive`` of E elements, scaled so that the smallest ratio of pressure to request is 1. If
+    this requires more than full scale, or if no pressure is requested, the largest amplitude is 1.
+    ``achieved_fraction`` returns the ratio at each focus.
 
     Raises
     ------
@@ -165,21 +165,24 @@ def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50
 
     Parameters
     ----------
-    transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and their requested pressures; a focus without a requested phase gets phase 0.
-    iterations : number of reweighting steps.
+    transfer : the (F, E) transfer matrix of F foci and E elements; h_e is its column for element e.
+    target : the foci and their requested pressures or shares. Without either, the foci get equal
+        pressures. If the target requests no phases, the pressures at all foci have phase 0.
+    iterations : number of reweighting steps, 1 or more; 50 by default.
 
     Returns
     -------
-    A drive of E elements, scaled so that the foci get their requested pressures. If this requires
-    more than full scale, or if no pressure is requested, the largest amplitude is 1. The pressures
-    have the requested ratios and phases in all these cases.
+    A ``Drive`` of E elements, scaled so that the foci get their requested pressures. If this
+    requires more than full scale, or if no pressure is requested, the largest amplitude is 1. The
+    pressures have the requested ratios and phases in all these cases.
 
     Raises
     ------
     InvalidInput
         If the transfer matrix was computed for other foci, if there are more foci than elements, if
-        two foci are too close together, if a focus is shadowed, or if ``iterations`` is below 1.
+        two foci are less than a tenth of a wavelength apart, if a focus is shadowed (its largest
+        possible pressure is below 5 % of the median of the others), or if ``iterations`` is below
+        1.
     """
     check_solvable(transfer, target)
     check_iterations(iterations)

@@ -224,12 +224,14 @@ def _unit(vectors: Complex128[np.ndarray, "foci rank"]) -> Complex128[np.ndarray
 
 
 class Stalled(UserWarning):
-    """Warning that a method stopped before it converged and returned its best drive.
+    """Warning that a drive method stopped before it converged and returned its best drive.
+
+    It is a ``UserWarning``, issued with ``warnings.warn``.
 
     Attributes
     ----------
-    reached : ratio of pressure to requested pressure at the weakest focus, divided by the certified
-        upper bound on this ratio.
+    reached : ratio of pressure to requested pressure (or share) at the weakest focus, divided by
+        the certified upper bound on this ratio, which no drive exceeds; 0 to 1.
     """
 
     def __init__(self, sentence: str, reached: float) -> None:

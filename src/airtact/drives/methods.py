@@ -29,26 +29,29 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     If the target has no suppression points and full scale is enough for its requests, each focus
     gets exactly its requested pressure. This adjustment keeps the phases at the foci that the
     method chose. The drive then has the least energy, unless an element would exceed full scale. If
-    full scale is not enough, the drive maximises the smallest ratio of pressure to request.
+    full scale is not enough, the drive maximises the smallest ratio of pressure to request. Shares
+    are also met exactly, unless they are met to 2 % of the largest or would cost half of the
+    pressure.
 
     Parameters
     ----------
-    transfer : the transfer matrix of the foci, and of the suppression points if the target has
-        some.
-    target : the foci, their requested pressures and the suppression points.
+    transfer : the transfer matrix of F foci and E elements, as returned by ``transfer_matrix``; if
+        the target has suppression points, their rows follow those of the foci.
+    target : the foci, their requested pressures or shares, and the suppression points.
 
     Returns
     -------
-    A drive for the elements of the matrix. If full scale is not enough for the requests, or if no
-    pressure is requested, the largest amplitude is 1. ``achieved_fraction`` returns the ratio of
-    each focus's pressure to its request, and ``upper_bound`` the pressure that no drive exceeds.
+    A ``Drive`` of E elements. If full scale is not enough for the requests, or if no pressure is
+    requested, the largest amplitude is 1. ``achieved_fraction`` returns the ratio of each focus's
+    pressure to its request, and ``upper_bound`` the pressure that no drive exceeds.
 
     Raises
     ------
     InvalidInput
-        If an argument has the wrong type, if the matrix was computed for other foci or has no rows
-        for the suppression points, if there are more foci than elements, if two foci are too close
-        together, or if a focus is shadowed.
+        If an argument has the wrong type, or if the matrix was computed for other foci or has no
+        rows for the suppression points. With several foci, also if there are more than elements, if
+        two are less than a tenth of a wavelength apart, or if one is shadowed (its largest
+        possible pressure is below 5 % of the median of the others).
 
     Warns
     -----

@@ -232,27 +232,32 @@ def moving_foci(
 ) -> Sequence:
     """Compute the sequence that moves ``foci`` foci at a time through the points of a target.
 
+    The foci traverse their paths repeatedly (spatiotemporal modulation), so that skin feels them.
+
     Parameters
     ----------
-    transfer : transfer matrix of all points in the order of ``moving_target``: all foci of the
-        first frame, then those of the next.
+    transfer : (P, E) transfer matrix of all P points in the order of ``moving_target``: all foci of
+        the first frame, then those of the next.
     target : the points, in the same order as the rows of the matrix.
-    foci : number of foci in one frame.
-    turns : how many times per second the foci traverse the path [Hz].
-    method : function that computes the drive of each frame from its rows of the matrix.
-    clock : frequency of the sound [Hz]. Each frame lasts a whole number of periods, as boards
-        require.
+    foci : number of foci in one frame, of which P must be a multiple.
+    turns : how many times per second the foci traverse the path [Hz], above 0 and at most ``clock``
+        divided by the number of frames.
+    method : function that computes the ``Drive`` of a frame from the frame's rows of the matrix and
+        its part of the target; ``best`` by default.
+    clock : frequency of the sound [Hz]; 40 kHz by default. Each frame lasts a whole number of
+        periods, as boards require.
 
     Returns
     -------
-    A sequence of at least 4 frames. Because each frame lasts a whole number of periods, the
-    frequency of the path may differ slightly from ``turns``.
+    A ``Sequence`` of P / ``foci`` frames; if these are fewer than 4, each is repeated equally often
+    until there are. Because each frame lasts a whole number of periods, the frequency of the path
+    may differ slightly from ``turns``.
 
     Raises
     ------
     InvalidInput
-        If the points do not fill whole frames, if ``turns`` is too large for the clock, or if the
-        method cannot compute the drive of a frame.
+        If the points do not fill whole frames, if ``turns`` is outside its range, if the matrix was
+        computed for other points, or if the method cannot compute the drive of a frame.
     """
     of_kind(target, Target, "the target", "moving_target(target, paths)")
     points = len(target.points)

@@ -175,21 +175,24 @@ def goal_value(
 ) -> float:
     """Return the pressure that a drive produces at the weakest focus, as a statistic over samples.
 
-    The function evaluates the quantity that ``robust`` maximises.
+    The function evaluates the quantity that ``robust`` maximises, for example to compare a robust
+    drive with another one. The weakest focus of a sample has the smallest ratio of pressure to
+    request.
 
     Parameters
     ----------
-    ensemble : transfer matrices of the samples, as returned by ``at.ensemble``.
-    target : the foci and their requested pressures.
+    ensemble : transfer matrices of the samples, as returned by ``at.ensemble``; a plain
+        ``TransferMatrix`` counts as a single sample.
+    target : the foci and their requested pressures; foci whose request is 0 are ignored.
     drive : the drive to evaluate.
-    goal : "lowest tenth" for the pressure that the weakest focus exceeds in 9 out of 10 samples;
-        "mean" or "worst" for the mean or the smallest pressure at the weakest focus over the
-        samples.
+    goal : "lowest tenth" (the default) for the pressure that the weakest focus exceeds in 9 out of
+        10 samples; "mean" or "worst" for the mean or the smallest pressure at the weakest focus
+        over the samples.
 
     Returns
     -------
-    The pressure [Pa], divided by the shares of the foci if the target has shares. If the target
-    requests pressures, the ratio of pressure to request.
+    The peak pressure [Pa] as a float, divided by the share of the focus if the target has shares.
+    If the target requests pressures, the ratio of pressure to request.
 
     Raises
     ------

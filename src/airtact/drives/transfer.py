@@ -245,13 +245,14 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
 
     Parameters
     ----------
-    scene : the medium, frequency and planes; its bodies are ignored.
-    array : the E transducers in the obstacles' frame.
-    target : the foci and suppression points, which are the rows of the matrix.
+    scene : the medium, frequency and planes; its bodies and reflecting boards are ignored.
+    array : the E transducers in the frame of the scene.
+    target : the F foci and Q suppression points, which are the rows of the matrix in this order.
 
     Returns
     -------
-    The transfer matrix (F, E) [Pa], with an estimated error of 0.
+    A ``TransferMatrix`` of shape (F + Q, E): the complex peak pressure at each point if one element
+    emits alone at full scale with phase 0 [Pa]. Its estimated error is 0.
 
     Raises
     ------
@@ -482,8 +483,8 @@ def achieved_fraction(
 ) -> Float64[np.ndarray, "foci"]:
     """Return the ratio of the pressure at each focus to the requested one, |H d|_f / p_f.
 
-    The smallest ratio is 1 if the drive reaches the target, and below 1 if full scale is not
-    enough.
+    For a drive that a method such as ``best`` computed for this target, the smallest ratio is 1 if
+    the drive reaches the target, and below 1 if full scale is not enough.
 
     Parameters
     ----------
@@ -494,7 +495,8 @@ def achieved_fraction(
 
     Returns
     -------
-    (F,) ratios, NaN for foci whose request is 0 Pa or missing.
+    (F,) ratios; NaN for foci whose request is 0 Pa, and for all foci of a target that requests no
+    pressures, even if it has shares.
 
     Raises
     ------

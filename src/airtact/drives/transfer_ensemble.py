@@ -158,10 +158,12 @@ def ensemble(
     ----------
     beacons : field of a unit source (beacon) at each focus, ``solver.radiate(scene,
         target.beacons())``.
-    array : the transducers in the obstacles' frame.
-    uncertainty : standard deviations of the motions, the air and the gains.
-    samples : number of samples, 1 to 10,000. Powers of 2 sample the distributions most evenly.
-    seed : seed of the random numbers, 0 or more.
+    array : the E transducers in the frame of the scene.
+    uncertainty : ``Uncertainty`` with the standard deviations of the motions, the air and the
+        gains.
+    samples : number of samples, 1 to 10,000; 64 by default. Powers of 2 sample the distributions
+        most evenly.
+    seed : seed of the random numbers, an integer of at least 0; 0 by default.
     solver : solver for the samples if bodies move independently, if foci move along the skin, or if
         there is a plane.
 
@@ -176,7 +178,7 @@ def ensemble(
     InvalidInput
         If ``beacons`` is not the field of unit beacons or is unknown at an element, if an element
         is inside a body, or if a focus or a body is behind the face of a directional element. The
-        error is also raised if ``samples`` or ``seed`` is out of range, or if all samples are
+        error is also raised if ``samples`` or ``seed`` is outside its range, or if all samples are
         impossible. Further causes are ``along_skin`` for a scene without bodies, a missing
         ``solver`` for samples in front of a plane, and an uncertain temperature or humidity of a
         medium other than air.

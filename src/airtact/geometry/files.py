@@ -37,11 +37,12 @@ def load_surface(
     Parameters
     ----------
     path : an STL, PLY, OBJ or GLB file.
-    scale : metres per unit of the file, such as 1e-3 for a file in millimetres; by default 1. A
-        body wider than 0.5 m needs an explicit ``scale=1.0``.
-    largest_hole : width of the widest hole that is filled [m]; 0 fills none.
-    sharp_degrees : angle between neighbouring triangles above which their edge remains sharp
-        [degrees]; the surface is smooth across all other edges.
+    scale : metres per unit of the file, above 0, such as 1e-3 for a file in millimetres; by default
+        1. A body wider than 0.5 m needs an explicit ``scale=1.0``.
+    largest_hole : width of the widest hole that is filled [m]; 2 mm by default, 0 fills none. Wider
+        holes raise an error.
+    sharp_degrees : angle by which the surface turns at an edge, above which the edge remains sharp
+        [degrees]; 75 by default. The surface is smooth across all other edges.
     union : whether to replace overlapping parts, such as those of a CAD export, by one surface
         around all of them. This surface is computed on a grid with a spacing of 1/256 of the body's
         length. Edges are rounded on the scale of the grid, but edges that turn by more than 30
@@ -55,13 +56,14 @@ def load_surface(
 
     Returns
     -------
-    The closed surface, with outward normals and lengths in metres.
+    The closed ``Surface`` in the frame of the file, scaled to metres, with outward normals.
 
     Raises
     ------
     InvalidInput
-        If the file is missing, unreadable, too large or without triangles, or if the surface has
-        self-intersections or damage that cannot be repaired.
+        If the file is missing, unreadable, too large or without triangles, if the surface has
+        self-intersections or damage that cannot be repaired, or if a width of over 0.5 m suggests
+        another unit.
     """
     of_kind(path, str | Path, "the path of a surface", "the name of a file")
     path = Path(path)

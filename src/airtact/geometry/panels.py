@@ -43,13 +43,13 @@ LARGEST_TO_GAP = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Panels:
-    """Curved panels of all bodies of a scene.
+    """Curved panels that cover the B bodies of a scene, for the boundary element method.
 
     Attributes
     ----------
     quadratic_triangles : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel
-        [m], anticlockwise when seen from outside.
-    body : (T,) index of the body of each panel.
+        in the frame of the scene [m], anticlockwise when seen from outside.
+    body : (T,) index of the body of each panel, in the order of the scene.
     deviation : (T,) largest distance of each panel from the true surface [m].
     farthest : (B,) largest distance of each body's panels from the triangles of its surface [m].
     mean_distance : (B,) area-weighted mean distance of each body's panels from the triangles of its

@@ -22,9 +22,12 @@ from airtact.errors import (
 class Pose:
     """A rigid motion x -> rotation x + translation.
 
+    The pose of an object maps coordinates in the object's frame to those in another frame, such as
+    the scene's. ``apply`` moves points, and ``a @ b`` is the motion ``b`` followed by ``a``.
+
     Attributes
     ----------
-    rotation : (3, 3) rotation matrix, without reflection.
+    rotation : (3, 3) rotation matrix, applied first.
     translation : (3,) translation [m].
 
     Raises

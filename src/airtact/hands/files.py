@@ -44,14 +44,16 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
     ----------
     path : a JSON file with the key ``positions_m``, an array of 25 points in WebXR order, 26 in
         OpenXR order or 21 in MediaPipe order [m]. Optional keys are ``radii_m`` (one radius for
-        each point [m]), ``side``, and ``joints`` (the 25 names of WebXR in order).
+        each point [m]; by default those of a generic hand of the same size), ``side`` ("left" or
+        "right"; by default inferred from how the fingers bend), and ``joints`` (the 25 names of
+        WebXR in order, as a check).
     gap : distance to set between the skins of the last phalanges of thumb and index finger [m],
-        above 0 and at most 0.15. Both fingers are turned at their roots to set this gap. None
-        leaves the pose unchanged.
+        above 0 and at most 0.15. Both fingers are turned at their roots to set this gap. None, the
+        default, leaves the pose unchanged.
 
     Returns
     -------
-    The hand in the pose that the file contains.
+    The ``Hand`` in the pose that the file contains, in the frame of the file.
 
     Raises
     ------
@@ -167,20 +169,22 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
 
 
 def load_cloud(path: str | Path) -> Points:
-    """Read a point cloud from a file.
+    """Read a point cloud from a file, such as a depth camera's points of a hand for ``fit_hand``.
 
     Parameters
     ----------
-    path : a PLY file, of which only the vertices are used, or an XYZ text file, in metres.
+    path : a PLY file (.ply), of which only the vertices are used, or a text file (.xyz) whose lines
+        begin with x, y and z, separated by spaces or commas. Both are in metres.
 
     Returns
     -------
-    The points (P, 3) [m], in the order of the file.
+    The points (P, 3) [m], in the order and the frame of the file.
 
     Raises
     ------
     InvalidInput
-        If the file is missing or unreadable, contains no points, or does not end in .ply or .xyz.
+        If the file is missing or unreadable, contains no points or a coordinate that is not finite,
+        or does not end in .ply or .xyz.
     """
     path = Path(path)
     suffix = path.suffix.lower()

@@ -70,15 +70,19 @@ class HasFront(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """A hand in a pose, as returned by ``hand_from_joints``.
+    """A hand in a pose, as returned by ``hand_from_joints``, which checks its arguments.
+
+    ``surface`` is the skin, for a body of a ``Scene``, and ``place`` returns named points on it for
+    a ``Target``. All coordinates are in the frame of ``joints``, which is arbitrary.
 
     Attributes
     ----------
     joints : (25, 3) positions of the joints in WebXR order [m].
     radii : (25,) radius of the skin around each joint [m].
     side : ``"right"`` or ``"left"``.
-    follows : earlier hand of a sequence, called the keyframe; None if there is none. If both poses
-        are similar, the meshes of the keyframe are deformed to this pose.
+    follows : ``shape`` of an earlier pose of the same hand, called the keyframe; None (the default)
+        if there is none. If both poses are similar, the meshes of the keyframe are deformed to this
+        pose, which saves time.
     """
 
     joints: Joints
@@ -404,13 +408,16 @@ SPREAD = math.radians(20.0)
 
 @dataclass(frozen=True, eq=False)
 class Pinch:
-    """A thumb and a finger whose tips face each other along x.
+    """A thumb and a finger whose tips face each other along x, as returned by ``pinch``.
+
+    The origin is the middle of the gap between the tips. In each attribute, the thumb comes first.
 
     Attributes
     ----------
-    surfaces : the thumb (at -x) and the finger (at +x).
+    surfaces : the ``Surface`` of the thumb (at -x) and of the finger (at +x), for bodies such as
+        ``sound_hard(surface)``.
     pads : (2, 3) point on each skin that is nearest to the other skin [m].
-    normals : (2, 3) outward unit normals at the pads.
+    normals : (2, 3) outward unit normals at the pads, along +x and -x.
     gap : distance between the pads [m].
     """
 

@@ -37,20 +37,23 @@ if TYPE_CHECKING:
 class Client:
     """Connection of an application to ``airtact live SCENE --from websocket``.
 
-    Use it in a ``with`` block. Foci are removed if the client sends nothing for 0.5 s, so repeat
-    them or send any other message several times per second. The methods raise ``InvalidInput`` with
-    the code "link_failed" once the live loop has ended.
+    Its methods send virtual objects, foci and hands to the live loop; ``state`` and ``next_state``
+    return its answers. Use it in a ``with`` block, whose end removes the client's objects
+    and foci. Foci are also removed if the client sends nothing for 0.5 s, so repeat them or send
+    any other message several times per second. The methods raise ``InvalidInput`` with the code
+    "link_failed" once the loop has ended.
 
     Parameters
     ----------
-    address : websocket address that the loop prints when it starts, such as
+    address : websocket address that the loop prints when it starts; by default
         ``"ws://127.0.0.1:8765"``.
-    timeout : longest time to wait for the live loop to accept the connection [s].
+    timeout : longest time to wait for the loop to accept the connection [s], above 0; 10 s by
+        default.
 
     Attributes
     ----------
-    rejected : reasons why the loop rejected messages, up to the 16 newest; delete reasons after
-        reading them.
+    rejected : ``deque`` of sentences on the messages that the loop rejected, up to the 16 newest;
+        remove sentences after reading them.
 
     Raises
     ------

@@ -84,7 +84,7 @@ class Status:
 
 @dataclass(frozen=True)
 class Followed:
-    """Summary of a run of the live loop.
+    """Summary of a run of the live loop, as returned by ``follow``.
 
     Attributes
     ----------
@@ -96,13 +96,14 @@ class Followed:
         air [s]; NaN without drives.
     delay : 95th percentile of the time from the arrival of a frame until the first drive
         computed from it reached the link [s]; NaN without drives.
-    kept : median of ``Moment.kept``, the expected fraction of the attainable pressure; NaN if
-        unknown.
-    faded : number of fades to silence for each reason.
+    kept : median of ``Moment.kept``, the expected pressure at the weakest focus divided by that of
+        a drive computed for the exact hand; NaN if unknown.
+    faded : dict from each reason for a fade to silence to the number of such fades.
     dropped : number of frames and drives missing from the session because the disk was too slow.
-    health : numbers of received frames and of frames with each kind of fault.
+    health : ``StreamHealth`` with the numbers of received frames and of frames with each kind of
+        fault.
     stopped : whether the emergency stop was pressed.
-    state : final state, with the reason for silence.
+    state : state at the end as text: "playing", or another state with the reason for silence.
     processes : text about processes that ended during the run; empty if none did.
     unrecorded : data missing from the session, with the reason; None if it is
         complete.

@@ -37,12 +37,12 @@ Version = Annotated[int, Meta(ge=VERSION, le=VERSION)]
 
 
 class PoseMessage(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Pose of an object in the scene: its points are rotated, then translated.
+    """Pose of an object in the scene: its points are rotated about the origin, then translated.
 
     Attributes
     ----------
-    translation : translation vector [m].
-    quaternion : rotation as (x, y, z, w); it need not have unit length.
+    translation : (x, y, z) in scene coordinates [m]; by default none.
+    quaternion : rotation as (x, y, z, w) of any length above zero; by default none.
     """
 
     translation: Triple = (0.0, 0.0, 0.0)
@@ -166,13 +166,15 @@ class FocusMessage(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes
     ----------
-    id : name of the focus, unique in its application.
+    id : name of the focus, 1 to 64 characters, unique in its application.
     point : position in scene coordinates, or in those of the object named in ``on``
         [m].
-    place : place on a hand, such as "index.pad" or "right.palm".
-    on : name of the object that the point moves with.
-    offset : distance from the skin [m]; only used with ``place``.
-    strength : strength of the focus, from 0 to 1; pressures are proportional to it.
+    place : place on a hand, such as "index.pad" or "right.palm"; without a side, on the scene's
+        hand.
+    on : name of the object that the point moves with; not allowed with ``place``.
+    offset : distance from the skin, outward [m], 0 to 0.1; only used with ``place``.
+    strength : strength of the focus, from 0 to 1; pressures are proportional to it, and 1 is the
+        largest pressure that the array is allowed to produce.
     modulation : frequency at which the strength varies between 0 and its full value [Hz], at most
         20; 0 keeps it constant.
     """
@@ -227,7 +229,7 @@ class FociMessage(msgspec.Struct, frozen=True, tag="foci"):
     Attributes
     ----------
     version : version of the message format, 1.
-    foci : the foci; an empty list silences the application's foci.
+    foci : up to 16 foci; an empty list removes all foci of the application.
     """
 
     version: Version
@@ -263,15 +265,15 @@ class ContactState(msgspec.Struct, frozen=True):
 
 
 class FocusState(msgspec.Struct, frozen=True):
-    """Current position, strength and pressure of a focus.
+    """Current position, strength and pressure of a focus, in a ``StateMessage``.
 
     Attributes
     ----------
     id : name given by the application, or the part of the hand and the object in
-        contact.
-    point : predicted position [m], or null if unknown.
+        contact, such as "left.index at ball".
+    point : predicted position in scene coordinates [m], or null if unknown.
     strength : current strength, from 0 to 1.
-    pressure : predicted pressure [Pa]; null while the effect of the hand is unknown.
+    pressure : predicted peak pressure [Pa]; null while the effect of the hand is unknown.
     reason : why the focus receives no sound, for example because it is inside the hand;
         null if it receives sound.
     """

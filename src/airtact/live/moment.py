@@ -152,11 +152,12 @@ class Controls:
 
 
 class DriveMaker(ABC):
-    """Interface of objects that compute the drives of the live loop.
+    """Abstract base class of objects that compute the drives of the live loop, for ``follow``.
 
-    To test another method of computing drives, implement this interface. The loop passes each frame
-    of a tracked hand to ``take`` and requests each drive from ``make``. All methods must return
-    without blocking, because the loop waits for them.
+    To test another method of computing drives, write a subclass with the methods ``take`` and
+    ``make``; the other methods do nothing by default. The loop passes each ``HandFrame`` of a
+    tracked hand, in scene coordinates, to ``take``, and requests each drive, a ``Moment``, from
+    ``make``. All methods must return without blocking, because the loop waits for them.
     """
 
     @abstractmethod

@@ -69,11 +69,14 @@ class TouchStep:
 class RegisteredTracker:
     """Pose of a tracker, as returned by ``register_tracker``.
 
+    ``fit.tracker`` is the ``Pose`` that maps the tracker's coordinates to those of the scene;
+    ``write_tracker`` writes it to the scene file.
+
     Attributes
     ----------
-    fit : the fitted pose with its uncertainty.
-    elements : (T,) indices of the touched transducers.
-    words : names of the touched transducers.
+    fit : ``Registration`` with the fitted pose and its uncertainty.
+    elements : indices in the array of the T touched transducers, in the order of the touches.
+    words : names of these transducers in words.
     """
 
     fit: Registration
@@ -327,12 +330,15 @@ def with_tracker(text: str, pose: Pose) -> str:
 def write_tracker(scene: str | Path, pose: Pose, copy: str | Path | None = None) -> None:
     """Write a table ``[tracker]`` to a scene file or a copy, leaving everything else unchanged.
 
+    An existing table ``[tracker]`` is replaced.
+
     Parameters
     ----------
-    scene : scene file; it is changed unless ``copy`` is given.
-    pose : pose of the tracker.
-    copy : file for a changed copy, which replaces an existing file. If the scene names other
-        files, the copy must be in the same folder.
+    scene : path of the scene file; the file is changed unless ``copy`` is given.
+    pose : pose that maps the tracker's coordinates to those of the scene, such as
+        ``register_tracker(...).fit.tracker``.
+    copy : path for a changed copy, which replaces an existing file; by default, ``scene`` itself is
+        changed. If the scene names other files, the copy must be in the same folder.
 
     Raises
     ------

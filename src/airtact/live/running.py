@@ -149,10 +149,11 @@ def record(
 
     Parameters
     ----------
-    file : recording to write, in the tracker's coordinates; an existing file is replaced. Its
-        name must end in ``.jsonl``.
-    source : "websocket" or "osc", optionally with ":PORT", where port 0 selects a free one.
-    seconds : duration [s]; by default, until Ctrl-C is pressed.
+    file : path of the recording to write, in the tracker's coordinates; an existing file is
+        replaced. Its name must end in ``.jsonl``. ``load_recording`` reads it.
+    source : "websocket" (JSON, on port 8765) or "osc" (on port 8766), or with another port as in
+        "websocket:9000", where port 0 selects a free one.
+    seconds : duration [s], above 0; by default, until Ctrl-C is pressed.
     report_step : function called with the address once the port is open, and with a message
         whenever frames begin to be rejected or stop arriving.
 
@@ -334,7 +335,8 @@ def output_to(
 def drive_at_rest(setup: Setup) -> DriveFile:
     """Compute the drive for the scene's hand at rest, ignoring its scattering.
 
-    The drive is used to find a safe sound level before the live loop starts.
+    The drive is used to find a safe sound level before the live loop starts: all foci are in phase
+    and the strongest element is at full scale (see ``focus_by_distance``).
 
     Parameters
     ----------
@@ -342,7 +344,7 @@ def drive_at_rest(setup: Setup) -> DriveFile:
 
     Returns
     -------
-    The drive with all data required to play it, as in ``drive.h5``.
+    A ``DriveFile`` with a single frame and the data required to find its level, as in ``drive.h5``.
 
     Raises
     ------

@@ -128,24 +128,24 @@ class WithImages:
 
 @dataclass(frozen=True, eq=False)
 class LiveScene:
-    """The part of a scene that does not change while the hand moves.
+    """The part of a scene that does not change while the hand moves, as ``live_scene`` returns.
 
     Attributes
     ----------
-    medium : medium in which the sound propagates.
+    medium : ``Medium`` in which the sound propagates.
     frequency : frequency of the sound [Hz].
     array : transducers, in scene coordinates like the tracked hands.
     side : "left" or "right", for the hand that carries the foci.
     radii : (25,) radius of the skin around each joint [m]; None for a generic hand.
-    places : places on the hand, such as ``"thumb.pad"``, that carry the F foci.
-    offsets : (F,) distances of the foci from the skin [m].
-    method : name of the method that computes the drives.
+    places : names of the F places on the hand, such as ``"thumb.pad"``, that carry the foci.
+    offsets : (F,) distances of the foci from the skin, outward [m].
+    method : name of the method that computes the drives, a key of ``drives.METHODS``.
     modulation : amplitude modulation that makes the drive perceptible; None without modulation.
-    moving : paths of the foci; None if they do not move relative to the hand.
-    planes : a rigid plane, such as a table; none for open air.
-    objects : virtual objects at the start of the run.
-    both : whether both hands are followed. If so, ``radii`` apply to both, and places without a
-        side are on the hand ``side``.
+    moving : paths of the foci relative to the hand; None if they do not move.
+    planes : rigid planes, such as a table; empty without planes.
+    objects : virtual objects at the start of the run, whose contacts are foci as well.
+    both : whether both hands are followed; False by default. If so, ``radii`` apply to both, and
+        places without a side are on the hand ``side``.
     """
 
     medium: Medium

@@ -434,7 +434,7 @@ DRIVE_LAYOUT = {
 
 
 def read_session(path: str | Path) -> Session:
-    """Read a session file, even if the live loop that wrote it was killed.
+    """Read the file in which a live loop recorded its session, even if the loop was killed.
 
     Parameters
     ----------
@@ -442,7 +442,8 @@ def read_session(path: str | Path) -> Session:
 
     Returns
     -------
-    A ``Session`` with the contents of the file.
+    A ``Session`` with the scene, the tracker's frames and the emitted drives, for example for
+    ``verify_session``.
 
     Raises
     ------

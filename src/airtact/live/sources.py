@@ -85,13 +85,16 @@ class HandSource:
 
 
 class RecordedHands(HandSource):
-    """Source that plays a recording, keeping the original intervals between frames.
+    """Source of hands for ``follow`` that plays a recording with its intervals between frames.
+
+    The frames must be in scene coordinates, because they are passed on unchanged.
 
     Parameters
     ----------
-    recording : recording, as returned by ``load_recording``.
-    loop : whether the recording restarts at its end; the timestamps of its frames keep increasing.
-    world : objects and foci that applications can change; empty by default.
+    recording : ``Recording``, as returned by ``load_recording``.
+    loop : whether the recording restarts at its end; False by default. The timestamps and numbers
+        of its frames then keep increasing.
+    world : ``World`` of the objects and foci that applications can change; empty by default.
 
     Raises
     ------

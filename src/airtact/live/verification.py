@@ -51,17 +51,22 @@ def verify_session(
 ) -> VerifiedSession:
     """Compare drives of a session with the best drives for the recorded hands.
 
+    The recorded joints at the time of the sound replace the hand that the loop predicted, so the
+    result includes the errors of prediction.
+
     Parameters
     ----------
     session : session, as returned by ``read_session``.
-    drives : number of drives to verify, spread evenly over those that are not silent. For each of
-        these drives, the field around the hand is solved with an error of 2 %.
-    report_step : function called at the start of each drive.
+    drives : number of drives to verify, at least 1 and 10 by default, spread evenly over those that
+        are not silent; all of them if there are fewer. For each drive, the field around the hand is
+        solved with an error of 2 %.
+    report_step : function called with "drive N of M" at the start of each drive; by default,
+        nothing is called.
 
     Returns
     -------
-    A ``VerifiedSession`` with the pressures. Drives at times without a hand or without foci are
-    omitted.
+    A ``VerifiedSession`` with the peak pressures at the foci, and their ratio to those of the best
+    drive of equal energy. Drives at times without a hand or without foci are omitted.
 
     Raises
     ------

@@ -267,15 +267,23 @@ def pads(
 def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
     """Plot the skin, coloured by the largest pressure that the array can produce there.
 
+    The axes are in millimetres in the frame of the scene. Colours are peak pressures in kPa.
+
     Parameters
     ----------
-    result : largest pressures on the skin, as returned by the function ``airtact.reach``.
-    ax : axes with ``projection="3d"`` to draw into; by default, those of a new figure, with the
-        skin seen from the side of the array.
+    result : ``ReachMap`` of the largest pressures on the skin, as returned by the function
+        ``airtact.reach``.
+    ax : axes of matplotlib with ``projection="3d"`` to draw into, whose view is not changed; by
+        default, those of a new figure, with the skin seen from the side of the array.
 
     Returns
     -------
-    The axes.
+    The ``Axes3D`` with the plot and a colour bar; ``ax.figure.savefig(path)`` saves it.
+
+    Raises
+    ------
+    InvalidInput
+        If ``result`` is not a ``ReachMap``.
     """
     of_kind(result, ReachMap, "the plotted result", "the result of reach()")
     if ax is None:

@@ -522,11 +522,12 @@ def unexplained(
 ) -> Float64[np.ndarray, "receivers"]:
     """Compare measured echoes with those modelled for a pose, separately for each receiver.
 
-    The difference between measured and modelled pressures includes the noise.
+    Use it to find receivers whose echoes do not agree with a located pose. The difference between
+    measured and modelled pressures includes the noise.
 
     Parameters
     ----------
-    echoes : measured pressures minus those of the empty array.
+    echoes : ``Echoes`` of R receivers: measured pressures minus those of the empty array.
     scattering : scattering matrix of the bodies.
     array : the transducers in their own frame, in the same order as the codes.
     pose : pose of the bodies in the array's frame, such as ``Located.pose``.

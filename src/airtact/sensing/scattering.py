@@ -42,18 +42,21 @@ class ScatteringMatrix:
     """Scattering matrix (T-matrix) of a scene's bodies, as returned by ``scattering_matrix``.
 
     For an incident field Σ a_nm j_n(kr) Z_nm, the scattered field is Σ b_nm h_n(kr) Z_nm with
-    b = T a. Z_nm are the real, orthonormal spherical harmonics (m > 0: cos mφ, m < 0: sin |m|φ)
-    without the Condon-Shortley sign. Wave (n, m) has the index n² + n + m.
+    b = T a. h_n is the spherical Hankel function of the first kind, for the time factor e^{-iωt}.
+    Z_nm are the real, orthonormal spherical harmonics (m > 0: cos mφ, m < 0: sin |m|φ) without the
+    Condon-Shortley sign, with the polar axis z of the bodies' frame. Wave (n, m) has the index
+    n² + n + m. ``locate`` and ``simulate_echoes`` use the matrix.
 
     Attributes
     ----------
-    matrix : (W, W) matrix T for W = (order + 1)² waves; symmetric, by reciprocity.
+    matrix : (W, W) complex matrix T for W = (order + 1)² waves; symmetric, by reciprocity.
     centre : (3,) centre of the waves, in the frame of the bodies [m].
     radius : radius of a ball about the centre that contains the bodies [m]; transducers must be
         outside the ball.
     scene : the bodies, their medium and the frequency.
-    asymmetry : relative difference between the matrix and its transpose before symmetrisation.
-    report : report that the solver returned.
+    asymmetry : norm of the difference between the matrix and its transpose before symmetrisation,
+        relative to the norm of the matrix; a measure of the solver's error.
+    report : ``SolveReport`` that the solver returned.
     """
 
     matrix: Complex128[np.ndarray, "waves waves"]
@@ -368,10 +371,11 @@ def scattering_family(
     solver : solver for the bodies, as in ``scattering_matrix``.
     scene_of : function that returns the scene for a value of the parameter. The number of bodies,
         the frame, the medium and the frequency must not depend on the value.
-    low, high : smallest and largest value of the parameter.
-    start : initial value of the parameter for ``locate``; by default the middle of the range.
-    values : number of solved values, 3 to 12.
-    accuracy : relative error due to the truncation of the waves, 0.0001 to 0.1.
+    low, high : smallest and largest value of the parameter, in any unit; ``low`` is below ``high``.
+    start : value of the parameter at which ``locate`` begins, from ``low`` to ``high``; by default
+        the middle of the range.
+    values : number of solved values, 3 to 12; 5 by default. They are Chebyshev points of the range.
+    accuracy : relative error due to the truncation of the waves, 0.0001 to 0.1; 0.005 by default.
 
     Returns
     -------
@@ -380,8 +384,9 @@ def scattering_family(
     Raises
     ------
     InvalidInput
-        If ``low``, ``high``, ``start``, ``values`` or ``accuracy`` is out of range. If the scenes
-        have different media, frequencies or numbers of bodies, or do not depend on the parameter.
+        If ``low``, ``high``, ``start``, ``values`` or ``accuracy`` is outside its range. If the
+        scenes have different media, frequencies or numbers of bodies, or hardly depend on the
+        parameter.
         If the interpolation error exceeds 2 %. If a scene has no bodies, or the solver does not
         support the scene.
 

@@ -369,24 +369,26 @@ def calibrate(
 ) -> Calibrated:
     """Estimate the poses of boards, the gains of elements and the sound speed from direct sound.
 
-    The space between the boards must be empty, and the echoes must include the direct sound. Only
-    pairs of elements on different boards that face each other within 60 degrees are used. The given
-    poses may be wrong by up to 2 mm and 1 degree, and the sound speed by up to 4 m/s (7 °C).
+    The array's elements both emit and receive. The space between the boards must be empty, and the
+    echoes must include the direct sound. Only pairs of elements on different boards that face each
+    other within 60 degrees are used. The given poses may be wrong by up to 2 mm and 1 degree, and
+    the sound speed by up to 4 m/s (7 °C). Board 0 stays in place and defines the frame.
 
     Parameters
     ----------
-    echoes : transmissions of the empty array. Their codes must separate all elements, as
-        those of ``hadamard_codes`` do.
-    array : array with the assumed poses of its boards; its gains are ignored.
-    medium : the assumed air; its absorption is not corrected.
-    boards : number of boards, all with the same number of elements. The array must contain the
-        elements board by board. By default, the number is inferred, which requires boards of a
-        known kind.
+    echoes : ``Echoes`` of the empty array: all E elements emit, and all or some receive. The codes
+        must separate all elements, as those of ``hadamard_codes`` do, which takes at least E
+        transmissions.
+    array : the E elements with the assumed poses of the boards; its gains are ignored.
+    medium : the assumed air, from which the sound speed starts; its absorption is not corrected.
+    boards : number of boards, at least 2, all with the same number of elements. The array must
+        contain the elements board by board. By default, the number is inferred, which requires
+        boards of a known kind.
 
     Returns
     -------
     A ``Calibrated`` with the corrected array, the gains and the sound speed, and their uncertainty.
-    Use it only if its attribute ``converged`` is True.
+    Use it only if its attribute ``converged`` is True; errors beyond those above may lead to False.
 
     Raises
     ------

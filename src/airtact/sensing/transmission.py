@@ -243,12 +243,15 @@ def random_codes(
     transmissions: int,
     seed: int = 0,
 ) -> Codes:
-    """Return codes with random phases, at full scale for all elements.
+    """Return codes with random phases, for ``Echoes`` and ``simulate_echoes``.
+
+    All elements emit at full scale in every transmission, with independent phases that are uniform
+    over 2π. Unlike ``hadamard_codes``, they are not orthogonal. They suit few transmissions.
 
     Parameters
     ----------
-    elements, transmissions : number of elements E and of transmissions M.
-    seed : seed of the random numbers, 0 or more.
+    elements, transmissions : number of elements E and of transmissions M, each 1 to 4096.
+    seed : seed of the random numbers, an integer of at least 0; 0 by default.
 
     Returns
     -------
@@ -257,7 +260,7 @@ def random_codes(
     Raises
     ------
     InvalidInput
-        If ``elements``, ``transmissions`` or ``seed`` is out of range.
+        If ``elements``, ``transmissions`` or ``seed`` is outside its range.
 
     Examples
     --------

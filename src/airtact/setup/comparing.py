@@ -254,11 +254,13 @@ def compare(
 
     Parameters
     ----------
-    scene : the setup, or the scene, for which the drives are compared.
-    array, target, solver : the transducers, the foci, and the solver for the verification; only
-        used with a scene.
-    drives : drives by name; required with a scene, optional with a setup.
-    store : folder in which solved fields of a setup are stored and reused.
+    scene : the ``Setup``, such as ``read_scene`` returns, or the ``Scene``, for which the drives
+        are compared.
+    array, target, solver : the E transducers and the foci in the frame of the scene, and the solver
+        for the verification; required with a scene, and not used with a setup.
+    drives : dict from names to drives of E elements; required with a scene, optional with a setup.
+    store : folder in which solved fields of a setup are stored and reused; by default, they are not
+        stored.
     progress : function called with a description of each step as it begins.
 
     Returns

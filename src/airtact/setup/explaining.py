@@ -31,13 +31,15 @@ MODULATED = "modulation, root mean square over time"
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """A cause that changes the pressure at the foci.
+    """A cause that changes the pressure at the F foci of a drive, in ``Explanation.causes``.
 
     Attributes
     ----------
-    name : short description of what changes.
-    pressures : (F,) pressure at each focus with this cause and all preceding causes [Pa].
-    remedy : change that would remove the cause; empty if there is none.
+    name : short description of what changes, such as the hand or the rounding to levels.
+    pressures : (F,) peak pressure at each focus with this cause and all preceding causes [Pa]. From
+        the cause ``MODULATED`` on, it is the root mean square of the peak pressure over one period
+        of the modulation.
+    remedy : change that would remove the cause, as a sentence; empty if there is none.
     """
 
     name: str

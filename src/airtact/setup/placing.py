@@ -90,21 +90,23 @@ class Layout:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Placement:
-    """Layouts of boards for a setup, and the pressures that they produce at the weakest focus.
+    """Layouts of boards for a setup, and the pressures that they produce, as ``place`` returns.
+
+    All pressures are peak values at the weakest focus at full scale, as in ``Layout.weakest``.
 
     Attributes
     ----------
     setup : the setup, with its present array.
-    board : kind of the boards.
-    layouts : all layouts that were tried, best first. The best few were refined.
-    present : pressure at the weakest focus with the setup's present array [Pa], for the same poses
-        of the hand; NaN if the array overlaps the hand in one of them.
-    verified : pressure at the weakest focus with the best layout [Pa], verified by a more
-        accurate solve.
-    moves : (B, 6) relative change of the pressure at the weakest focus of the best layout if one
-        board is moved by 1 cm along x, y or z, or turned by 5 degrees about one of these axes
-        through its centre. The drive is recomputed after each move. Each value is for the worse of
-        the two directions.
+    board : name of the kind of the boards.
+    layouts : all layouts that were tried, as ``Layout`` objects, best first. The best few were
+        refined.
+    present : pressure with the setup's present array [Pa], for the same poses of the hand; NaN if
+        the array overlaps the hand in one of them.
+    verified : pressure with the best layout [Pa], verified by a more accurate solve.
+    moves : (B, 6) relative change of the pressure (−0.1 is a loss of 10 %) if one of the B boards
+        of the best layout is moved by 1 cm along x, y or z of the scene, or turned by 5 degrees
+        about one of these axes through its centre. The drive is recomputed after each move. Each
+        value is for the worse of the two directions.
     """
 
     setup: Setup

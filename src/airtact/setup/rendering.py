@@ -228,25 +228,30 @@ def focus(
 ) -> Rendering:
     """Focus an array on points in open air, or near a hand or another rigid body.
 
+    The function computes the drive with the method ``best`` at 40 kHz. It is the shortest way to a
+    drive; for other settings, call ``render`` with a ``Setup``.
+
     Parameters
     ----------
-    array : the transducers.
+    array : the E transducers.
     points : (F, 3) foci in the array's frame [m], or (3,) for a single focus.
-    hand : a hand, the surface of another body, or a list of them, in the same
-        frame.
+    hand : a ``Hand``, the ``Surface`` of another body, or a list of them, in the same frame; None,
+        the default, for open air.
     pressures : (F,) requested peak pressures [Pa], or one number for all foci; by default, as high
-        as possible.
+        as possible. Complex numbers also request phases.
     medium : fluid around the bodies; by default, air at 20 °C.
 
     Returns
     -------
-    A ``Rendering`` with the drive and the verified pressures at the foci.
+    A ``Rendering``. Its attribute ``drive`` is the drive, and ``pressures`` (F,) are the peak
+    pressures at the foci [Pa], verified by a more accurate solve.
 
     Raises
     ------
     InvalidInput
-        If an argument has the wrong type or shape, a focus is inside a body, an element is too
-        close to a body, or no drive can produce sound at the foci.
+        If an argument has the wrong type or shape, a focus is inside a body or behind all elements,
+        an element overlaps a body, or the method returns no drive, for example because two foci are
+        less than a tenth of a wavelength apart.
 
     Examples
     --------

@@ -21,19 +21,19 @@ from airtact.timing import Clock
 
 @dataclass(frozen=True, eq=False)
 class MovingDrive:
-    """A sequence of drives for moving foci.
+    """A sequence of drives for moving foci, in ``Rendering.sequence``.
 
     Attributes
     ----------
-    sequence : the sequence of drives.
-    transfer, target : transfer matrix and target for all P positions of the foci, in the order of
-        ``moving_target``.
+    sequence : the ``Sequence`` of drives, with its frame rate.
+    transfer, target : transfer matrix and target for all P positions of the foci: those of all foci
+        in the first frame, then those in the next frame, and so on.
     pressures : (P,) peak pressure at each position while a focus is there, by linear acoustics
         [Pa].
     steepening : effect of nonlinear steepening on these pressures. The motion of the foci is
         ignored.
-    rounding : (P,) factors by which rounding to levels changes these pressures.
-    warnings : warnings of methods that stopped early.
+    rounding : (P,) factors by which rounding to the setup's levels multiplies these pressures.
+    warnings : sentences on methods that stopped early.
     speed : mean speed of the fastest focus along its path [m/s]; None for lateral modulation, which
         moves each focus only within its own area.
     """

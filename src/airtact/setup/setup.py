@@ -26,43 +26,51 @@ from airtact.transducers.placement import check_placement, planes_behind
 class Setup:
     """A scene, an array and a target, with the settings for solving and for the drive.
 
-    ``read_scene`` builds a setup from a scene file, with the same defaults.
+    ``read_scene`` builds a setup from a scene file, with the same defaults. ``render`` computes its
+    drive. All coordinates are in one frame, that of the scene (the obstacles' frame).
 
     Attributes
     ----------
     scene : the medium and the bodies in it.
-    array : transducers in the frame of the obstacles.
-    target : the foci.
-    solver : solver that computes the fields; by default, boundary elements, or the closed-form
-        solution in open air.
-    accuracy : requested relative error; by default, that of the solver if it has one,
+    array : the transducers.
+    target : the F foci.
+    solver : solver that computes the fields; by default, ``BoundaryElement`` with ``accuracy``, or
+        ``FreeField`` without bodies.
+    accuracy : requested relative error of the fields; by default, that of the solver if it has one,
         else 0.01.
-    method : name of the method that computes the drive, a key of
-        ``drives.METHODS``.
-    levels : amplitudes and phases to which the drive is rounded.
-    modulation : modulation that makes the drive perceptible; None for a constant
-        drive.
-    uncertainty : uncertainty of the hand, the air and the transducers; None to ignore it.
-    samples, seed : number of random samples of the uncertainty from which the drive is computed,
-        and the seed of the random numbers.
-    bodies, foci : a name for each body and each focus.
-    traps : traps, whose lobes are the first points of the target.
-    board : kind of the boards that make up the array; None for any other array.
-    hands : hands that are bodies or provide named points, in the frame of the obstacles.
+    method : name of the method that computes the drive, a key of ``drives.METHODS``; "best" by
+        default.
+    levels : ``Levels`` of amplitude and phase to which the drive is rounded; by default, 256 of
+        each.
+    modulation : ``AmplitudeModulation``, or motion of the foci, that makes the drive perceptible;
+        None (the default) for a constant drive.
+    uncertainty : ``Uncertainty`` of the hand, the air and the transducers; None (the default) to
+        ignore it.
+    samples, seed : number of random samples of the uncertainty from which the drive is computed, 1
+        to 10,000 (64 by default), and the seed of the random numbers, 0 or more.
+    bodies, foci : a name for each body of ``scene`` and each focus; by default "body 0", ... and
+        "focus 1", ...
+    traps : ``Trap`` objects, whose lobes are the first points of the target.
+    board : name of the kind of the boards that make up the array; None for any other array.
+    hands : hands that are bodies or provide named points.
     riding : for each focus at a named point, the point's name and the distance of the focus from
         the surface [m]; None for all other foci.
     objects : virtual objects.
-    contacts : contacts of the bodies with the objects if the contacts define the foci, else
+    contacts : ``Contacts`` of the bodies with the objects if the contacts define the foci, else
         None.
-    tracker : pose of the tracker of a live hand, in the frame of the obstacles.
-    left_out : planes behind the boards, omitted from the scene because no sound reaches them.
-    path, text : path and content of the scene file, if the setup was read from one.
+    tracker : pose that maps the coordinates of a live hand's tracker to those of the scene; by
+        default, both are the same.
+    left_out : planes behind the boards, which are removed from ``scene`` because no sound reaches
+        them; not passed.
+    path, text : path and content of the scene file, if the setup was read from one; else None and
+        "".
 
     Raises
     ------
     InvalidInput
-        If a focus is inside a body, an element is too close to a body, the method is unknown, or
-        two settings contradict each other.
+        If a focus or suppression point is inside a body or behind a plane, an element overlaps a
+        body or another element, a focus or a body is behind the face of an element, the method is
+        unknown, or two settings contradict each other, such as traps and a modulation.
 
     Examples
     --------

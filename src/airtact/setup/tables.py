@@ -492,7 +492,7 @@ class SurfacePointsTable(Table, frozen=True):
 
 
 class Shape(Table, frozen=True):
-    """One point, or the points of a shape.
+    """One point, or the points of a shape, in scene coordinates; exactly one key is set.
 
     Attributes
     ----------

@@ -150,22 +150,26 @@ def poses_of_boards(
 ) -> list[Pose]:
     """Return the pose of each board of an array, in the order of the elements.
 
-    The rotation is a least-squares fit (Kabsch, Acta Cryst. A 32, 922, 1976).
+    Links to boards, such as ``UDPLink``, take these poses. The rotation is a least-squares fit
+    (Kabsch, Acta Cryst. A 32, 922, 1976).
 
     Parameters
     ----------
-    board : the kind of board, or its name.
-    positions, normals : (E, 3) positions [m] and normals of the array's elements.
+    board : the kind of board as a ``Board``, or its name, such as "autd3".
+    positions, normals : (E, 3) positions [m] and (E, 3) unit normals of the array's elements, board
+        by board, each board in the order of ``Board.positions``.
 
     Returns
     -------
-    One pose per board, from its own frame to that of the array. The pose is the identity for boards
-    that do not fix the positions of their transducers.
+    List of one ``Pose`` per board, which maps coordinates in the board's frame (that of
+    ``Board.positions``) to those of the array. The pose is the identity for boards that do not fix
+    the positions of their transducers.
 
     Raises
     ------
     InvalidInput
-        If the elements do not fill whole boards, or are not laid out like boards.
+        If the board is unknown, if the elements do not fill whole boards, if an element is over 0.1
+        mm from its position on the board, or if a normal deviates by over 1 mrad.
     """
     board = board_named(board) if isinstance(board, str) else board
     count = _whole_boards(board, len(positions))

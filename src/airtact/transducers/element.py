@@ -144,14 +144,19 @@ class Element:
 
 
 def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
-    """Return a transducer that radiates equally in all directions.
+    """Return a transducer that radiates equally in all directions, for a ``PhasedArray``.
 
-    Inoue, Makino and Shinoda (2014, section 4.1) use this model.
+    Inoue, Makino and Shinoda (2014, section 4.1) use this model. ``piston`` returns a directional
+    transducer.
 
     Parameters
     ----------
-    sensitivity : peak pressure at full scale, 1 m away [Pa·m]; by default, the value for AUTD3,
-        which is not calibrated.
+    sensitivity : peak pressure at full scale, 1 m away [Pa·m], above 0. The default is 4.38, the
+        value for AUTD3, which is not calibrated.
+
+    Returns
+    -------
+    An ``Element`` with a single face point.
 
     Raises
     ------

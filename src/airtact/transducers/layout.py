@@ -334,14 +334,18 @@ def autd3_board(pose: Pose | None = None, element: Element | None = None) -> Pha
     """Return an array of one AUTD3 board: 249 transducers in the order of the AUTD3 SDK.
 
     The board is a grid of 18 (x) by 14 (y) cells, 10.16 mm apart; the cells (1, 1), (2, 1) and
-    (16, 1) are empty. The index increases fastest along x. The origin is at transducer 0, and the
-    board radiates toward +z.
+    (16, 1), counted from 0, are empty. The index increases fastest along x. The origin of the
+    board's frame is at transducer 0 in cell (0, 0), and the board radiates toward +z.
 
     Parameters
     ----------
-    pose : pose of the board in the array's frame; by default, the identity.
-    element : kind of transducer; by default, the piston of the board (see
-        ``Board.radius``).
+    pose : ``Pose`` that maps the board's frame to that of the array; by default, the identity.
+    element : kind of transducer, such as ``monopole()``; by default, a piston with the radius of
+        the board's transducers, ``Board.radius``.
+
+    Returns
+    -------
+    A ``PhasedArray`` of 249 elements.
 
     Examples
     --------
@@ -464,20 +468,22 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
 
 
 def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
-    """Join arrays of identical elements into one array.
+    """Join arrays with the same kind of element into one array.
 
     Parameters
     ----------
-    arrays : list of the arrays to join.
+    arrays : list or tuple of the arrays to join, all in one frame; ``PhasedArray.moved`` moves an
+        array.
 
     Returns
     -------
-    One array with the elements of all arrays, in the given order.
+    A ``PhasedArray`` with the elements of all arrays in the given order, and with their gains.
 
     Raises
     ------
     InvalidInput
-        If there is no array, or the arrays have different elements.
+        If there is no array, or the arrays have different kinds of element (attribute ``element``),
+        for example different sensitivities.
     """
     of_kind(arrays, list | tuple, "the arrays to join", "a list of arrays")
     if len(arrays) == 0:

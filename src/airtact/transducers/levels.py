@@ -133,13 +133,15 @@ class AmplitudeModulation:
     """A factor common to all elements, which makes the force at each focus vary as a cosine.
 
     The skin hardly feels a constant force. It is most sensitive to vibration at 200 to 300 Hz
-    (S. J. Bolanowski et al., J. Acoust. Soc. Am. 84, 1680, 1988).
+    (S. J. Bolanowski et al., J. Acoust. Soc. Am. 84, 1680, 1988). Pass the modulation to ``Setup``
+    or ``Drive.save``.
 
     Attributes
     ----------
-    frequency : frequency of the force [Hz].
-    depth : depth of the modulation, above 0 and at most 1. The force varies between 1 − depth and 1
-        times its maximum.
+    frequency : frequency of the force [Hz], above 0 and at most 1000; 200 by default.
+    depth : depth of the modulation, above 0 and at most 1; 1 by default. The radiation force, which
+        is proportional to the square of the pressure, varies between 1 − depth and 1 times its
+        maximum.
 
     Raises
     ------

@@ -34,27 +34,30 @@ SAME_NODE = 1e-9
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SampledField(RadiatedField):
-    """A field interpolated between nodes with known pressure.
+    """A field interpolated between nodes with known pressure, for fields from other programs.
 
-    A Delaunay triangulation divides the convex hull of the nodes into tetrahedra. In each
-    tetrahedron, p·r·e^{-ikr} is interpolated linearly, where r is the distance from the nearest
-    source, because e^{ikr}/r varies far faster than the remaining factor. The tetrahedra also fill
-    the bodies, so do not evaluate the field inside bodies. The field is NaN outside the convex
-    hull. Its error is not estimated and is reported as NaN.
+    ``load_samples`` reads one from a file. A Delaunay triangulation divides the convex hull of the
+    nodes into tetrahedra. In each tetrahedron, p·r·e^{-ikr} is interpolated linearly, where k is
+    the wavenumber and r the distance from the nearest source, because e^{ikr}/r varies far faster
+    than the remaining factor. The tetrahedra also fill the bodies, so do not evaluate the field
+    inside bodies. The field is NaN outside the convex hull. Its error is not estimated and is
+    reported as NaN.
 
     Attributes
     ----------
-    scene : the scene for which the field was computed.
-    sources : the monopoles that emit the sound.
-    nodes : (N, 3) positions of the nodes [m].
-    pressures : (N, S) pressures [Pa] for the time factor e^{-iωt}, for each of the S excitations of
-        the sources. An array of shape (N,) is a single excitation.
+    scene : the scene, without planes, for which the field was computed.
+    sources : the ``Monopoles`` that emit the sound, with S excitations.
+    report : ``SolveReport`` with the number of nodes; computed, not passed.
+    nodes : (N, 3) positions of the nodes in the frame of the scene [m].
+    pressures : (N, S) complex total peak pressures at the nodes [Pa] for the time factor e^{-iωt},
+        for each excitation. An array of shape (N,) is a single excitation.
 
     Raises
     ------
     InvalidInput
         If shapes do not match, if a number is NaN or infinite, if there are fewer than four nodes,
-        if two nodes coincide, or if all nodes lie in one plane.
+        if two nodes are less than 1 nm apart, if all nodes lie in one plane, if a source is inside
+        a body, or if the scene has a plane.
     """
 
     report: SolveReport = field(init=False)

@@ -99,14 +99,17 @@ def by_body(
 
 @dataclass(frozen=True, eq=False)
 class HandAnatomy:
-    """Sizes of one person's hand, as a normal distribution of their logarithms.
+    """Sizes of one person's hand, as a normal distribution of their natural logarithms.
+
+    ``fit_hand`` returns it as ``FittedHand.anatomy``. Pass it to the fit of the next frame of the
+    same person, to learn the sizes over several frames.
 
     Attributes
     ----------
-    mean : (62,) logarithms of 24 bone lengths, of 13 distances between joints of the palm, and of
-        the radii at 25 joints, all in metres.
+    mean : (62,) mean logarithms of 24 bone lengths, of 13 distances between joints of the palm, and
+        of the radii at the 25 joints in WebXR order, all in metres.
     covariance : (62, 62) covariance of the logarithms.
-    frames : number of frames from which the sizes were learned.
+    frames : number of frames from which the sizes were learned; 0 for the sizes of a population.
     """
 
     mean: Sizes

@@ -50,21 +50,26 @@ def bound_socket(kind: socket.SocketKind, host: str, port: int) -> socket.socket
 
 
 class WebSocketReceiver:
-    """Websocket server that receives frames in JSON.
+    """Websocket server that receives frames of tracked hands in JSON and feeds them to a stream.
 
-    Messages may be up to 4 MiB long. Use the receiver in a ``with`` block; it listens from its
-    construction to the end of the block.
+    Trackers connect to ws://HOST:PORT and send the JSON format of ``HandStream.feed_json``, in
+    messages of up to 4 MiB. Faulty frames are skipped and counted in ``stream.health``. Use the
+    receiver in a ``with`` block; it listens from its construction to the end of the block, or until
+    ``close``.
 
     Parameters
     ----------
-    stream : stream that receives the frames; by default a new one.
-    port : port to listen on; 0 selects a free port, which is stored in the attribute ``port``.
-    host : address to listen on.
+    stream : ``HandStream`` that receives the frames, which is also an attribute; by default a new
+        one.
+    port : port to listen on; 0, the default, selects a free port, which is stored in the attribute
+        ``port``.
+    host : address to listen on; by default 127.0.0.1, which only programs on this computer reach.
 
     Raises
     ------
     InvalidInput
-        If the port is in use or does not exist.
+        If the port is in use or does not exist, or if the optional package websockets is not
+        installed.
     """
 
     def __init__(

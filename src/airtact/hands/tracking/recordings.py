@@ -28,12 +28,13 @@ OTHER_ENDINGS = (".json", ".txt")
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Frames of a recording.
+    """Frames of a recording, as returned by ``load_recording``.
 
     Attributes
     ----------
-    frames : frames in the order of the file.
-    health : counts of the frames in the file and of their faults.
+    frames : valid frames as ``HandFrame`` objects in the order of the file, in the tracker's
+        coordinates.
+    health : ``StreamHealth`` with the counts of the frames in the file and of their faults.
     note : remark on data that the file's format lacks, or on anything unusual in the frames; "" if
         there is none.
     """
@@ -173,20 +174,20 @@ def replay(
 
     Parameters
     ----------
-    frames : frames in the order of their times.
-    speed : playback speed; 2 is twice as fast, and infinity does not wait.
+    frames : frames in the order of their times, such as ``load_recording(path).frames``.
+    speed : playback speed above 0; 2 is twice as fast, and infinity does not wait. 1 by default.
     clock : function that returns the time [s]; by default ``time.monotonic``.
     sleep : function that waits for a time [s]; by default ``time.sleep``.
 
     Yields
     ------
-    The first frame immediately, and each later frame when its time has come. Overdue frames are
-    yielded immediately.
+    The unchanged ``HandFrame`` objects: the first immediately, and each later one when its time has
+    come. Overdue frames are yielded immediately.
 
     Raises
     ------
     InvalidInput
-        If the speed is not above zero.
+        When the first frame is requested, if the speed is not above zero.
     """
     if speed != np.inf:
         positive(speed, "the speed of a replay", "times that of the recording")

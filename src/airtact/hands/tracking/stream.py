@@ -38,9 +38,10 @@ MAX_JUMP = 1000
 
 @dataclass(frozen=True)
 class StreamHealth:
-    """Counts of received frames and of their faults.
+    """Counts of received frames and of their faults, as in ``HandStream.health``.
 
-    A stream returns only the frames counted in ``used``.
+    A stream returns only the frames counted in ``used``. Frames counted in ``unreadable`` to
+    ``second_tracker`` are rejected, each with one of these faults.
 
     Attributes
     ----------

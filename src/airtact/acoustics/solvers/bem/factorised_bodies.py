@@ -263,18 +263,21 @@ class FactorisedField(RadiatedField):
 class FactorisedBodies(Solver):
     """Solver for bodies that were factorised separately and may be in any pose.
 
-    ``BoundaryElement.factorised`` creates it. Each body is reduced to a scattering matrix between
-    some of its nodes. ``radiate`` couples these matrices by iteration, so other poses and sources
-    need no new factorisation.
+    ``BoundaryElement.factorised`` creates it. Use it as any other solver, for scenes with the same
+    bodies in other poses, the same medium and the same frequency. Each body is reduced to a
+    scattering matrix between some of its nodes. ``radiate`` couples these matrices by iteration, so
+    other poses and sources need no new factorisation. Its fields are only known away from the
+    bodies.
 
     Attributes
     ----------
     scene : the bodies in the poses in which they were factorised.
-    bodies : the reduced bodies.
-    fallback : solver for scenes in which two bodies are too close together.
-    tolerance : relative residual at which the iteration over the bodies stops.
+    bodies : the reduced bodies, in the order of ``scene.obstacles``.
+    fallback : solver for scenes in which two bodies are too close together for the coupling.
+    tolerance : relative residual at which the iteration over the bodies stops, a tenth of the
+        solver's ``accuracy``.
     smallest : edge length at which the refinement of panels stopped [m].
-    report : report of the factorisation.
+    report : ``SolveReport`` of the factorisation.
     """
 
     scene: Scene

@@ -401,8 +401,11 @@ class SphereField(RadiatedField):
 class SphereSeries(Solver):
     """Separation-of-variables solver for one sphere, a reference for other solvers.
 
-    The sphere is sound-hard, has an impedance boundary, or is filled with a fluid. Sources lie
-    outside the sphere or on it. ``radiate`` raises ``InvalidInput`` for other scenes.
+    The sphere, built by ``sphere(radius, edge, centre)``, is sound-hard, has an impedance boundary,
+    or is filled with a fluid. The series are summed to an error of 1e-8, relative to the open-air
+    pressure of the same source. There are no settings. Sources lie outside the sphere or on it.
+    ``radiate`` raises ``InvalidInput`` for other sources, and for scenes with another body, several
+    bodies or a plane.
     """
 
     def radiate(self, scene: Scene, sources: Monopoles) -> SphereField:
