@@ -93,7 +93,7 @@ def test_the_scale_is_above_zero(tmp_path, scale):
     ("name", "code"),
     [
         ("absent.stl", "file_missing"),
-        ("folder.stl", "file_missing"),
+        ("folder.stl", "file_unreadable"),
         ("hand.step", "unknown_format"),
     ],
 )

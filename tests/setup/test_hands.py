@@ -91,6 +91,7 @@ def test_places_of_two_hands_are_named_by_side(tmp_path):
     expected = [hand.focus("palm") for hand in setup.hands]
     np.testing.assert_allclose(setup.target.points, expected, atol=1e-9)
     assert setup.foci == ("left.palm", "right.palm")
+    assert setup.bodies == ("left hand", "right hand")
     with raises_code("given_twice", 'at = "right.palm"'):
         at.read_scene(two_hands(tmp_path, '[[foci]]\nat = "palm"\n'))
     # Two hands of one side have no name that tells them apart.

@@ -82,8 +82,6 @@ def _content(path: Path) -> bytes:
             f"{', '.join(SUFFIXES)}.",
             code="unknown_format",
         )
-    if not path.is_file():
-        raise InvalidInput(f"there is no file {path}.", code="file_missing")
     return bytes_of(path, LARGEST_MESH_FILE)
 
 

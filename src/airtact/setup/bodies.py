@@ -60,9 +60,12 @@ def bodies_of(
     points: NamedPoints = {}
     hands: dict[str, at.Hand] = {}
     used = {focus.at for focus in file.foci if focus.at is not None}
+    several = sum(table.hand is not None for table in file.obstacles) > 1
     for index, table in enumerate(file.obstacles):
         with about(f"obstacles[{index}]"):
             surfaces, places, of_table = _bodies(table, folder, used)
+            if several and table.hand is not None:
+                surfaces = {f"{of_table[0].side} hand": surfaces["hand"]}
             if table.pose is not None:
                 pose = pose_of(table.pose)
                 surfaces = {name: surface.moved(pose) for name, surface in surfaces.items()}
