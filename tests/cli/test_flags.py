@@ -60,8 +60,12 @@ def test_render_prints_what_the_foci_get_as_json(capsys, here):
     assert [name for name, path in found["files"].items() if not (here / path).is_file()] == []
 
 
-def test_no_pictures_leaves_the_numbers_and_the_folder_is_named_after_the_scene(capsys, here):
-    assert output(capsys, "render", BALL)[0] == 0
+def test_open_shows_the_page_and_no_pictures_leaves_the_numbers(capsys, here, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    assert output(capsys, "render", BALL, "--quiet", "--open")[0] == 0
+    # The folder is named after the scene.
+    assert opened == [(here / "out/ball/report.html").resolve().as_uri()]
     assert (here / "out/ball/report.html").is_file()
     printed, _ = done(capsys, "render", BALL, "--no-pictures")
     assert "report.html" not in printed
@@ -159,13 +163,6 @@ def test_quiet_prints_nothing_where_nothing_is_wrong(capsys, here):
     assert output(capsys, "check", "pinch", "--quiet") == (0, "", "")
     code, printed, errors = output(capsys, "check", here / "no.toml", "--quiet")
     assert (code, printed, len(errors.splitlines())) == (2, "", 1)
-
-
-def test_open_shows_the_page_in_the_browser(capsys, here, monkeypatch):
-    opened = []
-    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
-    assert output(capsys, "render", BALL, "--quiet", "--open")[0] == 0
-    assert opened == [(here / "out/ball/report.html").resolve().as_uri()]
 
 
 @pytest.mark.parametrize(
