@@ -208,7 +208,7 @@ def page_address(command: Command) -> Command:
 
 
 def level_of(cap: float | None, full_scale: bool) -> float | None:
-    """Return the cap set by ``--cap`` or ``--full-scale``; None for the default."""
+    """Return the cap set by ``--cap`` or ``--full-scale``, or None for the default."""
     if full_scale and cap is not None:
         raise at.InvalidInput(
             f"--full-scale and --cap {cap:g} cannot be combined: omit one.",

@@ -153,7 +153,7 @@ class HeadLevel:
         ]
 
     def at(self, cap: float) -> tuple[float, float]:
-        """Return the peak and average level [dB SPL] for a cap between 0 and 1; -inf in silence."""
+        """Return the peak and average level [dB SPL] for a cap from 0 to 1, or -inf in silence."""
         played = np.stack([frame.drive().amplitudes for frame in self.frames(cap)])
         pressures = pressures_around(self.positions, played, self.sensitivity, self.wavenumber)
         peak, average = sound_pressure_level(np.array(pressures))

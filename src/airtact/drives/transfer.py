@@ -510,7 +510,7 @@ def achieved_fraction(
 def fraction(
     magnitudes: Float64[np.ndarray, "foci"], target: Target
 ) -> Float64[np.ndarray, "foci"]:
-    """Return the ratio (F,) of peak pressure to requested pressure; NaN where none is requested."""
+    """Return the ratio (F,) of peak pressure to requested pressure, or NaN without a request."""
     fractions = np.full(len(target.points), np.nan)
     if target.pressures is not None:
         asked = target.pressures > 0.0

@@ -112,7 +112,7 @@ class Link(ABC):
 
     @property
     def fastest_frames(self) -> float:
-        """Largest frame rate of the boards' serial line [frames/s]; infinite without one."""
+        """Largest frame rate of the boards' serial line [frames/s], or infinity without one."""
         return self.codec.fastest_frames(self.boards)
 
     @property

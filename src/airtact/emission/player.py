@@ -18,7 +18,7 @@ STALL = 0.6
 
 
 def suspended() -> float:
-    """Return a lower bound on the time for which the computer was suspended [s]; 0 if unknown.
+    """Return a lower bound on the time for which the computer was suspended [s], or 0 if unknown.
 
     ``time.monotonic`` stops while the computer is suspended.
     """

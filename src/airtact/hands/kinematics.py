@@ -74,7 +74,7 @@ def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: 
 
 
 def gap_of(joints: Joints, radii: Radii, fingers: tuple[int, int]) -> float:
-    """Return the gap [m] between the last phalanges of two fingers; negative if they overlap."""
+    """Return the gap [m] between the last phalanges of two fingers, negative if they overlap."""
     first, second = (int(np.flatnonzero(finger == OWNER)[-1]) for finger in fingers)
     balls = np.column_stack([joints, radii])
     start, end = balls[PARTS[first, :2]]

@@ -41,19 +41,19 @@ class Client:
     return its answers. Use it in a ``with`` block, whose end removes the client's objects
     and foci. Foci are also removed if the client sends nothing for 0.5 s, so repeat them or send
     any other message several times per second. The methods raise ``InvalidInput`` with the code
-    "link_failed" once the loop has ended.
+    "link_failed" once the live loop has ended.
 
     Parameters
     ----------
-    address : websocket address that the loop prints when it starts; by default
+    address : websocket address that the live loop prints when it starts; by default
         ``"ws://127.0.0.1:8765"``.
-    timeout : longest time to wait for the loop to accept the connection [s], above 0; 10 s by
+    timeout : longest time to wait for the live loop to accept the connection [s], above 0; 10 s by
         default.
 
     Attributes
     ----------
-    rejected : ``deque`` of sentences on the messages that the loop rejected, up to the 16 newest;
-        remove sentences after reading them.
+    rejected : ``deque`` of sentences on the messages that the live loop rejected, up to the 16
+        newest; remove sentences after reading them.
 
     Raises
     ------
@@ -154,7 +154,7 @@ class Client:
             self._connection.send(written(message).decode())
         except ConnectionClosed:
             raise InvalidInput(
-                "the loop has closed the connection; start the loop again.", code="link_failed"
+                "the live loop has closed the connection; start it again.", code="link_failed"
             ) from None
 
     def _receive(self) -> None:

@@ -43,11 +43,12 @@ REPORT_INTERVAL = 0.5
 class Status:
     """State of the live loop; its numbers refer to the last second.
 
-    The loop passes it twice a second to the function ``report`` of ``run``. Its text is one line.
+    The live loop passes it twice a second to the function ``report`` of ``run``. Its text is one
+    line.
 
     Attributes
     ----------
-    state : state of the loop in words, such as "playing" or "waiting for a hand", with the
+    state : state of the live loop in words, such as "playing" or "waiting for a hand", with the
         reasons for silence and for rejected frames.
     processes : text about processes that have ended; empty if all are running.
     rate : number of drives sent to the boards per second, without silent ones.
@@ -191,7 +192,7 @@ def follow(
     cap : largest amplitude of an element, as a fraction of full scale, above 0 and at most 1. By
         default, the cap limits the level at a head 0.5 m from the array to 110 dB SPL for all
         positions of the foci; without boards, the cap is 1.
-    controls : initial settings; if there is a page, the loop uses the page's settings instead.
+    controls : initial settings; if there is a page, the live loop uses the page's settings instead.
     page : page that shows every drive and can change the controls.
     report : function called twice a second with the ``Status``.
     world : objects and foci that applications can change; the loop also records its state here. By

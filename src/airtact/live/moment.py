@@ -155,7 +155,7 @@ class DriveMaker(ABC):
     """Abstract base class of objects that compute the drives of the live loop, for ``follow``.
 
     To test another method of computing drives, write a subclass with the methods ``take`` and
-    ``make``; the other methods do nothing by default. The loop passes each ``HandFrame`` of a
+    ``make``; the other methods do nothing by default. The live loop passes each ``HandFrame`` of a
     tracked hand, in scene coordinates, to ``take``, and requests each drive, a ``Moment``, from
     ``make``. All methods must return without blocking, because the loop waits for them.
     """

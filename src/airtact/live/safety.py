@@ -78,7 +78,10 @@ def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
 
 
 class Gain:
-    """Factor for all amplitudes that the loop sends; it rises and falls within ``FADE`` seconds."""
+    """Factor for all amplitudes that the live loop sends.
+
+    It rises from 0 to 1, or falls to 0, within ``FADE`` seconds.
+    """
 
     def __init__(self) -> None:
         self.share: float = 0.0

@@ -249,7 +249,7 @@ def _tick_phases(bar: Colorbar) -> None:
 
 
 def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
-    """Return the distance [m] between the two closest elements; 10 mm for a single element."""
+    """Return the distance [m] between the two closest elements, or 10 mm for a single element."""
     from scipy.spatial import KDTree
 
     if len(positions) < 2:

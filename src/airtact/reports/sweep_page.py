@@ -42,7 +42,7 @@ class Swept:
         return [row for row in self.rows if row["error"]]
 
     def numbers(self, column: str) -> Float64[np.ndarray, "points"]:
-        """Return the numbers in a column; NaN for rows without a number."""
+        """Return the numbers in a column, with NaN for rows without a number."""
         values = [row.get(column) for row in self.rows]
         return np.array([v if isinstance(v, int | float) else np.nan for v in values], dtype=float)
 

@@ -134,7 +134,7 @@ class VirtualObject:
         return (vertices if self.pose is None else self.pose.apply(vertices)), triangles
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> PointLengths:
-        """Return the depth (P,) [m] of points (P, 3) in the object; negative outside.
+        """Return the depth (P,) [m] of points (P, 3) in the object, negative outside.
 
         Depths in a mesh are interpolated on a grid whose spacing is 1/40 of the longest side. Use
         ``exact_depth`` for exact depths.

@@ -33,7 +33,7 @@ class Solid(ABC):
 
     @abstractmethod
     def depth(self, points: Points) -> PointLengths:
-        """Return the depth (P,) [m] of points (P, 3) below the surface; negative outside."""
+        """Return the depth (P,) [m] of points (P, 3) below the surface, negative outside."""
 
     def exact_depth(self, points: Points) -> PointLengths:
         """Return the same depths as ``depth``, but without interpolation."""

@@ -201,7 +201,7 @@ class HandStream:
 
     @property
     def idle(self) -> float:
-        """Time [s] since the last message, valid or not; since construction if there was none."""
+        """Time [s] since the last message, valid or not, or else since construction."""
         return self._clock() - self._received
 
     def remark(self) -> str:

@@ -138,7 +138,7 @@ class HandAware(SolvingMaker):
     def make(self, time: float, controls: Controls) -> Moment:
         """Compute the drive whose sound will be in the air at ``time`` [s].
 
-        All amplitudes are 0 if no hand is seen. The loop then applies the cap and
+        All amplitudes are 0 if no hand is seen. The live loop then applies the cap and
         the modulation, and silences the drive unless ``controls.playing`` is True.
         """
         self._collect()

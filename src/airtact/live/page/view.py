@@ -79,11 +79,11 @@ class View:
         self.objects: dict[int, FlatMesh] = {}
 
     def picture(self, shown: Shown, across: Axis, offset: float, joints: Joints | None) -> Picture:
-        """Convert data from the loop to what the page draws.
+        """Convert data from the live loop to what the page draws.
 
         Parameters
         ----------
-        shown : data that the loop sends for display.
+        shown : data that the live loop sends for display.
         across : axis normal to the slice of the field.
         offset : offset of the slice from the foci along the axis ``across`` [m].
         joints : (25, 3) joints of a hand that is being dragged on the page [m]; None if no hand is
