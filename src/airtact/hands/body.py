@@ -56,8 +56,8 @@ class Hulls:
 
     Two hulls with outward normals n, m are blended by the smooth minimum of their distances, with a
     blend radius of ``blend`` (1 - n·m)/2. Skins that face each other merge if their distance is
-    less than half of ``blend``. Skins at a right angle are blended with half of that radius, and
-    hulls that share a ball join without a bulge.
+    less than half of ``blend``. At a right angle, the blend radius is half of ``blend``. Hulls that
+    share a ball join without a bulge.
 
     Attributes
     ----------

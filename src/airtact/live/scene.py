@@ -128,7 +128,7 @@ class WithImages:
 
 @dataclass(frozen=True, eq=False)
 class LiveScene:
-    """The part of a scene that does not change while the hand moves, as ``live_scene`` returns.
+    """The part of a scene that does not change while the hand moves; see ``live_scene``.
 
     Attributes
     ----------

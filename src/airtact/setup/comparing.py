@@ -254,7 +254,7 @@ def compare(
 
     Parameters
     ----------
-    scene : the ``Setup``, such as ``read_scene`` returns, or the ``Scene``, for which the drives
+    scene : the ``Setup``, such as one from ``read_scene``, or the ``Scene``, for which the drives
         are compared.
     array, target, solver : the E transducers and the foci in the frame of the scene, and the solver
         for the verification; required with a scene, and not used with a setup.

@@ -90,7 +90,7 @@ class Layout:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Placement:
-    """Layouts of boards for a setup, and the pressures that they produce, as ``place`` returns.
+    """Layouts of boards for a setup, and the pressures that they produce; see ``place``.
 
     All pressures are peak values at the weakest focus at full scale, as in ``Layout.weakest``.
 

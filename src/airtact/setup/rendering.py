@@ -277,7 +277,7 @@ def render(
 
     Parameters
     ----------
-    setup : scene, array, target and settings, such as ``read_scene`` returns.
+    setup : scene, array, target and settings, for example from ``read_scene``.
     store : folder in which solved fields are stored and reused; by default, fields are not stored.
     progress : function called with a description of each step as it begins.
 
