@@ -361,9 +361,9 @@ class Scene:
     ------
     InvalidInput
         If the frequency is outside its range, or so low that every body is smaller than 1/50 of a
-        wavelength; if a body is more than 10 m from the origin, too close to another body or to the
-        plane, or intersects itself; if the absorption exceeds 1 Np per wavelength; if there are
-        several planes; or if an argument has the wrong type.
+        wavelength; if a body is more than 10 m from the origin of the frame, too close to another
+        body or to the plane, or intersects itself; if the absorption exceeds 1 Np per wavelength;
+        if there are several planes; or if an argument has the wrong type.
 
     Examples
     --------

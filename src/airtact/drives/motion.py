@@ -208,7 +208,7 @@ def moving_target(target: Target, paths: Paths) -> Target:
     Raises
     ------
     InvalidInput
-        If a position is not finite, or is more than 2 m from the origin.
+        If a position is not finite, or is more than 2 m from the origin of this frame.
     """
     points = paths.transpose(1, 0, 2).reshape(-1, 3)
     phases = 1.0 if target.phases is None else np.exp(1j * target.phases)

@@ -39,8 +39,8 @@ def load_surface(
     path : an STL, PLY, OBJ or GLB file.
     scale : metres per unit of the file, above 0, such as 1e-3 for a file in millimetres; by default
         1. A body wider than 0.5 m needs an explicit ``scale=1.0``.
-    largest_hole : width of the widest hole that is filled [m]; 2 mm by default, 0 fills none. Wider
-        holes raise an error.
+    largest_hole : width of the widest hole that is filled [m], 0 to 0.1; 2 mm by default, 0 fills
+        none. Wider holes raise an error.
     sharp_degrees : angle by which the surface turns at an edge, above which the edge remains sharp
         [degrees]; 75 by default. The surface is smooth across all other edges.
     union : whether to replace overlapping parts, such as those of a CAD export, by one surface
@@ -62,8 +62,9 @@ def load_surface(
     ------
     InvalidInput
         If the file is missing, unreadable, too large or without triangles, if the surface has
-        self-intersections or damage that cannot be repaired, or if a width of over 0.5 m suggests
-        another unit.
+        self-intersections or damage that cannot be repaired, if a width of over 0.5 m suggests
+        another unit, if the scaled body is over 2 m or under 0.5 mm wide, or if a parameter is
+        outside its range.
     """
     of_kind(path, str | Path, "the path of a surface", "the name of a file")
     path = Path(path)

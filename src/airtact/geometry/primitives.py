@@ -194,7 +194,7 @@ def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
     radius : radius of the sphere [m], 0.00025 to 1.
     edge : longest triangle edge of the mesh [m], at least 1/250 of the radius. The mesh is used
         only for pictures and files.
-    centre : (3,) centre of the sphere, by default the origin [m].
+    centre : (3,) centre of the sphere in the frame of the surface [m]; by default, the origin.
 
     Returns
     -------

@@ -243,7 +243,7 @@ class Hand:
         Raises
         ------
         InvalidInput
-            If the gap is out of range or cannot be reached, or if a finger is unknown.
+            If the gap is outside its range or cannot be reached, or if a finger is unknown.
         """
         gap = within(gap, 0.0, 0.15, "gap", "m")
         if first not in FINGERS or second not in FINGERS or first == second:

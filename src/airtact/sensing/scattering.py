@@ -386,9 +386,8 @@ def scattering_family(
     InvalidInput
         If ``low``, ``high``, ``start``, ``values`` or ``accuracy`` is outside its range. If the
         scenes have different media, frequencies or numbers of bodies, or hardly depend on the
-        parameter.
-        If the interpolation error exceeds 2 %. If a scene has no bodies, or the solver does not
-        support the scene.
+        parameter. If the interpolation error exceeds 2 %. If a scene has no bodies, or the solver
+        does not support the scene.
 
     Examples
     --------

@@ -42,8 +42,8 @@ class Setup:
         default.
     levels : ``Levels`` of amplitude and phase to which the drive is rounded; by default, 256 of
         each.
-    modulation : ``AmplitudeModulation``, or motion of the foci, that makes the drive perceptible;
-        None (the default) for a constant drive.
+    modulation : ``AmplitudeModulation``, or motion of the foci as a ``drives.Motion``, that makes
+        the drive perceptible; None (the default) for a constant drive.
     uncertainty : ``Uncertainty`` of the hand, the air and the transducers; None (the default) to
         ignore it.
     samples, seed : number of random samples of the uncertainty from which the drive is computed, 1

@@ -127,7 +127,7 @@ class Contacts:
         ------
         InvalidInput
             If there is no contact, if only some of the touched objects have the style "outline", or
-            if ``most`` or the wavelength is out of range.
+            if ``most`` or the wavelength is outside its range (see ``foci``).
         """
         if not self.runs:
             return self.foci(most, wavelength).target()
@@ -177,8 +177,8 @@ def contact(
     Raises
     ------
     InvalidInput
-        If there are more than 64 objects, two have the same name, the offset is out of range, an
-        argument has the wrong type, or the skin is too large for objects of less than 7 mm.
+        If there are more than 64 objects, two have the same name, the offset is outside its range,
+        an argument has the wrong type, or the skin is too large for objects of less than 7 mm.
 
     Examples
     --------

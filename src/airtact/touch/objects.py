@@ -112,7 +112,7 @@ class VirtualObject:
         return one_line(self, self.name, kind, self.style)
 
     def moved(self, pose: Pose) -> "VirtualObject":
-        """Return a copy of the object, rotated and translated by ``pose`` in the hand's frame."""
+        """Return a copy of the object, rotated and translated by ``pose`` in the scene."""
         of_kind(pose, Pose, "the motion of a virtual object", "Pose(rotation, translation)")
         return replace(self, pose=pose if self.pose is None else pose @ self.pose)
 

@@ -22,7 +22,8 @@ class Grating:
     """Parallel ridges with a sinusoidal profile, as the texture of a ``VirtualObject``.
 
     The strength of a touch is multiplied by the height ½ + ½ cos(2π x·n / pitch) at its position x,
-    where n is the unit vector along ``direction``. One ridge passes through the origin.
+    where n is the unit vector along ``direction``. Positions are in the coordinates of the object's
+    ``shape``, and one ridge passes through their origin.
 
     Attributes
     ----------

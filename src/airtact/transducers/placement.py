@@ -312,7 +312,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     ------
     InvalidInput
         If the array does not consist of boards of one kind, if the maker does not state their
-        outline, or if the thickness is out of range.
+        outline, or if the thickness is outside its range.
 
     Examples
     --------
