@@ -13,8 +13,8 @@ import numpy as np
 
 import airtact as at
 from airtact.drives import goal_value, robust_phase_only
-from airtact.drives.transfer_ensemble import matrices_at
 from benchmarks.robust_bound import robust_upper_bound
+from references.rigid_poses import matrices_at
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)
 DRIVES = {"time reversal": at.time_reversal, "robust": at.robust}

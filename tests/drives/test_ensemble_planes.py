@@ -8,8 +8,8 @@ import numpy as np
 import airtact as at
 from airtact.acoustics.scene import with_images
 from airtact.acoustics.uncertainty import draws
-from airtact.drives.transfer_ensemble import matrices_at
 from faults import raises_code
+from references.rigid_poses import matrices_at
 
 MEDIUM = at.air(celsius=20.0)
 TABLE = at.plane((0, 0, -0.014), (0, 0, 1))

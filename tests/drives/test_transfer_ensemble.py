@@ -7,8 +7,9 @@ import pytest
 
 import airtact as at
 from airtact.acoustics.uncertainty import draws
-from airtact.drives.transfer_ensemble import TransferEnsemble, matrices_at
+from airtact.drives.transfer_ensemble import TransferEnsemble
 from faults import raises_code
+from references.rigid_poses import matrices_at
 
 FOCI = np.array([[0.0, 0.0, 8.5e-3], [3e-3, 0.0, 8.2e-3]])
 MEDIUM = at.air(celsius=20.0)

@@ -219,30 +219,6 @@ def ensemble(
     )
 
 
-def matrices_at(
-    beacons: RadiatedField,
-    array: PhasedArray,
-    poses: Iterable[Pose],
-    slower: float = 1.0,
-    solver: Solver | None = None,
-) -> Iterator[FociRows | None]:
-    """Yield the (F, E) transfer matrix [Pa] of a rigid hand for each of several poses.
-
-    The wavenumber is multiplied by ``slower``, which is below 1 in warmer air. If an element is
-    inside a body, or if a body or a focus is behind a face, the pose is impossible and None is
-    yielded. In front of a plane, ``solver`` computes a new solution for each pose that changes the
-    hand's position relative to the plane. Without ``solver``, such a pose raises an error with the
-    code "not_converged". ``InvalidInput`` is raised if ``beacons`` is not the field of unit beacons
-    or is unknown at an element, or if an element is inside a body of the undisplaced scene.
-    """
-    nominal = transfer_matrix(beacons, array).matrix
-    sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
-    # The hand moves rigidly, so groups of foci do not move on their own.
-    still = (Pose.identity(),) * len(sampler.groups)
-    unshifted = np.zeros((len(beacons.sources.positions), 2))
-    return sampler.matrices(Draw(pose, still, unshifted, slower) for pose in poses)
-
-
 def check_counts(samples: int, seed: int) -> None:
     """Raise ``InvalidInput`` if the number of samples or the seed is out of range."""
     integer = isinstance(samples, int | np.integer) and not isinstance(samples, bool)
