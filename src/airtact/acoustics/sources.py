@@ -48,7 +48,10 @@ class Monopoles:
 
     @property
     def refined_positions(self) -> Real[np.ndarray, "fine 3"]:
-        """(R, 3) positions [m] near which a solver refines its panels, by default all."""
+        """(R, 3) positions [m] near which a solver uses smaller panels.
+
+        By default, these are the positions of all monopoles.
+        """
         return self.positions
 
     def __post_init__(self) -> None:

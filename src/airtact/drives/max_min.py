@@ -130,7 +130,7 @@ class Relaxed:
         for each of the R time intervals.
     weights : weights of the foci; they add up to F.
     norms : (E,) norm of Σ_f conj(H_fe) weight_f signal_f, the emission of element e before scaling.
-    pressures : pressure of each focus divided by its requested pressure.
+    pressures : pressure at each focus, divided by its requested pressure.
     """
 
     signals: Complex128[np.ndarray, "foci rank"]

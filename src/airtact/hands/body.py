@@ -84,7 +84,7 @@ class Hulls:
     def look(
         self, points: Real[np.ndarray, "points 3"], carve: float = 0.0, reach: float = 0.0
     ) -> Look:
-        """Return the distances of points (P, 3) [m] from the skin, and its shape near them.
+        """Return the distances of points (P, 3) [m] from the skin, and the skin's local curvature.
 
         Hulls that must stay separate are made thinner until they are ``carve`` [m] apart. A hull is
         ignored if its distance exceeds that of the nearest hull by more than ``reach`` [m] plus the

@@ -266,8 +266,8 @@ def side_evidence(joints: Joints) -> float:
 
     The result is the sum of the sines of all bends and of the angle of the thumb from the palm.
     Small bends are ignored, because they could be backward bends of the other hand: up to 30
-    degrees at a knuckle, and up to 9 and 17 degrees at the next joints. The sine of this limit is
-    subtracted from the sine of a larger bend. The result is about 0 for straight fingers.
+    degrees at a knuckle, and up to 9 and 17 degrees at the next joints. For larger bends, the sine
+    of the limit is subtracted from the sine of the bend. Straight fingers add about 0.
     """
     # Fingers bend toward the palm. Viewed across the palm from the little finger, all bends of a
     # right hand turn one way, and those of a left hand the other way.

@@ -31,8 +31,8 @@ STATE_INTERVAL = 1.0 / 60.0
 class ApplicationServer(WebSocketReceiver):
     """Websocket server for trackers and applications.
 
-    Messages whose type is defined in ``messages`` come from applications and change ``world``.
-    After an application's first message, its connection receives the newest state, at most 60 times
+    Applications send messages of the types defined in ``messages``, which change ``world``. After
+    an application's first message, its connection receives the newest state, at most 60 times
     per second. States are skipped while the application has not read the earlier ones. All other
     messages are treated as frames from a tracker.
 

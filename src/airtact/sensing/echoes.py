@@ -226,7 +226,7 @@ def load_echoes(path: str | Path) -> Echoes:
 def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
     """Raise an error if the array has another number of elements than the echoes.
 
-    ``name`` describes the echoes in the message.
+    ``name`` describes the echoes in the error message.
     """
     if len(echoes.codes) != len(array):
         raise InvalidInput(

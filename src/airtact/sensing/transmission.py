@@ -209,7 +209,7 @@ def simulate_transmissions(
 
 
 def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
-    """Return the signs of a Hadamard matrix as codes, for ``Echoes`` and ``simulate_echoes``.
+    """Return codes of 1 and −1 from a Hadamard matrix, for ``Echoes`` and ``simulate_echoes``.
 
     All elements emit at full scale in every transmission.
 

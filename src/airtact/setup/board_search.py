@@ -78,9 +78,9 @@ class Search:
     fixed : poses of boards that stay in place.
     mirror : index of the axis along which boards are mirrored in pairs, and coordinate of the
         mirror plane [m]; None without mirroring.
-    share : quantile, from 0 to 1, by which layouts are ranked. With 0, a layout is ranked by the
-        pressure at the weakest focus in the worst pose of the hand; with 0.1, by the pressure that
-        the weakest focus exceeds in 90 % of the poses.
+    share : layouts are ranked by the quantile ``share`` (from 0 to 1) of the pressure at the
+        weakest focus over the poses of the hand. With 0, this is the pressure in the worst pose;
+        with 0.1, the pressure that the weakest focus exceeds in 90 % of the poses.
     """
 
     hands: list[HandPose]

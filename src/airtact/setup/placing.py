@@ -106,7 +106,8 @@ class Placement:
     moves : (B, 6) relative change of the pressure (−0.1 is a loss of 10 %) if one of the B boards
         of the best layout is moved by 1 cm along x, y or z of the scene, or turned by 5 degrees
         about one of these axes through its centre. The drive is recomputed after each move. Each
-        value is for the worse of the two directions.
+        board is moved in both directions, and the value is for the direction with the lower
+        pressure.
     """
 
     setup: Setup

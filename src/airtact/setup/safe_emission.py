@@ -292,7 +292,7 @@ def default_level(
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
     """Return the largest cap that respects ``MAX_HEAD_LEVEL``, and the level [dB] at full scale.
 
-    The function raises ``InvalidInput`` if the boards cannot reduce the level that far.
+    The function raises ``InvalidInput`` if the boards cannot reduce the level to this limit.
     """
     head = Plan(stored, board_named(board), stored.modulation).head
     return head.safe_cap(), head.full

@@ -140,7 +140,7 @@ def check_free(traps: Collection[Trap], scene: Scene) -> None:
 
 
 def merged(traps: Collection[Trap], target: Target) -> Target:
-    """Return the target of ``target_of`` with one focus per trap in place of its lobes.
+    """Return a target with a single focus per trap instead of the lobes that ``target_of`` adds.
 
     Parameters
     ----------
@@ -169,10 +169,10 @@ def holding(
 ) -> Callable[[TransferMatrix, Target], Drive]:
     """Adapt a method for foci so that it also computes traps.
 
-    The adapted method takes the target of ``target_of`` and its transfer matrix. It replaces the
-    lobes of each trap by a single focus, whose pressure is the sum of the lobe pressures with the
-    weights ``Trap.phasing``. For a single trap, the drive has the phases of the trap's signature
-    (see ``signature``).
+    The adapted method expects the target that ``target_of`` returns, and the transfer matrix of
+    this target. It replaces the lobes of each trap by a single focus, whose pressure is the sum of
+    the lobe pressures with the weights ``Trap.phasing``. For a single trap, the drive has the
+    phases of the trap's signature (see ``signature``).
     """
 
     def make(transfer: TransferMatrix, target: Target) -> Drive:

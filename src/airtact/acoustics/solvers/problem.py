@@ -161,7 +161,7 @@ class RadiatedField(ABC):
 
     @property
     def scattering_sources(self) -> Monopoles | None:
-        """Monopoles that radiate the scattered pressure off the bodies, or None if unknown."""
+        """Monopoles whose pressure is the scattered pressure away from bodies; None if unknown."""
         return None
 
     @property

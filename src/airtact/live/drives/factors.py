@@ -59,7 +59,7 @@ class HandFactors:
     ----------
     part : part of the hand for which the solution was computed.
     time : time of the predicted pose, on the tracker's clock [s].
-    foci, distances, directions : the pose, as in ``PosedHand``.
+    foci, distances, directions : attributes of the ``PosedHand`` for which it was computed.
     factors : (P, R) ratio of the pressure with the hand to that in open air, for each source at
         each of ``beacon_points``.
     share : expected pressure with this solution, divided by that with a new solution for the same

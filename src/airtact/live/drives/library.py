@@ -56,8 +56,8 @@ def expected_kept(
 
     Parameters
     ----------
-    part : how the drive was computed, as in ``Moment.rule``; for "distances", the result does not
-        depend on the poses.
+    part : part of the hand whose scattering the drive accounts for, as in ``Moment.rule``. For
+        "distances" (no scattering), the result does not depend on the poses.
     gap : rms change of the distances between the foci and bones since the solved pose [m].
     turned : rms change of the directions from the foci to the elements, as seen from the bones,
         since the solved pose [rad].

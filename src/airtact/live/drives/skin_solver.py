@@ -99,8 +99,8 @@ class SkinFactors:
         """Return factors (F, R) at foci (F, 3) on hands in a pose, and their validity (F,).
 
         The beacons move with the bones. As the distance of a focus from the nearest beacon
-        increases, its validity falls from 1 to 0. Its factors approach a constant, so that the
-        phases become those in open air.
+        increases, the validity of its factors falls from 1 to 0, and the factors approach a
+        constant, so that the phases become those in open air.
         """
         moved = np.full(self.points.shape, np.inf)
         for index, side in enumerate(SIDES):

@@ -55,7 +55,9 @@ class Picture:
 
 
 class View:
-    """Computes the pictures that the page shows; call ``picture`` for each ``Shown``.
+    """Computes the pictures on the page from the data that the live loop sends.
+
+    Call ``picture`` with each ``Shown`` that the loop sends.
 
     Parameters
     ----------

@@ -114,7 +114,7 @@ class Cells:
 def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
     """Sort points into cells, or return None if sums in cells would not be faster.
 
-    The relative error of sums in cells is at most ``error``.
+    The cells are chosen so that the relative error of ``Cells.sums`` is at most ``error``.
     """
     grids = [(order, beyond) for left, order, beyond in GRIDS if left <= error]
     if not grids or len(points) < grids[0][0] ** 2 / MAX_GRID_SHARE:

@@ -52,7 +52,7 @@ class RoundedMatrix:
         return np.dtype(np.complex64)
 
     def as_complex(self) -> Complex[np.ndarray, "rows columns"]:
-        """Return the matrix in single precision."""
+        """Return the matrix as complex numbers in single precision."""
         return (self.numbers * self.scales[:, None, None]).view(np.complex64)[..., 0]
 
 
