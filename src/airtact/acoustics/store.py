@@ -163,8 +163,8 @@ class Stored(Solver):
     if several processes write at the same time or a process is killed. A damaged file is detected
     by its checksum, and its field is solved again. If the folder exceeds ``most_bytes``, the least
     recently used files are deleted. A field that cannot be stored, such as a field of finite
-    elements, is still solved, and a warning in its report states the reason. Errors of ``solver``
-    are passed on.
+    elements, is still solved, and a warning in its report states the reason. Errors raised by
+    ``solver`` are passed on.
 
     Parameters
     ----------

@@ -48,8 +48,8 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
     Parameters
     ----------
     start, end : (3,) ends of the line in the frame of the target [m].
-    spacing : largest distance between neighbours [m], above 0. Foci merge into an unbroken line at
-        2 to 4 mm at 40 kHz.
+    spacing : largest distance between neighbours [m], above 0. At 40 kHz, foci 2 to 4 mm apart
+        merge into an unbroken line.
 
     Returns
     -------

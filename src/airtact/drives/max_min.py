@@ -49,7 +49,7 @@ class UpperBound:
         instead bounds the smallest ratio of pressure to share [Pa].
     relaxed : largest value found for the relaxed problem, in which every element may emit several
         signals in turn, in the unit of ``worst``. No choice of μ and y makes ``worst`` smaller than
-        this, so the gap between both shows how far ``worst`` could still be lowered.
+        this, so the gap between the two shows how far ``worst`` could still be lowered.
     multipliers : (F,) multipliers μ_f; 0 for foci whose requested pressure or share is 0.
     elements : (E,) values y_e, in the unit of ``worst`` squared.
     """
@@ -357,8 +357,8 @@ def gradient(
     loss : fraction of the initial pressure at the foci that may be lost in favour of the
         suppression points, at least 0 and below 1. The result may exceed it slightly. It has no
         effect without suppression points.
-    iterations : largest number of steps of one descent, at least 1. There are four descents with
-        suppression points, and otherwise one.
+    iterations : largest number of steps of one descent, at least 1. The method runs four descents
+        with suppression points, and otherwise one.
 
     Returns
     -------

@@ -238,8 +238,8 @@ def balanced(matrix: FociRows, phases: bool, steps: int = 2000) -> Amplitudes:
     """Return the amplitudes that maximise the pressure at the weakest focus for a single matrix.
 
     If ``phases`` is True, every element is at full scale (``strongest_sources``). Otherwise the
-    energy is limited, and the function runs ``steps`` alternating projections. Each row
-    of ``matrix`` must already be divided by the requested pressure of its focus.
+    energy is limited, and the function runs ``steps`` alternating projections. Each row of
+    ``matrix`` must already be divided by the requested pressure of its focus.
     """
     if phases:
         return phase(matrix.conj().T @ strongest_sources(matrix, 300))

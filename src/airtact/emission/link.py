@@ -45,15 +45,15 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
 class Link(ABC):
     """Connection that sends frames to boards of one kind, or makes them play a sequence.
 
-    This is the base class of the links to the various boards. ``open`` the link, ``send`` single
-    frames or ``play`` a sequence, and ``close`` it. A link sends every frame unchanged.
-    ``Emission`` adds the safety features: ramp, cap, watchdog, and silence at the end.
+    This is the base class of the links to the various boards. Call ``open``, then ``send`` for
+    single frames or ``play`` for a sequence, and finally ``close``. A link sends every frame
+    unchanged. ``Emission`` adds the safety features: ramp, cap, watchdog, and silence at the end.
 
     Parameters
     ----------
     board : name of the kind of the boards, such as "autd3"; see ``Board``.
-    boards : number of boards, from 1 to ``Board.max_boards``. Their elements follow each other,
-        board by board, in every frame.
+    boards : number of boards, from 1 to ``Board.max_boards``. Every frame lists the elements board
+        by board.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ class Cycle:
 class Player:
     """Playback of drives on a link, in small steps. Every command returns at once.
 
-    ``Emission`` selects the public methods by their names. ``step`` does the work that is due. If a
+    The link process calls the public methods by name. ``step`` does the work that is due. If a
     step fails, its error is raised by the next command that resets the watchdog.
 
     Parameters

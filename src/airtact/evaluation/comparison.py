@@ -48,8 +48,9 @@ class Comparison:
         [Pa]. The normalisations are "equal peak", with the strongest element of each drive at full
         scale; "equal energy", with the largest Σ|d|² that all drives can reach within full scale;
         and "phase only", with the drive's phases and every active element at full scale.
-    field : ``RadiatedField`` with S excitations. The first D are the drives at equal peak. They are
-        followed by the phase-only version of each drive whose amplitudes are unequal.
+    field : ``RadiatedField`` with S excitations. The first D excitations are the drives at equal
+        peak. They are followed by the phase-only version of each drive whose amplitudes are
+        unequal.
     phase_columns : for each drive, the index of its phase-only version among the excitations of
         ``field``; the drive's own index if its amplitudes are equal.
     at_foci : (F, S) complex peak pressure of each excitation of ``field`` at the foci [Pa].

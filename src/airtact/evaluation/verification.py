@@ -164,8 +164,8 @@ def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
 
     Parameters
     ----------
-    transfer : (F, E) transfer matrix H of F points and E elements. Its rows are the foci, followed
-        by the suppression points if there are any.
+    transfer : (F, E) transfer matrix H of F points and E elements. Its rows belong to the foci,
+        followed by the suppression points if there are any.
 
     Returns
     -------

@@ -60,7 +60,7 @@ class Surface:
     Attributes
     ----------
     vertices : (V, 3) positions of the vertices [m], in the frame in which the body is used.
-    triangles : (T, 3) indices in ``vertices`` of the corners of each triangle.
+    triangles : (T, 3) indices of each triangle's corners in ``vertices``.
     midpoints : (T, 3, 3) points of the true surface at the middles of edges 01, 12, 20 of each
         triangle [m]. If None, the curvature of the panels follows from the normals of the triangles
         around each vertex.

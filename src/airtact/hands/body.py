@@ -148,9 +148,9 @@ OWNER = np.array([0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4])
 class Touch:
     """A place where the skins of two parts of a hand touch, and are therefore merged into one skin.
 
-    Only parts that are separate in an open hand count. Skins merge if they are less than 0.3 mm
-    apart or, next to such a place, less than 2 mm apart. ``Hand.touches`` lists all places of a
-    hand.
+    Only parts that are separate in an open hand are considered. Skins merge if they are less than
+    0.3 mm apart or, next to such a place, less than 2 mm apart. ``Hand.touches`` lists all places
+    of a hand.
 
     Attributes
     ----------

@@ -43,8 +43,8 @@ REPORT_INTERVAL = 0.5
 class Status:
     """State of the live loop; its numbers refer to the last second.
 
-    The live loop passes it twice a second to the function ``report`` of ``run``. Its text is one
-    line.
+    The live loop passes it twice a second to the function ``report`` of ``run``. ``str`` converts
+    it to one line.
 
     Attributes
     ----------
@@ -57,8 +57,8 @@ class Status:
         a drive computed for the exact hand; NaN if unknown.
     unrecorded : data missing from the session, with the reason; None if it is complete or no
         session is recorded.
-    rejected : reason why the newest rejected message of an application was rejected; empty 3 s
-        after it.
+    rejected : reason why the last rejected message of an application was rejected; empty if this
+        was more than 3 s ago.
     """
 
     state: str

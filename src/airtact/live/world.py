@@ -115,9 +115,10 @@ class WantedFocus:
 class World:
     """Virtual objects and requested foci of the live loop; any thread may read and change them.
 
-    Applications change them by messages (``take`` or ``receive``). The live loop reads ``objects``
-    and ``foci`` for each drive, and ``state`` is its answer to the applications. Foci end 0.5 s
-    after the last message of their application. Its objects stay until its connection is closed.
+    Applications change them by messages, which are passed to ``take`` or ``receive``. The live loop
+    reads ``objects`` and ``foci`` for each drive, and stores its answer to the applications in
+    ``state``. The foci of an application are removed 0.5 s after its last message, and its objects
+    when its connection is closed.
 
     Parameters
     ----------

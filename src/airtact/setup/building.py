@@ -70,7 +70,7 @@ def read_scene(
         file itself does not change.
     moving : whether the bodies will move later, so that contacts may be missing at first. If True,
         a scene without foci and contacts gets one focus, where the skin is nearest to an object; if
-        False, it raises ``InvalidInput``.
+        False, ``InvalidInput`` is raised for such a scene.
 
     Returns
     -------

@@ -111,8 +111,8 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     ----------
     result : rendering, as returned by ``render``.
     kept : fraction of the attainable pressure that remained in a recorded session despite the error
-        and the age of the tracked pose, such as the median of ``VerifiedSession.kept``; it
-        multiplies the pressures as the last cause. By default, tracking is not included.
+        and the age of the tracked pose, such as the median of ``VerifiedSession.kept``. The last
+        cause multiplies the pressures by it. By default, tracking is not included.
 
     Returns
     -------

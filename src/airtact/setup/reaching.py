@@ -31,8 +31,8 @@ Vertices = Float64[np.ndarray, "vertices 3"]
 class ReachMap:
     """The largest pressure that any drive can produce at points all over the skin.
 
-    ``reach`` returns it. The attribute ``bounds`` contains this pressure for each of P points, and
-    ``points`` the points.
+    ``reach`` returns it. The attribute ``bounds`` contains this pressure for each of the P
+    positions in the attribute ``points``.
 
     Attributes
     ----------

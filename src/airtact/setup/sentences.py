@@ -224,7 +224,8 @@ def sensations(
 ) -> tuple[str, ...]:
     """Compare the foci, or the weakest focus of a sequence, with the tactile threshold.
 
-    The sentences in ``default_level`` (see ``safe_emission``) follow the comparison.
+    The comparison is followed by the sentences ``default_level``, as returned by the function of
+    this name in ``safe_emission``.
 
     Foci away from all bodies are ignored. If all foci are away from bodies, the sentence says so.
     """

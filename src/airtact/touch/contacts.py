@@ -162,7 +162,7 @@ def contact(
     Parameters
     ----------
     hand : a ``Hand``, a ``Surface``, a list of these (which may be mixed), or a mapping from names
-        to them. The poses of the objects must refer to the same coordinates.
+        to them. The poses of the objects must map to the coordinates of these bodies.
     objects : one virtual object, or a sequence of up to 64. Unnamed objects are called "object 1"
         and so on.
     offset : distance from the skin, outward, at which ``Contacts.foci`` and ``Contacts.target``

@@ -26,8 +26,8 @@ class ContactArrays(NamedTuple):
     ----------
     points : (C, 3) point of the skin that is deepest in the object, which may lie between the
         points of ``Skin`` [m].
-    normals : (C, 3) unit normals of the skin at these points, out of the hand.
-    depths : (C,) depths of these points in the object [m].
+    normals : (C, 3) unit normals of the skin at ``points``, pointing out of the hand.
+    depths : (C,) depths of ``points`` in the object [m].
     areas : (C,) area of skin inside the object [m²].
     objects : (C,) index of the touched object among the objects that were passed.
     places : (C,) index in ``Skin.places`` of the part, such as a finger.

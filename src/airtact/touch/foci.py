@@ -39,7 +39,7 @@ class TouchFoci:
     skin_points : (F,) index in ``Skin.points`` of the point nearest to each focus.
     merged : number of contacts that lost their focus because there were more than allowed, but are
         less than a wavelength from a focus of the same object.
-    dropped : number of contacts that lost their focus and are not near such a focus.
+    dropped : number of other contacts that lost their focus for the same reason.
     """
 
     points: Float64[np.ndarray, "foci 3"]

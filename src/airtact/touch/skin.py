@@ -43,7 +43,7 @@ class Skin:
     points : (N, 3) positions of the points in the coordinates of the hand or other body [m].
     normals : (N, 3) unit normals of the skin that point out of the hand.
     areas : (N,) area of skin that each point represents [m²].
-    triangles : (T, 3) indices in ``points`` of the corners of each triangle.
+    triangles : (T, 3) indices of each triangle's corners in ``points``.
     places : names of the parts of the skin, such as "index" or "palm".
     place : (N,) index in ``places`` of the part to which each point belongs.
     neighbours : (N, K) indices of the points that share an edge with each point, padded with the

@@ -174,7 +174,7 @@ class HalfSpace(Solid):
 
     Attributes
     ----------
-    point : (3,) any point on the plane [m], at most 2 m from the origin of these coordinates.
+    point : (3,) any point on the plane [m], at most 2 m from the origin.
     normal : (3,) vector that points out of the solid; a vector of any length is stored with unit
         length.
 

@@ -31,8 +31,8 @@ class Element:
     """A transducer, represented by weighted monopoles on its face.
 
     ``piston`` and ``monopole`` build elements, and all transducers of a ``PhasedArray`` have the
-    same element. In the frame of the element, the face lies in the plane z = 0, with the position
-    of the transducer at its origin, and radiates toward +z. In open air, the pressure is the sum of
+    same element. In the frame of the element, the position of the transducer is the origin, and the
+    face lies in the plane z = 0 and radiates toward +z. In open air, the pressure is the sum of
     weight × sensitivity × amplitude × e^{ikr}/r over the points.
 
     Attributes

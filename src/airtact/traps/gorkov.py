@@ -381,7 +381,7 @@ def force_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.ndarray
 def stiffness_of(sound: Derivatives, bead: Bead, scene: Scene) -> Float64[np.ndarray, "points 3 3"]:
     """Return the stiffness matrix ∇∇(a|p|² − b|∇p|²) (P, 3, 3) [N/m].
 
-    The factors a and b depend on the bead.
+    The factors a and b of the potential depend on the bead.
     """
     a, b = bead.factors(scene)
     by_pressure = np.einsum("pi,pj->pij", sound.first.conj(), sound.first)
@@ -507,9 +507,9 @@ def verdict(
 
     Returns
     -------
-    A list of one ``Verdict`` per point. Its attribute ``is_trap`` is the answer; it is based on the
-    attributes ``force``, ``stiffness`` and ``holds`` (the largest load, in multiples of the
-    bead's weight).
+    A list of one ``Verdict`` per point. Its attribute ``is_trap`` states whether the point is a
+    trap, based on the attributes ``force``, ``stiffness`` and ``holds`` (the largest load, in
+    multiples of the bead's weight).
 
     Raises
     ------

@@ -64,8 +64,8 @@ class Trap:
     ----------
     point : (3,) position of the centre of the bead in the scene [m].
     kind : "twin" (the default) for two lobes of opposite phase, one on each side of the bead along
-        ``axis``; "vortex" for a ring of high pressure around ``axis``; the phase increases by 2π
-        along the ring.
+        ``axis``; "vortex" for a ring of high pressure around ``axis``, along which the phase
+        increases by 2π.
     axis : (3,) direction of the axis in the scene, a vector of any length above zero; by default y.
     radius : radius of the bead [m], above 0 and at most an eighth of a wavelength; 0.65 mm by
         default.
@@ -264,8 +264,8 @@ def signature(
         phases of the elements within a radius of the line through the mean position along the front
         direction; the radius is chosen so that they have about half of the total amplitude.
     axis : (3,) axis of the trap in the array's frame, a vector of any length above zero; by default
-        y. Vortices and bottles only use it in place of the front direction if the elements face
-        each other, so that the mean of their normals is shorter than 0.3.
+        y. For "vortex" and "bottle", it replaces the front direction if the elements face each
+        other, so that the mean of their normals is shorter than 0.3; otherwise it has no effect.
 
     Returns
     -------

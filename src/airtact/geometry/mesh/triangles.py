@@ -414,8 +414,8 @@ class PanelTree:
     """A binary tree of boxes around curved panels.
 
     The corners of the boxes, ``lower`` and ``upper`` [m], are stored as a heap: box 1 contains all
-    panels, and box b contains boxes 2 b and 2 b + 1. The attribute
-    ``order`` lists the indices of the panels, leaf by leaf.
+    panels, and box b contains boxes 2 b and 2 b + 1. The attribute ``order`` lists the indices of
+    the panels, leaf by leaf.
     """
 
     quadratic_triangles: QuadraticTriangles

@@ -302,8 +302,8 @@ class BentPanels:
 
     Parameters
     ----------
-    hulls : the part in the pose of the panels.
-    panels : these panels.
+    hulls : hulls of the part of the hand, in the pose for which the panels were made.
+    panels : panels of the part in this pose.
     """
 
     def __init__(self, hulls: Hulls, panels: MovingPanels) -> None:

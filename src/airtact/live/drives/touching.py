@@ -88,7 +88,7 @@ class _Foci:
 class TouchAware(SolvingMaker):
     """Computes drives for contacts of both hands with virtual objects and for requested foci.
 
-    ``follow`` takes it as ``maker``. For each drive, contacts are found on the hands at their
+    Pass it to ``follow`` as ``maker``. For each drive, contacts are found on the hands at their
     predicted positions. Their foci appear, move and fade as described in ``TouchState``; requested
     foci (of applications, and at places of the scene) fade in and out at the same rate, within 20
     ms between silence and full strength. Each entry of the open-air transfer matrix is multiplied

@@ -204,7 +204,7 @@ class BodiesBeforePlane:
     def reflected(self, scene: Scene) -> Monopoles:
         """Return monopoles that radiate the additional field caused by the plane of a scene.
 
-        They are ordered so that monopoles with neighbouring indices are close together.
+        The monopoles are ordered so that those with neighbouring indices are close together.
 
         Raises
         ------
