@@ -29,9 +29,9 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     If the target has no suppression points and full scale is enough for its requests, each focus
     gets exactly its requested pressure. This adjustment keeps the phases at the foci that the
     method chose. The drive then has the least energy, unless an element would exceed full scale. If
-    full scale is not enough, the drive maximises the smallest ratio of pressure to request. Shares
-    are also met exactly, unless they are met to 2 % of the largest or would cost half of the
-    pressure.
+    full scale is not enough, the drive maximises the smallest ratio of pressure to request. If the
+    target requests shares, the drive is adjusted to exact shares, unless the pressures already have
+    these ratios to within 2 % of the largest, or the adjustment would halve the largest pressure.
 
     Parameters
     ----------

@@ -249,9 +249,9 @@ def moving_foci(
 
     Returns
     -------
-    A ``Sequence`` of P / ``foci`` frames; if these are fewer than 4, each is repeated equally often
-    until there are. Because each frame lasts a whole number of periods, the frequency of the path
-    may differ slightly from ``turns``.
+    A ``Sequence`` of P / ``foci`` frames. If this number is below 4, every frame is repeated
+    equally often, so that there are at least 4. Because each frame lasts a whole number of periods,
+    the frequency of the path may differ slightly from ``turns``.
 
     Raises
     ------

@@ -76,7 +76,7 @@ class RegisteredTracker:
     ----------
     fit : ``Registration`` with the fitted pose and its uncertainty.
     elements : indices in the array of the T touched transducers, in the order of the touches.
-    words : names of these transducers in words.
+    words : names of these transducers for the user, with their positions.
     """
 
     fit: Registration

@@ -121,10 +121,11 @@ class SurfaceField:
 class RadiatedField(ABC):
     """The sound field of monopoles in a scene, evaluated at any points outside the bodies.
 
-    It is the base class of what ``radiate`` of a solver returns. For (P, 3) points in the frame of
-    the scene [m], ``at`` returns the total pressure, ``scattered_at`` the scattered pressure, and
-    ``velocity`` the particle velocity, for each of the S excitations of the sources. ``on_surface``
-    contains the pressure on the bodies. All are complex peak values for the time factor e^{-iωt}.
+    This is the base class of the fields that ``Solver.radiate`` returns. For (P, 3) points in the
+    frame of the scene [m], ``at`` returns the total pressure, ``scattered_at`` the scattered
+    pressure, and ``velocity`` the particle velocity, for each of the S excitations of the sources.
+    ``on_surface`` contains the pressure on the bodies. All are complex peak values for the time
+    factor e^{-iωt}.
 
     Attributes
     ----------
