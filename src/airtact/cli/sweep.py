@@ -173,7 +173,8 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
     total = prod(map(len, axes.values()))
     if total > MAX_POINTS:
         raise at.InvalidInput(
-            f"the grid has {total:,} points, but at most {MAX_POINTS:,} are allowed.",
+            f"the grid has {total:,} points, but at most {MAX_POINTS:,} are allowed: vary fewer "
+            "values.",
             code="out_of_range",
         )
     return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]

@@ -49,7 +49,7 @@ class Emission:
     """Emission of drives by boards. It always ends in silence.
 
     Use an emission as a context manager: ``with Emission(link) as emission:``. A separate process
-    opens the link and raises the amplitude over a ramp. It silences the boards, and waits for their
+    opens the link and ramps up the amplitude. It silences the boards, and waits for their
     confirmation, when the block is left or this process ends for any reason. It does the same if
     ``patience`` seconds pass without a call of ``send``, ``hold``, ``play``, ``cycle``,
     ``modulate``, ``set_modulation``, ``silence`` or ``beat``. In all these cases the emission ends,

@@ -107,9 +107,10 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Return the diameter (P,) [m] of a ball in the body that touches the skin at each point.
+        """Return a lower bound (P,) [m] on the thickness of the body at points of the skin.
 
-        The diameters are limited to ``largest`` [m].
+        The bound is ``largest`` [m] where a ball of this diameter fits into the body, and
+        ``least_thickness`` elsewhere.
         """
         smallest = self.least_thickness
         if smallest >= largest:

@@ -117,8 +117,9 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     Returns
     -------
     An ``Explanation`` with the causes in order, the peak pressure at each focus after each of them
-    [Pa], and advice on what to change. If the amplitude is modulated, pressures from that cause on
-    are root mean squares of the peak pressure over a period of the modulation.
+    [Pa], and advice on what to change. If the amplitude is modulated, the pressures after the
+    modulation and all later causes are root mean squares of the peak pressure over a period of the
+    modulation.
 
     Raises
     ------

@@ -122,7 +122,7 @@ def with_middles(
 
 
 def area_vectors(corners: Corners) -> TriangleVectors:
-    """Return the outward normals of flat triangles, each as long as twice the area [m²]."""
+    """Return the outward normals of flat triangles; their length is twice the area [m²]."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
