@@ -79,7 +79,7 @@ class Codec:
         The message states the largest frequency [Hz] at which the line can repeat all frames.
         """
         fastest = self.fastest_frames(boards)
-        if rate <= fastest:
+        if rate <= fastest * (1.0 + 1e-6):  # rounding errors of the rate are allowed
             return
         # Two digits, rounded down, because the line cannot play a frequency that is rounded up.
         step = 10.0 ** (np.floor(np.log10(fastest / frames)) - 1.0)
