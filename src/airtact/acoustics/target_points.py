@@ -467,8 +467,8 @@ def svg_path(
     spacing : largest distance between neighbours along a line [m].
     centre : (3,) position of the middle of the drawing's bounding box [m].
     normal : (3,) direction from the drawing toward its viewer, a vector of any length above zero.
-    up : (3,) direction in space that is upward in the drawing, projected onto its plane; by default
-        y, or z if the normal is within 26 degrees of ±y.
+    up : (3,) direction in space that points up in the drawing; it is projected onto the plane of
+        the drawing. By default y, or z if the normal is within 26 degrees of ±y.
 
     Returns
     -------

@@ -45,8 +45,8 @@ def weighted_gerchberg_saxton(
     ------
     InvalidInput
         If the transfer matrix was computed for other foci, if there are more foci than elements, if
-        two foci are closer than a tenth of a wavelength, if a focus can receive less than 5 % of
-        the median pressure of the others, or if ``iterations`` is below 1.
+        two foci are closer than a tenth of a wavelength, if the largest possible pressure at a
+        focus is below 5 % of the median of the others, or if ``iterations`` is below 1.
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)

@@ -114,8 +114,8 @@ def inverse_filter(
     InvalidInput
         If the transfer matrix was computed for other foci or has no rows for the suppression
         points, if there are more foci than elements, if two foci are closer than a tenth of a
-        wavelength, if a focus can receive less than 5 % of the median pressure of the others, or if
-        the weight is negative.
+        wavelength, if the largest possible pressure at a focus is below 5 % of the median of the
+        others, or if the weight is negative.
     """
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])

@@ -109,8 +109,8 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     ------
     InvalidInput
         If the transfer matrix was computed for other foci, if there are more foci than elements, if
-        two foci are closer than a tenth of a wavelength, if a focus can receive less than 5 % of
-        the median pressure of the others, or if the tolerance is not above zero.
+        two foci are closer than a tenth of a wavelength, if the largest possible pressure at a
+        focus is below 5 % of the median of the others, or if the tolerance is not above zero.
     """
     matrix, requests = asked_rows(transfer, target)
     positive(tolerance, "the tolerance", "of the bound")
@@ -371,8 +371,8 @@ def gradient(
     InvalidInput
         If the transfer matrix was computed for other foci or has no rows for the suppression
         points, if there are more foci than elements, if two foci are closer than a tenth of a
-        wavelength, if a focus can receive less than 5 % of the median pressure of the others, or if
-        ``iterations`` or ``loss`` is outside its range.
+        wavelength, if the largest possible pressure at a focus is below 5 % of the median of the
+        others, or if ``iterations`` or ``loss`` is outside its range.
 
     Warns
     -----

@@ -232,7 +232,7 @@ def moving_foci(
 ) -> Sequence:
     """Compute the sequence that moves ``foci`` foci at a time through the points of a target.
 
-    The foci traverse their paths repeatedly (spatiotemporal modulation), so that skin feels them.
+    The foci traverse their paths repeatedly (spatiotemporal modulation), so that they can be felt.
 
     Parameters
     ----------

@@ -164,8 +164,8 @@ def robust_phase_only(
     ------
     InvalidInput
         If the matrices were computed for other foci, if there are more foci than elements, if two
-        foci are closer than a tenth of a wavelength, if a focus can receive less than 5 % of the
-        median pressure of the others, or if the goal is unknown.
+        foci are closer than a tenth of a wavelength, if the largest possible pressure at a focus is
+        below 5 % of the median of the others, or if the goal is unknown.
     """
     return robust(ensemble, target, goal, limit="phases")
 

@@ -172,7 +172,7 @@ class Link(ABC):
         self.sent += 1
 
     def play(self, frames: Sequence[Frame], rate: float) -> None:
-        """Make the boards repeat a sequence at a rate [frames/s], if they can (``plays_itself``).
+        """Make the boards repeat a sequence by themselves, if they can (``plays_itself``).
 
         Raises
         ------
@@ -197,7 +197,7 @@ class Link(ABC):
         self.sent += len(frames)
 
     def check_sequence(self, frames: int, rate: float) -> None:
-        """Check that the boards and the link can play ``frames`` frames at a rate [frames/s].
+        """Check that the boards and the link can play ``frames`` frames at ``rate`` frames/s.
 
         Raises
         ------

@@ -1,14 +1,14 @@
 """Sensitivity of an array, gains of its elements and misalignment of the stage, from scans.
 
-The scans are of the empty array. The pressure at a point x is s Σ_e d_e (1 + ε_e) h_e(x), where d
-is the drive, h_e the field of element e per unit of sensitivity, s the common scale and ε_e the
-deviation of an element's gain. The positions of all scans are displaced by one rigid motion.
-Scale and motion are found by nonlinear least squares. The residual is that of the best ε, which
-solves a linear least-squares problem (variable projection: G. Golub and V. Pereyra, SIAM J.
+The scans are of the array alone, without bodies. The pressure at a point x is s Σ_e d_e (1 + ε_e)
+h_e(x), where d is the drive, h_e the field of element e per unit of sensitivity, s the common scale
+and ε_e the deviation of an element's gain. The positions of all scans are displaced by one rigid
+motion. Scale and motion are found by nonlinear least squares. The residual is that of the best ε,
+which solves a linear least-squares problem (variable projection: G. Golub and V. Pereyra, SIAM J.
 Numer. Anal. 10, 413, 1973). A prior of spread τ holds the deviations near 0, so the gains of
-elements that the scans do not distinguish stay nominal. The noise and τ are estimated from the
-data by expectation maximisation (C. Bishop, Pattern Recognition and Machine Learning, 2006,
-section 9.3.4).
+elements that the scans do not distinguish stay nominal. The noise and τ are estimated from the data
+by expectation maximisation (C. Bishop, Pattern Recognition and Machine Learning, 2006, section
+9.3.4).
 """
 
 from collections.abc import Sequence
@@ -242,7 +242,7 @@ def calibrate_from_scans(
 
     Parameters
     ----------
-    scans : scans of the field of the empty array, in pascals (peak). All scans have the same
+    scans : scans of the field of the array alone, in pascals (peak). All scans have the same
         misalignment and reference phase. If any scan has no phases, only magnitudes are compared
         in all scans, and no gain is determined.
     drives : the drive of each scan, one complex amplitude per element.
@@ -276,7 +276,7 @@ def calibrate_from_scans(
         )
     if scene.obstacles or scene.planes:
         raise InvalidInput(
-            "calibration requires scans of the empty array: use a scene without bodies and planes.",
+            "calibration requires scans of the array alone: use a scene without bodies and planes.",
             code="not_supported",
         )
     drive_sources(array, drives)  # checks that the drives fit the array and are not silent

@@ -85,7 +85,7 @@ class Pose:
 
     @classmethod
     def between(cls, first: Vector, second: Vector) -> "Pose":
-        """Return the smallest rotation from a ``first`` to a ``second`` direction (3,).
+        """Return the smallest rotation that turns one direction (3,) into another.
 
         For opposite directions, the axis is an arbitrary perpendicular direction.
         """

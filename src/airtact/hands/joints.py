@@ -96,7 +96,7 @@ def joints_of(
     ----------
     joints : (25, 3) joints in WebXR order, (26, 3) in OpenXR order, where the palm comes first, or
         (21, 3) in MediaPipe and Leap order [m].
-    tolerance : largest accepted deviation from plausible bone lengths, for inaccurate joints [m].
+    tolerance : largest accepted deviation from plausible bone lengths [m].
     word : noun for a joint in error messages, such as "landmark".
     """
     points = real_numbers(joints, f"{word}s of a hand")

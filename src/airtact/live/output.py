@@ -84,7 +84,7 @@ class Output:
         return True
 
     def cycle(self, frames: Frames, rate: float) -> None:
-        """Play frames repeatedly at a rate [1/s], from the current position in the sequence."""
+        """Play ``rate`` frames per second repeatedly, from the current position in the sequence."""
         if self._emission is not None:
             self._emission.cycle(Sequence(frames, rate), wait=False)
 

@@ -142,7 +142,8 @@ def register_tracker(
 
     Parameters
     ----------
-    setup : scene with the array; the side of its first hand, if any, selects the hand that touches.
+    setup : scene with the array. If the scene has hands, the hand that touches the transducers must
+        be of the same side (left or right) as the first of them.
     source : "websocket" for a tracker that sends frames, optionally with ":PORT"; or the path of a
         recording of the touches.
     elements : indices in the array of at least 3 transducers to touch, in order; by default, those

@@ -44,8 +44,8 @@ Receivers = Int64[np.ndarray, "receivers"]
 class Echoes:
     """Coded transmissions of an array and the received pressures, at one frequency.
 
-    ``locate`` expects only the echoes: the received pressures minus those of the empty array.
-    ``calibrate`` expects the received pressures of the empty array.
+    ``locate`` expects only the echoes: the received pressures minus those without a body.
+    ``calibrate`` expects the pressures received without a body.
 
     Attributes
     ----------

@@ -67,7 +67,7 @@ class Located:
         wrong model, such as another hand.
     converged : whether the iteration converged with a misfit of at most 0.1 and, for a
         ``ScatteringFamily``, an opening inside its range. If False, do not use the pose.
-    steps : number of steps of the final iteration.
+    steps : number of steps of the last refinement of the pose.
     centre : (3,) centre of the ball around the bodies, at ``pose`` in the array's frame [m].
     left_out : element indices of the receivers that were excluded because their signals do not
         match any pose, such as dead receivers.
@@ -140,7 +140,7 @@ def locate(
 
     Parameters
     ----------
-    echoes : coded transmissions, and the received pressures minus those of the empty array.
+    echoes : coded transmissions, and the received pressures minus those without a body.
     scene : the bodies in their own frame, the air and the frequency; or a ``ScatteringFamily`` of
         bodies with one unknown parameter, such as the gap of two fingers.
     array : the transducers in their own frame, in the same order as the codes.
@@ -527,7 +527,7 @@ def unexplained(
 
     Parameters
     ----------
-    echoes : ``Echoes`` of R receivers: measured pressures minus those of the empty array.
+    echoes : ``Echoes`` of R receivers: measured pressures minus those without a body.
     scattering : scattering matrix of the bodies.
     array : the transducers in their own frame, in the same order as the codes.
     pose : pose of the bodies in the array's frame, such as ``Located.pose``.

@@ -376,9 +376,9 @@ def calibrate(
 
     Parameters
     ----------
-    echoes : ``Echoes`` of the empty array: all E elements emit, and all or some receive. The codes
-        must separate all elements, as those of ``hadamard_codes`` do, which takes at least E
-        transmissions.
+    echoes : ``Echoes`` of the array without bodies: all E elements emit, and all or some receive.
+        The codes must separate all elements, as those of ``hadamard_codes`` do, which takes at
+        least E transmissions.
     array : the E elements with the assumed poses of the boards; its gains are ignored.
     medium : the assumed air, from which the sound speed starts; its absorption is not corrected.
     boards : number of boards, at least 2, all with the same number of elements. The array must

@@ -144,7 +144,7 @@ def simulate_transmissions(
     noise: float | None = None,
     seed: int = 0,
 ) -> Echoes:
-    """Compute the direct sound of coded transmissions between the boards of an empty array.
+    """Compute the direct sound of coded transmissions between the boards, without bodies.
 
     The result is a test case for ``calibrate``. All elements emit and receive at the same time. An
     element receives the mean pressure over its face, times its reception gain. Elements of the same

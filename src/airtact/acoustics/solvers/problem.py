@@ -204,7 +204,7 @@ class RadiatedField(ABC):
         return self._scattered_at(points_of(points, "points", least=0))
 
     def valid(self, points: Points) -> Mask:
-        """Return a mask of the points (P, 3) at which the field exists.
+        """Return a mask of the points (P, 3) at which the field is defined.
 
         The field exists outside the bodies and inside filled bodies.
         """

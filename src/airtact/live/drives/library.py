@@ -58,9 +58,9 @@ def expected_kept(
     ----------
     part : part of the hand whose scattering the drive accounts for, as in ``Moment.rule``. For
         "distances" (no scattering), the result does not depend on the poses.
-    gap : rms change of the distances between the foci and bones since the solved pose [m].
-    turned : rms change of the directions from the foci to the elements, as seen from the bones,
-        since the solved pose [rad].
+    gap : rms change of the distances between foci and bones, relative to the solved pose [m].
+    turned : rms change, relative to the solved pose, of the directions from the foci to the
+        elements in the coordinates of the bones [rad].
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
     foci : number of foci.
     """

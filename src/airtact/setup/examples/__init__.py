@@ -11,7 +11,7 @@ ENDINGS = (".csv", ".glb", ".json", ".jsonl", ".ply", ".toml")
 def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
     """Return the path of an example file that is included in airtact.
 
-    Functions that read files, such as ``read_scene`` and ``load_hand``, take the path.
+    Functions that read files, such as ``read_scene`` and ``load_hand``, accept this path.
 
     Parameters
     ----------
