@@ -8,8 +8,10 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import KDTree
 
+from airtact import _kernels
 from airtact.errors import InvalidInput
 from airtact.geometry.mesh.curving import curved
+from airtact.geometry.mesh.evening import evened, turn_sizes
 from airtact.geometry.mesh.intersections import self_crossings
 from airtact.geometry.mesh.remeshing import (
     MAX_EDGE_TO_WALL,
@@ -43,6 +45,7 @@ from airtact.geometry.mesh.triangles import (
     Vector3,
     Vertices,
     are_among,
+    area_vectors,
     cut,
     edge_ends,
     edge_twins,
@@ -414,22 +417,35 @@ def _new_panels(mesh: QuadraticMesh, edge: float, bend: float, away: float) -> Q
     wall = max(thickness, MIN_EDGE * edge / MAX_EDGE_TO_WALL)
     wall = wall if MAX_EDGE_TO_WALL * wall < largest else np.inf
     # A smooth mesh needs no coarsening, which would distort its small details.
-    fraction = 0.15 if is_smooth(fine.vertices, fine.triangles, fine.ridges) else 0.25
-    base = coarsened(fine, edge, wall, fraction)
+    smooth = is_smooth(fine.vertices, fine.triangles, fine.ridges)
+    base = coarsened(fine, edge, wall, 0.15 if smooth else 0.25)
     # Panels that turn by a radian deviate by 0.00125 of the edge. The deviation is proportional to
     # the third power of the edge.
     bend_share = min(1.0, away / (0.00125 * edge)) ** (1 / 3)
-    limits = (
-        strip_sizes(base.vertices, base.ridges, largest),
-        bend_sizes(base.vertices, base.triangles, base.ridges, largest, bend_share),
-        wall_sizes(base.vertices, base.triangles, largest),
-        tip_sizes(base.vertices, base.triangles, base.ridges, largest, bend),
-    )
-    expected = mesh.area / (np.sqrt(3) / 4 * edge**2)
-    new = remeshed(base, np.min(limits, axis=0), edge, expected, wall)
+    strips = strip_sizes(base.vertices, base.ridges, largest)
+    bends = bend_sizes(base.vertices, base.triangles, base.ridges, largest, bend_share)
+    walls = wall_sizes(base.vertices, base.triangles, largest)
+    tips = tip_sizes(base.vertices, base.triangles, base.ridges, largest, bend)
+    limits = np.min([strips, bends, walls, tips], axis=0)
+    new = remeshed(base, limits, edge, mesh.area / (np.sqrt(3) / 4 * edge**2), wall)
+    too_far = 0.004 * edge
+    if not smooth and wall == np.inf:
+        # MMG's edges are on average 1/1.35 of their limits. A panel may turn by 0.8 rad at any
+        # accuracy. Edges of 0.9 of the size compensate for the kinks of the mesh.
+        turns = turn_sizes(base, edge, 0.8 * edge, max(bend, 0.8))
+        sizes = 0.9 * np.min([turns, 1.35 * strips, 1.35 * tips], axis=0)
+        _kernels.grade_sizes(base.vertices, base.triangles, 0.5, 10, sizes)
+        areas = 0.5 * np.linalg.norm(area_vectors(base.vertices[base.triangles]), axis=1)
+        needed = areas @ (4 / np.sqrt(3) / sizes[base.triangles].mean(axis=1) ** 2)
+        if len(new.triangles) > 1.05 * needed:
+            tree = KDTree(base.vertices)
+            new = evened(new, lambda points: sizes[tree.query(points)[1]], mesh.project)
+            # Few of the even panels deviate, and dividing them would hardly reduce the error.
+            too_far = 0.008 * edge
+            away = np.inf
     corners, middles = placed_on(mesh, new, edge)
     on_surface = np.concatenate([corners[new.triangles], middles], axis=1)
-    return _cut_where_it_helps(mesh, on_surface, edge, away)
+    return _cut_where_it_helps(mesh, on_surface, edge, too_far, away)
 
 
 def placed_on(
@@ -459,10 +475,13 @@ def placed_on(
 
 
 def _cut_where_it_helps(
-    mesh: QuadraticMesh, on_surface: QuadraticTriangles, edge: float, away: float
+    mesh: QuadraticMesh,
+    on_surface: QuadraticTriangles,
+    edge: float,
+    too_far: float,
+    away: float,
 ) -> Pieces:
     """Divide panels that turn or deviate too much into four, if the pieces deviate less."""
-    too_far = 0.004 * edge
     finished = []
     # Neighbours share the nodes of ``on_surface``, so that cut panels leave no holes between them.
     panels, deviation = mesh.levelled(on_surface)

@@ -14,6 +14,7 @@ from scipy.spatial import KDTree
 
 from airtact import _kernels
 from airtact.errors import extra, fixed
+from airtact.geometry.mesh.evening import even_pass
 from airtact.geometry.mesh.triangles import (
     Triangles,
     VertexSizes,
@@ -255,19 +256,15 @@ def _evened(
     keep : whether the triangles stay the same and only the vertices move.
     hold : whether the ``sizes`` of the mesh are upper limits.
     """
-    count = len(mesh.vertices)
-    room = 2 * count + 1000
-    vertices = np.empty((room, 3))
-    vertices[:count] = mesh.vertices
-    sizes = np.empty(room)
-    sizes[:count] = np.minimum(mesh.sizes, max_size)
-    triangles = np.empty((2 * room, 3), dtype=np.int64)
-    triangles[: len(mesh.triangles)] = mesh.triangles
-    counts = np.array([count, len(mesh.triangles)], dtype=np.int64)
-    cosine = float(np.cos(np.radians(collapse_angle))) if collapse_angle else 1.0
-    _kernels.even_pass(vertices, sizes, triangles, counts, keep, cosine, pull)
-    sizes = sizes[: counts[0]]
-    mesh = HandMesh(vertices[: counts[0]].copy(), triangles[: counts[1]].copy(), sizes)
+    (vertices, triangles), sizes = even_pass(
+        mesh.vertices,
+        np.minimum(mesh.sizes, max_size),
+        mesh.triangles,
+        pull,
+        collapse_angle,
+        keep,
+    )
+    mesh = HandMesh(vertices, triangles, sizes)
     return _projected(hulls, mesh, edge, sizes if hold else np.inf)
 
 

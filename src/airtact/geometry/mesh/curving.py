@@ -26,6 +26,7 @@ from airtact.geometry.mesh.triangles import (
     area_vectors,
     components,
     corner_angles,
+    edge_ends,
     edge_twins,
     longest_edges,
     normals_at,
@@ -51,6 +52,9 @@ def curved(
     bent = turn < np.cos(np.radians(min(_CAP_DEGREES, sharp_degrees)))
     cap, rim = _caps(corners, triangles, twins, flat, bent)
     sharp = rim | (turn < np.cos(np.radians(sharp_degrees)))
+    # An edge that meets no other sharp edge is a kink of a coarse mesh, not the edge of a body.
+    starts = np.bincount(triangles[sharp], minlength=len(vertices))
+    sharp &= (starts[edge_ends(triangles)] > 1).any(axis=2)
     rise = _rises(corners, triangles, twins, flat, sharp)
     rise[cap[:, None] & ~sharp] = 0.0
     straight = 0.5 * (corners + np.roll(corners, -1, axis=1))
@@ -76,7 +80,7 @@ def _rises(
     along = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(along, axis=2, keepdims=True)
     along = along / length
-    normals = _corner_normals(along, flat, triangles, twins, sharp)
+    normals = corner_normals(along, flat, triangles, twins, sharp)
     start = _in_tangent_plane(along, normals)
     end = _in_tangent_plane(along, np.roll(normals, -1, axis=1))
     if sharp.any():
@@ -147,7 +151,7 @@ def _half_tangent(tangent: EdgeVectors, along: EdgeVectors) -> EdgeVectors:
     return np.where(cosine > np.cos(np.radians(60.0)), across, 0.0)
 
 
-def _corner_normals(
+def corner_normals(
     along: EdgeVectors,
     flat: TriangleVectors,
     triangles: Triangles,
@@ -156,12 +160,12 @@ def _corner_normals(
 ) -> EdgeVectors:
     """Return the mean normal at each corner over the sector between neighbouring sharp edges."""
     weighted = (corner_angles(along)[:, :, None] * flat[:, None, :]).reshape(-1, 3)
-    sector = _sectors(triangles, twins, sharp)
+    sector = sectors(triangles, twins, sharp)
     sums = np.stack([np.bincount(sector, weights=weighted[:, axis]) for axis in range(3)], axis=1)
     return unit(sums)[sector].reshape(-1, 3, 3)
 
 
-def _sectors(triangles: Triangles, twins: Twins, sharp: EdgeMask) -> Int64[np.ndarray, "corners"]:
+def sectors(triangles: Triangles, twins: Twins, sharp: EdgeMask) -> Int64[np.ndarray, "corners"]:
     """Label corners 3 t + c; corners at a vertex share a label if no sharp edge separates them."""
     if not sharp.any():
         return triangles.ravel()
