@@ -428,24 +428,20 @@ def _new_panels(mesh: QuadraticMesh, edge: float, bend: float, away: float) -> Q
     tips = tip_sizes(base.vertices, base.triangles, base.ridges, largest, bend)
     limits = np.min([strips, bends, walls, tips], axis=0)
     new = remeshed(base, limits, edge, mesh.area / (np.sqrt(3) / 4 * edge**2), wall)
-    too_far = 0.004 * edge
     if not smooth and wall == np.inf:
         # MMG's edges are on average 1/1.35 of their limits. A panel may turn by 0.8 rad at any
         # accuracy. Edges of 0.9 of the size compensate for the kinks of the mesh.
         turns = turn_sizes(base, edge, 0.8 * edge, max(bend, 0.8))
-        sizes = 0.9 * np.min([turns, 1.35 * strips, 1.35 * tips], axis=0)
+        sizes = 0.9 * np.min([turns, 1.35 * strips, 1.35 * walls, 1.35 * tips], axis=0)
         _kernels.grade_sizes(base.vertices, base.triangles, 0.5, 10, sizes)
         areas = 0.5 * np.linalg.norm(area_vectors(base.vertices[base.triangles]), axis=1)
         needed = areas @ (4 / np.sqrt(3) / sizes[base.triangles].mean(axis=1) ** 2)
         if len(new.triangles) > 1.05 * needed:
             tree = KDTree(base.vertices)
             new = evened(new, lambda points: sizes[tree.query(points)[1]], mesh.project)
-            # Few of the even panels deviate, and dividing them would hardly reduce the error.
-            too_far = 0.008 * edge
-            away = np.inf
     corners, middles = placed_on(mesh, new, edge)
     on_surface = np.concatenate([corners[new.triangles], middles], axis=1)
-    return _cut_where_it_helps(mesh, on_surface, edge, too_far, away)
+    return _cut_where_it_helps(mesh, on_surface, edge, away)
 
 
 def placed_on(
@@ -475,13 +471,10 @@ def placed_on(
 
 
 def _cut_where_it_helps(
-    mesh: QuadraticMesh,
-    on_surface: QuadraticTriangles,
-    edge: float,
-    too_far: float,
-    away: float,
+    mesh: QuadraticMesh, on_surface: QuadraticTriangles, edge: float, away: float
 ) -> Pieces:
     """Divide panels that turn or deviate too much into four, if the pieces deviate less."""
+    too_far = 0.004 * edge
     finished = []
     # Neighbours share the nodes of ``on_surface``, so that cut panels leave no holes between them.
     panels, deviation = mesh.levelled(on_surface)
