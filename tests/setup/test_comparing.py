@@ -135,3 +135,5 @@ def test_a_drive_of_another_program_is_judged_and_corrected(compared):
     assert [text for text in contest.warnings if "opposite" in text]
     with raises_code("sizes_differ"):
         at.compare(setup, drives={"theirs": at.Drive(np.ones(3, complex))})
+    with raises_code("all_zero"):
+        at.compare(setup, drives={"theirs": at.Drive(np.zeros(len(setup.array), complex))})

@@ -94,7 +94,7 @@ class DriveFile:
     """Contents of a drive or sequence file. Attributes that the file does not contain are None.
 
     ``Drive.save``, ``Sequence.save`` and ``write_frames`` write such files, and ``load_drive``
-    returns only their drives.
+    returns only their drives. ``drive_at_rest`` returns a ``DriveFile`` without writing a file.
 
     Attributes
     ----------

@@ -163,8 +163,9 @@ def write_frames(
     ------
     InvalidInput
         If the board or the ending of the path is unknown, if the drive does not fit whole boards,
-        if the sequence or the modulation is too fast for them, if a sequence is modulated, if the
-        duration or the cap is out of its range, or if the file cannot be written.
+        if the sequence or the modulation is too fast for them, if a sequence is modulated, if
+        ``seconds`` is not above zero, if ``cap`` is outside its range, or if the file cannot be
+        written.
     """
     path = Path(of_kind(path, str | Path, "the file of frames", "its path"))
     ending = checked_ending(path, (".h5", ".bin"), "frame")

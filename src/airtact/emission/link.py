@@ -45,9 +45,12 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
 class Link(ABC):
     """Connection that sends frames to boards of one kind, or makes them play a sequence.
 
-    This is the base class of the links to the various boards. Call ``open``, then ``send`` for
-    single frames or ``play`` for a sequence, and finally ``close``. A link sends every frame
-    unchanged. ``Emission`` adds the safety features: ramp, cap, watchdog, and silence at the end.
+    This is the abstract base class of the links to the various boards, such as ``SerialLink``. Pass
+    a link to ``Emission``, which opens and closes it, and adds the safety features: ramp, cap,
+    watchdog, and silence at the end. A link itself sends every frame unchanged. To use it directly,
+    call ``open``, then ``send`` for single frames or ``play`` for a sequence, then ``stop`` to
+    silence the boards, and ``close``, after which boards that were not silenced keep emitting.
+    These methods raise ``LinkFailed`` if the boards fail.
 
     Parameters
     ----------

@@ -271,6 +271,8 @@ def compare(
         if elements overlap, if an element or a focus is inside a body or behind a plane, if a focus
         or a body is behind the face of a directional element, if a focus is on an element, or if an
         argument has the wrong type.
+    NotConverged
+        If the solver stops before it converges.
     """
     of_kind(drives, Mapping, "the drives", 'a dict of drives by name, {"hand considered": drive}')
     of_kind(target, Target, "the target", "Target(points, pressures)")

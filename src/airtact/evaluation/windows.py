@@ -16,6 +16,8 @@ AXES = dict(zip("xyz", np.eye(3), strict=True))
 class Window:
     """A rectangular grid of points in a plane, at which the field of a picture is evaluated.
 
+    The attribute ``points`` contains the positions of the grid. Values are not checked.
+
     Attributes
     ----------
     centre : (3,) centre of the rectangle in the scene [m].

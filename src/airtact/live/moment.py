@@ -103,23 +103,28 @@ def silent_moment(scene: LiveScene, time: float, frame_time: float) -> Moment:
 
 @dataclass(frozen=True)
 class Controls:
-    """Settings that the browser page or a program can change while the live loop runs.
+    """Settings of the live loop, which do not change; the browser page replaces them as a whole.
+
+    ``follow`` takes the initial settings. While the loop runs, the page, or a program that sends
+    the page's messages, sends new ones. The loop passes the newest to ``DriveMaker.make``.
 
     Attributes
     ----------
     ignore_hand : whether scattering by the hand is ignored, so that ``method`` uses the
-        transfer matrix of open air.
-    method : name of the method that computes the drives, a key of ``drives.METHODS`` other than the
-        robust ones; None for the scene's method.
-    cap : largest amplitude of an element, as a fraction of full scale, 0 to 1; 0 silences all
-        elements. It can only lower the limit with which the live loop was started.
-    offset : distance of all foci from the skin, outward [m], 0 to 0.1; None for the distances in
-        the scene file, or for those requested by applications.
+        transfer matrix of open air; False by default.
+    method : name of the method that computes the drives, a key of ``drives.METHODS`` other than
+        "robust" and "robust_phase_only"; None (the default) for the scene's method.
+    cap : largest amplitude of an element, as a fraction of full scale, 0 to 1; 1 by default, and 0
+        silences all elements. The smaller of this cap and that of the run (see ``follow``) applies.
+    offset : distance of the foci from the skin, outward [m], 0 to 0.1. By default, None: 0.5 mm for
+        contacts, and for other foci the distance in the scene file or in ``WantedFocus.offset``.
+        Foci that applications request at a ``point`` are not affected.
     modulated : whether the scene's modulation is applied, which varies the amplitude or moves the
-        foci along paths or outlines. Without it, the drive can hardly be felt.
-    playing : whether sound is emitted.
-    levels : factor on the strength of individual foci by name, such as "thumb.pad", from 0 (off) to
-        1; it is 1 for all others. Unknown names are ignored.
+        foci along paths or outlines; True by default. Without it, the drive can hardly be felt.
+    playing : whether sound is emitted; True by default.
+    levels : factors from 0 (off) to 1 by name of the focus, such as "thumb.pad" or "index at ball".
+        The requested relative pressure of the focus is multiplied by its factor, which is 1 for
+        foci that are not listed. Unknown names are ignored.
 
     Raises
     ------

@@ -67,10 +67,10 @@ class MovingFoci:
 class WithImages:
     """An array of E elements, and the images of these elements in a rigid plane, such as a table.
 
-    The live loop uses it for scenes with a plane. Elements that are part of the plane have no
-    image. The hand scatters the sound of elements and images. Multiple reflections between the hand
-    and the plane are ignored: their phase changes with every millimetre of height, so a solution
-    would not fit any other pose.
+    The attribute ``with_images`` of a ``LiveScene`` contains it. Elements that are part of the
+    plane have no image. The hand scatters the sound of elements and images. Multiple reflections
+    between the hand and the plane are ignored: their phase changes with every millimetre of height,
+    so a solution would not fit any other pose.
 
     Attributes
     ----------

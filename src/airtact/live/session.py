@@ -495,8 +495,9 @@ def recording_of(path: str | Path) -> Recording:
 
     Returns
     -------
-    A ``Recording`` of the hand, which ``RecordedHands`` can play to the live loop. Its frames are
-    numbered from 0 and have the joints in WebXR order; a frame in which the hand was lost has none.
+    A ``Recording`` of all hands that the live loop followed, which ``RecordedHands`` can play to
+    it. The frames are numbered from 0, each is of one hand, and they have the joints in WebXR
+    order; a frame in which the hand was lost has none.
 
     Raises
     ------

@@ -25,22 +25,31 @@ OnFrame = Callable[[HandFrame, float], None]
 
 
 class HandSource:
-    """Source of frames of tracked hands in scene coordinates; it runs from ``begin`` to ``close``.
+    """Source of each ``HandFrame`` of tracked hands for ``run`` and ``follow``; a base class.
 
-    This base class delivers only frames that other code adds to ``stream``, as the page does for a
-    hand that the user drags. Subclasses deliver those of a recording or a tracker. ``hands_from``
-    creates the source for ``run``.
+    ``hands_from`` creates the source. ``run`` and ``follow`` call ``begin(on_frame)``, and later
+    ``close()``. In between, the source calls ``on_frame(frame, arrival)`` with every valid frame in
+    scene coordinates, and its time of arrival on the clock of ``time.monotonic`` [s]. Up to 1024
+    frames that arrived before ``begin`` are passed on first.
+
+    A subclass such as ``RecordedHands`` or ``ReceivedHands`` reads frames in the tracker's
+    coordinates, passes them to ``stream.feed``, and sets ``ended`` after the last one. It overrides
+    ``begin`` to start, ``close`` to stop, and optionally ``remark``. This class itself does not
+    read frames; it serves for the hand that the user drags on the page, which feeds ``stream``.
 
     Parameters
     ----------
     words : short description of the source, shown to the user.
-    tracker : pose that maps the tracker's frame to the scene; by default, they are the same.
-    world : objects and foci that applications can change; empty by default.
+    tracker : pose that maps the tracker's coordinates to those of the scene; by default, both are
+        the same.
+    world : ``World`` with the objects and foci that applications change by their messages; ``run``
+        reads them from it. Empty by default.
 
     Attributes
     ----------
-    stream : ``HandStream`` to which the frames are added, in the tracker's frame; it rejects faulty
-        frames.
+    words, world : the parameters of these names.
+    stream : ``HandStream`` that checks frames and transforms them to scene coordinates. It skips
+        faulty frames without an exception, and counts them in ``stream.health``.
     ended : whether the source has delivered its last frame; always False in this class.
     """
 
@@ -55,7 +64,17 @@ class HandSource:
         self._lock = Lock()
 
     def begin(self, on_frame: OnFrame) -> HandStream:
-        """Call ``on_frame`` with the frames received so far and with each later one."""
+        """Call ``on_frame`` with the frames received so far and with each later one.
+
+        Parameters
+        ----------
+        on_frame : function of a ``HandFrame`` in scene coordinates, and its time of arrival on the
+            clock of ``time.monotonic`` [s]. It is called in the thread that feeds ``stream``.
+
+        Returns
+        -------
+        The ``HandStream``, from which the newest frame can also be read.
+        """
         with self._lock:
             self._on_frame = on_frame
             while self._early:

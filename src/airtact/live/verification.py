@@ -72,6 +72,8 @@ def verify_session(
     ------
     InvalidInput
         If the session contains no drive with sound, or no hand at the times of the selected drives.
+    NotConverged
+        If the solver stops before it converges.
     """
     scene = session.scene
     playing = np.flatnonzero(session.playing)

@@ -167,6 +167,8 @@ def locate(
         family. If the scene has no bodies, or the solver does not support them. If the echoes do
         not determine the pose or the parameter; for example, the echoes of a ball do not determine
         its rotation.
+    NotConverged
+        If the solver stops before it converges.
 
     Examples
     --------

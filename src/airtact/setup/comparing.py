@@ -94,8 +94,8 @@ class MethodComparison:
     default : name of the method that ``method = "best"`` selects for this setup; it is ranked first
         among methods that are equally good.
     contenders : one ``Contender`` for each method that returned a drive, with its pressures at the
-        foci; then the control, a drive computed without the bodies. In open air, there is no
-        control.
+        foci; then the drives that were passed to ``compare`` and their corrected versions; then the
+        control, a drive computed without the bodies. In open air, there is no control.
     warnings : warnings about the setup, about methods that returned no drive or stopped early, and
         about the verification.
     transfer : transfer matrix from which the drives were computed.
@@ -240,39 +240,46 @@ def compare(
 ) -> MethodComparison | Comparison:
     """Compare all methods for a setup, or compare given drives.
 
-    If only a setup is passed, every method computes a drive from the same transfer matrix, and a
-    more accurate solve verifies all drives. The method chosen in the setup is ignored.
+    The arguments select one of three modes:
 
-    If drives are passed as well, for example from another program, they are compared with the drive
-    of the method "best". Each drive is also compared with a corrected version (see
-    ``nearest_drive``), whose phases differ as little as possible but whose weakest focus reaches
-    95 % of the upper bound. If the amplitudes of the drive do not allow this, for example because
-    elements are silent, all elements of the corrected version emit at full scale.
+    - A setup: every method computes a drive from the same transfer matrix. The method chosen in the
+      setup is ignored. A method that fails is skipped, and a warning in the result states why.
+    - A setup and ``drives``, for example from another program: they are compared with the drive of
+      the method "best", and each with a corrected version of itself, whose phases differ as little
+      as possible but whose weakest focus reaches 95 % of the upper bound on its pressure for drives
+      with the same amplitudes (see ``nearest_drive``). A drive that already does has no corrected
+      version. If these amplitudes keep the focus below 94 % of the bound for drives with the same
+      largest amplitude, for example because elements are silent, all elements of the corrected
+      version emit at full scale.
+    - A ``Scene``, ``array``, ``drives``, ``target`` and ``solver``: the drives are compared as they
+      are, by ``evaluation.compare``.
 
-    If a scene, an array, drives, a target and a solver are passed, the function calls
-    ``evaluation.compare``.
+    With a setup, a drive computed without the bodies is added, unless it is in open air. All drives
+    are rounded to the setup's levels, and a more accurate solve computes their pressures.
 
     Parameters
     ----------
     scene : the ``Setup``, such as one from ``read_scene``, or the ``Scene``, for which the drives
         are compared.
     array, target, solver : the E transducers and the foci in the frame of the scene, and the solver
-        for the verification; required with a scene, and not used with a setup.
+        for the pressures; required with a scene, and ignored with a setup.
     drives : dict from names to drives of E elements; required with a scene, optional with a setup.
     store : folder in which solved fields of a setup are stored and reused; by default, they are not
-        stored.
+        stored. Ignored with a scene.
     progress : function called with a description of each step as it begins.
 
     Returns
     -------
-    The drives with their verified pressures: a ``MethodComparison`` for a setup, else a
-    ``Comparison``.
+    For a setup, a ``MethodComparison`` with the drives and their pressures at the foci. For a
+    scene, a ``Comparison`` with the pressures for three normalisations of the drives.
 
     Raises
     ------
     InvalidInput
-        If no method returns a drive for the setup, if a drive is silent, if the number of elements
-        of a drive does not match the array, or if a focus or an element is inside a body.
+        If all methods fail, if two foci of a setup are less than a tenth of a wavelength apart, if
+        a drive is silent or does not have as many elements as the array, or if a focus or an
+        element is inside a body. With a scene, also if ``array``, ``drives``, ``target`` or
+        ``solver`` is missing.
     NotConverged
         If a solver stopped before it converged.
     """
@@ -293,6 +300,8 @@ def _compare_methods(
                 f"{len(setup.array)}; use the array for which the drive was computed.",
                 code="sizes_differ",
             )
+        if drive.peak == 0.0:
+            raise InvalidInput(f"{name} is silent: all amplitudes are 0. Omit it.", code="all_zero")
     beacons = solve_beacons(setup, clock, store)
     transfer, report = transfer_to_array(setup, beacons, clock)
     # "best" just selects another method. Methods for samples require an uncertainty.

@@ -15,12 +15,12 @@ Indices = Int64[np.ndarray, "contacts"]
 
 
 class ContactArrays(NamedTuple):
-    """Properties of C contacts, one array per property, as in ``Contacts.found``.
+    """Properties of C contacts, one array per property, in ``Contacts`` and ``TouchState``.
 
     A contact is a connected piece of skin inside one object that belongs to one finger or other
-    part of the skin. A piece that spans several parts is divided into one contact per part. If
-    ``find`` is called with a ``gap``, pieces include skin up to this distance outside an object,
-    where depths are negative.
+    part of the skin. A piece that spans several parts is divided into one contact per part. In
+    ``TouchState.found``, pieces include skin up to the distance ``release`` outside an object,
+    where depths are negative. Positions are in the frame of the skin.
 
     Attributes
     ----------
@@ -29,7 +29,8 @@ class ContactArrays(NamedTuple):
     normals : (C, 3) unit normals of the skin at ``points``, pointing out of the hand.
     depths : (C,) depths of ``points`` in the object [m].
     areas : (C,) area of skin inside the object [m²].
-    objects : (C,) index of the touched object among the objects that were passed.
+    objects : (C,) index of the touched object in ``Contacts.virtual_objects`` or
+        ``TouchState.objects``.
     places : (C,) index in ``Skin.places`` of the part, such as a finger.
     patches : (C,) number of the connected piece of skin; equal for contacts that are parts of one
         piece. The numbers are not consecutive.

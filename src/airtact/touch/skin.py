@@ -33,25 +33,29 @@ Bodies = Hand | Surface | Sequence[Hand | Surface] | Mapping[str, Hand | Surface
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Points of the skin, and the properties that do not change as the skin moves.
+    """Points of the skin of a hand or another body in one pose, at which contacts are found.
 
-    Contacts with virtual objects are found at these points. ``skin_of`` builds the skin of a hand.
-    For a moving hand, build it once and call ``moved``.
+    ``skin_of`` builds a skin; ``contact`` and ``TouchState.update`` take it. For a moving hand,
+    build the skin once. For each new pose, ``moved`` returns a ``Skin`` with new points and
+    normals; the other properties are kept, except ``bodies`` and ``look``. Values are not checked.
 
     Attributes
     ----------
-    points : (N, 3) positions of the points in the coordinates of the hand or other body [m].
-    normals : (N, 3) unit normals of the skin that point out of the hand.
-    areas : (N,) area of skin that each point represents [m²].
+    points : (N, 3) positions of the points in this pose, in the frame of the bodies that were
+        passed to ``skin_of`` [m].
+    normals : (N, 3) unit normals of the skin at the points, pointing out of the body.
+    areas : (N,) area of skin that each point represents, in the pose in which the skin was built
+        [m²].
     triangles : (T, 3) indices of each triangle's corners in ``points``.
     places : names of the parts of the skin, such as "index" or "palm".
     place : (N,) index in ``places`` of the part to which each point belongs.
     neighbours : (N, K) indices of the points that share an edge with each point, padded with the
         index of the point itself; by default, derived from the triangles.
-    bodies : for each part in ``places``, the exact surface of its body; None if unknown.
-    look : for a moved skin, a function that returns the signed distances (P,) [m] of
-        points (P, 3) from its exact surface, and the outward unit normals (P, 3) there;
-        None if unknown.
+    bodies : for each part in ``places``, the ``Surface`` of its body in this pose; None if unknown,
+        as for a moved skin.
+    look : function that returns the distances (P,) of points (P, 3) from the exact surface of a
+        moved skin [m], positive outside and negative inside, and the outward unit normals (P, 3)
+        there; None if unknown.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -81,10 +85,15 @@ class Skin:
 
         Parameters
         ----------
-        points : (N, 3) new positions [m].
+        points : (N, 3) new positions of the same points, in the frame of the virtual objects [m].
         normals : (N, 3) new outward unit normals.
-        look : function for the exact surface, as in the attribute ``look``. If it is given,
-            contacts are computed on the exact surface.
+        look : function for the exact surface in this pose, as in the attribute ``look``. If it is
+            given, the points of contacts lie on the exact surface; by default, they are
+            interpolated between the points of the skin.
+
+        Returns
+        -------
+        A ``Skin``, whose attribute ``bodies`` is None.
         """
         return replace(self, points=points, normals=normals, bodies=None, look=look)
 

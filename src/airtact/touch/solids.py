@@ -27,8 +27,11 @@ class Solid(ABC):
     """A solid that skin can enter: the abstract base class of all shapes of virtual objects.
 
     Use a subclass, such as ``Box``, as the ``shape`` of a ``VirtualObject``. A subclass of your own
-    implements ``depth``, ``ball`` and ``mesh``. All points are in the solid's own coordinates [m],
-    which ``VirtualObject.pose`` maps to those of the scene.
+    implements three methods: ``depth(points)`` returns the depths (P,) of points (P, 3) below the
+    surface, negative outside; ``ball()`` returns the centre (3,) and the radius of an enclosing
+    ball; and ``mesh()`` returns vertices (V, 3) and triangles (T, 3), which are only displayed. All
+    points and lengths are in the solid's own coordinates [m], which ``VirtualObject.pose`` maps to
+    those of the scene.
     """
 
     @abstractmethod

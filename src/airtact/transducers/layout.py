@@ -362,23 +362,24 @@ def _centred(board: Board, element: Element | None) -> PhasedArray:
 
 
 def surrounding_box(element: Element | None = None, board: str | None = None) -> PhasedArray:
-    """Return an array of four AUTD3 boards around a box of 14 x 14 x 18 cm.
+    """Return an array of four boards that form the sides of a box and radiate inward.
 
-    The array is that of Inoue, Makino and Shinoda (2014), section 3.3. The origin is the centre of
-    the box, and z is its long axis. The faces are at x = +70 mm, x = -70 mm, y = +70 mm and y = -70
-    mm, in this order. One board is centred on each face and radiates inward. The elements of each
-    board keep their order. The board's x axis (18 elements) runs along +z on every face, so its y
-    axis (14 elements) runs along +y, -y, -x and +x: each face is the first one rotated about z. The
-    box is 140 mm wide, but a real board is 151.4 mm wide and would extend 5.7 mm beyond its
-    neighbours at each corner. Use ``board="autd3"`` for a box that real boards fit.
+    By default, it is the array of Inoue, Makino and Shinoda (2014), section 3.3: AUTD3 boards
+    around a box of 14 x 14 x 18 cm. The origin is the centre of the box, and z its long axis. The
+    faces are at x = +70 mm, x = -70 mm, y = +70 mm and y = -70 mm, in this order. The elements of
+    a board are centred on its face and keep their order. The board's x axis (18 elements) runs
+    along +z on every face, so its y axis (14 elements) runs along +y, -y, -x and +x: each face is
+    the first one rotated about z. This box is 140 mm wide, but a real board is 151.4 mm wide and
+    would extend 5.7 mm beyond its neighbours at each corner. Use ``board="autd3"`` for a box that
+    real boards fit.
 
     Parameters
     ----------
-    element : kind of transducer; by default, the piston of the board. Inoue, Makino and Shinoda use
-        ``monopole()`` (section 4.1).
-    board : name of a real board. Each face is then half the board's height from the centre (75.7 mm
-        for "autd3"), so that thin boards touch along their long edges. By default, the box of
-        Inoue, Makino and Shinoda.
+    element : kind of transducer; by default, the piston of the board (see ``Board.radius``). Inoue,
+        Makino and Shinoda use ``monopole()`` (section 4.1).
+    board : name of a kind of board, "autd3" or "sonicsurface". Each face is then half the board's
+        height from the centre (75.7 mm for "autd3"), so that thin boards touch along the edges that
+        are parallel to z. By default, the box of Inoue, Makino and Shinoda.
 
     Returns
     -------
@@ -434,7 +435,8 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     Raises
     ------
     InvalidInput
-        If a number is not an integer of at least 1, or the boards span more than 10 m.
+        If ``rows`` or ``columns`` is not an integer of at least 1, or the boards span more than
+        10 m along x or y.
 
     Examples
     --------

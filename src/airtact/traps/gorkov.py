@@ -130,6 +130,8 @@ def potential(
         face of a directional element, if elements overlap each other or a body, if the drive is
         silent or does not have as many elements as the array, or if a parameter is outside its
         range.
+    NotConverged
+        If the solver stops before it converges.
     """
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     sound = derivatives(field, points, bead)
@@ -209,9 +211,9 @@ def stiffness(
     The matrix consists of the second derivatives of Gor'kov's potential, K_ij = ∂²U/∂x_i∂x_j =
     −∂F_i/∂x_j, along the axes x, y and z of the scene. For a small displacement s from an
     equilibrium, the force is −K s, so the bead is trapped there if all eigenvalues of K are
-    positive. Any point is allowed, but K only describes a trap at an equilibrium, as returned by
-    ``find``. The weight of the bead does not depend on its position, so it does not affect the
-    stiffness. For the errors of Gor'kov's potential, see ``force``.
+    positive. The points need not be equilibria, but K only describes a trap at an equilibrium, as
+    returned by ``find``. The weight of the bead does not depend on its position, so it does not
+    affect the stiffness. For the errors of Gor'kov's potential, see ``force``.
 
     Parameters
     ----------
@@ -220,8 +222,8 @@ def stiffness(
     drive : drive of the array, one complex amplitude per element.
     points : (P, 3) positions of the centre of the bead in the scene [m].
     radius : radius of the bead [m], above zero and at most an eighth of a wavelength.
-    density, sound_speed : density [kg/m³], 0.01 to 30000, and speed of sound [m/s], 100 to 10000,
-        of the bead; by default, those of expanded polystyrene.
+    density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
+        of the bead, which is treated as a fluid sphere; by default, those of expanded polystyrene.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.
 
@@ -232,10 +234,13 @@ def stiffness(
     Raises
     ------
     InvalidInput
-        If a point is closer to a body, a plane or an element than the radius of the bead or a
-        sixteenth of a wavelength, whichever is larger. Also if a point or a body is behind the face
-        of a directional element, if elements overlap each other or a body, if the drive is silent
-        or does not have as many elements as the array, or if a parameter is outside its range.
+        If the bead's centre is closer to a body, a plane or an element than the radius of the bead
+        or a sixteenth of a wavelength, whichever is larger. Also if a point or a body is behind the
+        face of a directional element, if elements overlap each other or a body, if the drive is
+        silent or does not have as many elements as the array, or if a parameter is outside its
+        range.
+    NotConverged
+        If the solver stops before it converges.
     """
     field, points, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return stiffness_of(derivatives(field, points, bead), bead, scene)
@@ -519,6 +524,8 @@ def verdict(
         face of a directional element, if elements overlap each other or a body, if the drive is
         silent or does not have as many elements as the array, or if a parameter is outside its
         range.
+    NotConverged
+        If the solver stops before it converges.
 
     Examples
     --------
@@ -594,7 +601,7 @@ def find(
     drive : drive of the array, one complex amplitude per element.
     points : (P, 3) points in the scene at which the search starts [m].
     radius : radius of the bead [m], above zero and at most an eighth of a wavelength.
-    density, sound_speed : density [kg/m³], 0.01 to 30000, and speed of sound [m/s], 100 to 10000,
+    density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
         of the bead; by default, those of expanded polystyrene.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.

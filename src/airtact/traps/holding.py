@@ -205,11 +205,13 @@ def hold(
     kind : kind of all traps. "twin" has two lobes of opposite phase, one on each side of the bead
         along ``axis``; "vortex" has a ring of high pressure around ``axis``, along which the phase
         increases by 2π.
-    axis : (3,) direction of the axis of all traps, a vector of any length. Between boards that face
-        each other, use "twin" along the normal of the boards.
+    axis : (3,) direction of the axis of all traps in the scene, a vector of any length above zero;
+        by default y. Between boards that face each other, use "twin" along the normal of the
+        boards.
     foci : (F, 3) additional foci on the skin [m]; none by default.
     focus_share : requested pressure at the foci divided by the mean pressure at the lobes of the
-        traps, at least 0. The lobes are a sixth of a wavelength from the bead.
+        traps, at least 0; 1 by default, and 0 ignores the foci. The lobes are a sixth of a
+        wavelength from the bead.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.
 
@@ -225,6 +227,8 @@ def hold(
         If a focus or a lobe of a trap is in a body or behind the array, if there are more traps and
         foci than elements, if the kind is unknown, if the axis is zero, or if ``focus_share`` is
         negative.
+    NotConverged
+        If the solver stops before it converges.
 
     Examples
     --------
@@ -355,7 +359,7 @@ def stiffest(
     kind : kind of the initial traps, "twin" or "vortex"; see ``hold``.
     axis : (3,) direction of the axis of the initial traps, a vector of any length above zero.
     radius : radius of the beads [m], above zero and at most an eighth of a wavelength.
-    density, sound_speed : density [kg/m³], 0.01 to 30000, and speed of sound [m/s], 100 to 10000,
+    density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
         of the beads; by default, those of expanded polystyrene.
     solver : solver that computes the field. The default is the closed-form solution for open air if
         the scene has no body, and boundary elements otherwise.
@@ -370,6 +374,8 @@ def stiffest(
         If a point is closer than λ/(2π) to a body or a plane, if a lobe of an initial trap (λ/6
         from its point) is in a body or behind the array, if the kind is unknown, or if another
         parameter is outside its range.
+    NotConverged
+        If the solver stops before it converges.
 
     Examples
     --------

@@ -62,6 +62,8 @@ def body_force(
         wavelengths, if a body is behind the face of a directional element, if elements overlap, if
         the solver does not support the bodies, or if the drive is silent or does not have as
         many elements as the array.
+    NotConverged
+        If the solver stops before it converges.
 
     Examples
     --------

@@ -47,26 +47,30 @@ class Recording:
 
 
 def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
-    """Read a recording of a hand.
+    """Read a recording of tracked hands.
 
     Parameters
     ----------
-    path : a file of JSON lines (``.jsonl``); an action recording written by IWER (``.json``);
-        matrices of both hands from vuer or VisionProTeleop (``.json``); or lines from
-        hand-tracking-streamer (``.txt``).
-    leave_out : whether faulty frames are omitted and counted, as by a ``HandStream``. Otherwise a
-        single faulty frame makes the file invalid.
+    path : a file of one of these formats, which may contain frames of one hand or of both:
+        one frame per line as JSON (``.jsonl``; see ``to_json``), as written by ``save_recording``
+        and ``live.record``; an action recording by IWER (``.json``); messages of vuer or
+        VisionProTeleop with the matrices of joints, in a JSON list (``.json``); or lines of text
+        from hand-tracking-streamer (``.txt``).
+    leave_out : whether faulty frames are omitted and counted, as by a ``HandStream``. By default,
+        a single faulty frame makes the file invalid.
 
     Returns
     -------
-    A ``Recording`` with the valid frames in the tracker's coordinates, the counts of faulty frames,
-    and a note on data that the format lacks. ``replay`` plays its frames.
+    A ``Recording`` with the valid frames in the order of the file and in the tracker's coordinates,
+    the counts of faulty frames, and a note on data that the format lacks. If messages have no
+    times, 60 frames per second are assumed, and 70 for ``.txt``. ``replay`` plays the frames.
 
     Raises
     ------
     InvalidInput
-        If the file is unreadable or has no valid frame, or if a frame is faulty and ``leave_out``
-        is False. The message begins with the name of the file and states the line or frame.
+        If the file is unreadable, has another format or ending, or has no valid frame, or if a
+        frame is faulty and ``leave_out`` is False. The message begins with the name of the file and
+        states the line or frame.
     """
     path = Path(path)
     if path.suffix not in (ENDING, *OTHER_ENDINGS):
