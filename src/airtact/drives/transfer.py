@@ -257,7 +257,8 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
     Raises
     ------
     InvalidInput
-        If a focus is behind the face of a directional element, or an argument has the wrong type.
+        If a focus is behind the face of a directional element, if a focus or an element is behind a
+        plane, or if an argument has the wrong type.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
     of_kind(target, Target, "the target", "Target(points, pressures)")

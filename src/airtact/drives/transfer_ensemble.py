@@ -182,6 +182,8 @@ def ensemble(
         impossible. Further causes are ``along_skin`` for a scene without bodies, a missing
         ``solver`` for samples in front of a plane, and an uncertain temperature or humidity of a
         medium other than air.
+    NotConverged
+        If ``solver`` stops before it converges.
 
     Examples
     --------

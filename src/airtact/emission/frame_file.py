@@ -55,8 +55,8 @@ def load_drive(
     path : the file.
     rate : frames per second, in place of a rate that the file contains; required for several frames
         without a rate.
-    board : kind of board for which a .bin file was written, such as "autd3"; ignored for other
-        files.
+    board : kind of board for which a .bin file was written, such as "autd3"; required for these and
+        ignored for other files.
     elements : number of elements of all boards together, for a .bin file; by default that of
         one board.
 
@@ -68,8 +68,9 @@ def load_drive(
     Raises
     ------
     InvalidInput
-        If the file cannot be read, has a newer format, contains numbers that are not valid in a
-        drive, or contains several frames but no rate.
+        If the file cannot be read, has another ending or a newer format, contains numbers that are
+        not valid in a drive, or contains several frames but no rate. For a .bin file, also if the
+        board is missing or unknown, or ``elements`` do not make up whole boards.
     """
     path = Path(of_kind(path, str | Path, "the file of a drive", "its path"))
     contents = drive_in(path, board, elements)

@@ -371,8 +371,8 @@ class RecordingLink(Link):
 
     Parameters
     ----------
-    board : name of the kind of board to imitate, such as "autd3".
-    boards : number of boards, from 1 to the number that one link of this kind can drive.
+    board : kind of board to imitate: "autd3", "sonicsurface", "nano16" or "openmpd".
+    boards : number of boards, from 1 to ``Board.max_boards`` of this kind.
 
     Attributes
     ----------

@@ -315,15 +315,15 @@ class HeldOut:
     """The pressure at the weakest focus for several drives, under random deviations.
 
     The deviations of the hand, the air and the transducers are samples of an ``Uncertainty`` that
-    were not used to compute the drives.
+    were not used to compute the drives. ``Rendering.robustness`` contains such a result.
 
     Attributes
     ----------
     names : names of the D drives, of which the first is usually the one to be judged.
-    pressures : (D, S) peak pressure at the weakest focus in each sample, with every drive scaled to
-        the energy of the first [Pa]. If the requests or shares differ, it is the smallest ratio of
-        pressure to request, times the request of the focus at which the first drive is weakest
-        without deviations.
+    pressures : (D, S) peak pressure at the weakest focus in each of S samples, with every drive
+        scaled to the energy of the first [Pa]. If the requests or shares differ, it is the smallest
+        ratio of pressure to request, times the request of the focus at which the first drive is
+        weakest without deviations.
     expected : (D,) the same pressures without any deviation [Pa].
     left_out : number of further samples skipped because they are impossible, such as a hand that
         overlaps a transducer.

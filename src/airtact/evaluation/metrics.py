@@ -142,6 +142,8 @@ def field_map(
         inside a body, if a body is behind the face of a directional element, if a point is NaN,
         infinite or within 1 nm of a source, if the solver does not support the bodies, or if an
         argument has the wrong type.
+    NotConverged
+        If the solver stops before it converges.
     """
     points = points_of(points, "points", least=0)
     # Check before the solve, because that may take a minute.
@@ -422,6 +424,8 @@ def evaluate(
         if an element or a focus is inside a body or behind a plane, if a focus or a body is behind
         the face of a directional element, if a focus is on an element, or if an argument has the
         wrong type.
+    NotConverged
+        If the solver stops before it converges.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     field = radiate_drives(scene, array, [drive], solver, foci=target.points, progress=progress)

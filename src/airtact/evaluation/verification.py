@@ -346,6 +346,8 @@ def verify(
         of the head is in a body, behind a plane or on an element, if a focus or a body is behind
         the face of a directional element, if a body is not sound-hard, if the transfer matrix was
         computed for another target, or if an argument has the wrong type.
+    NotConverged
+        If the solver stops before it converges.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     head = np.empty((0, 3)) if head is None else np.atleast_2d(head)

@@ -164,11 +164,14 @@ def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 class Box:
     """A grid of points in a cuboid whose edges are parallel to the axes of the scene.
 
+    ``box_around`` and ``Slices.box`` return it, for files of the field in this cuboid. ``points``
+    lists all points (P, 3) of the grid [m], with x varying fastest.
+
     Attributes
     ----------
     origin : (3,) corner with the smallest coordinates [m].
     step : (3,) distance between neighbouring points along each axis [m].
-    counts : numbers of points along x, y and z.
+    counts : numbers of points along x, y and z, whose product is P.
     """
 
     origin: Float64[np.ndarray, "3"]

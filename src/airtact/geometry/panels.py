@@ -45,6 +45,8 @@ LARGEST_TO_GAP = 2.0
 class Panels:
     """Curved panels that cover the B bodies of a scene, for the boundary element method.
 
+    ``panels_of`` returns all T panels of a scene, for ``BoundaryElement``.
+
     Attributes
     ----------
     quadratic_triangles : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel

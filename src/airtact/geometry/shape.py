@@ -27,9 +27,10 @@ class Shape(ABC):
     """The true surface of a body: an exact shape such as a sphere, or a curved mesh.
 
     This is the abstract base class. ``Surface.shape`` contains an instance; solvers use it instead
-    of the flat triangles. A shape measures the distance of points from the surface, projects points
-    onto it, and covers it with curved panels. The arguments and results of all methods are in the
-    frame of the scene.
+    of the flat triangles. ``depth`` measures the distance of points from the surface, ``project``
+    projects points onto it, and ``panels`` covers it with curved panels. Subclasses implement these
+    methods, ``extreme_points``, ``coarse_meshes``, ``extent``, ``area`` and ``volume``. The
+    arguments and results of all methods are in the frame of the scene.
 
     Attributes
     ----------

@@ -410,7 +410,8 @@ SPREAD = math.radians(20.0)
 class Pinch:
     """A thumb and a finger whose tips face each other along x, as returned by ``pinch``.
 
-    The origin is the middle of the gap between the tips. In each attribute, the thumb comes first.
+    The origin is the middle of the gap between the tips, from which thumb and finger run downward
+    (-z). In each attribute, the thumb comes first.
 
     Attributes
     ----------

@@ -96,7 +96,7 @@ class Followed:
     age, oldest : median and 95th percentile of the time from the newest frame to the sound in the
         air [s]; NaN without drives.
     delay : 95th percentile of the time from the arrival of a frame until the first drive
-        computed from it reached the link [s]; NaN without drives.
+        computed from it took effect (see ``Session.time_in_air``) [s]; NaN without drives.
     kept : median of ``Moment.kept``, the expected pressure at the weakest focus divided by that of
         a drive computed for the exact hand; NaN if unknown.
     faded : dict from each reason for a fade to silence to the number of such fades.

@@ -84,14 +84,17 @@ class MeshMessage(msgspec.Struct, frozen=True):
 class ObjectMessage(
     ObjectKeys, frozen=True, kw_only=True, forbid_unknown_fields=False, omit_defaults=True
 ):
-    """A virtual object, with the same keys as a table ``[[objects]]`` of a scene file.
+    """A virtual object, with the keys of a table ``[[objects]]``, but ``mesh`` instead of a file.
 
     An ``ObjectsMessage`` contains it. Exactly one shape is required: ``mesh``, or one of the
     built-in shapes ``sphere``, ``capsule``, ``box``, ``cylinder``, ``half_space`` and ``button``.
+    ``style``, ``stiffness`` and ``grating`` are those of ``VirtualObject`` (``texture`` for a
+    ``Grating``).
 
     Attributes
     ----------
-    name : name of the object, 1 to 64 characters, unique among all objects.
+    name : name of the object, 1 to 64 characters. An existing object of this name is replaced, also
+        if another application or the scene file added it.
     mesh : shape of the object as a mesh, in the object's own coordinates.
     pose : pose that maps the object's coordinates to those of the scene; by default, both are the
         same.
@@ -162,7 +165,9 @@ class MoveMessage(msgspec.Struct, frozen=True):
 
 
 class FocusMessage(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A focus, given by exactly one of ``point`` and ``place``.
+    """A focus in a ``FociMessage``, given by exactly one of ``point`` and ``place``.
+
+    ``World.receive`` checks the values, and raises ``InvalidInput`` if one is invalid.
 
     Attributes
     ----------

@@ -160,9 +160,12 @@ class DriveMaker(ABC):
     """Abstract base class of objects that compute the drives of the live loop, for ``follow``.
 
     To test another method of computing drives, write a subclass with the methods ``take`` and
-    ``make``; the other methods do nothing by default. The live loop passes each ``HandFrame`` of a
-    tracked hand, in scene coordinates, to ``take``, and requests each drive, a ``Moment``, from
-    ``make``. All methods must return without blocking, because the loop waits for them.
+    ``make``; the other methods do nothing by default. ``follow`` passes each ``HandFrame`` of a
+    tracked hand, in scene coordinates, to ``take(frame)``. For each drive, it calls
+    ``feel(objects, foci)`` with the current virtual objects and requested foci, and then
+    ``make(time, controls)``, which returns a ``Moment``. If ``make`` raises ``InvalidInput``, the
+    sound fades to silence. ``revive`` restarts processes that have ended, and ``close`` is called
+    at the end. All methods must return without blocking, because the loop waits for them.
     """
 
     @abstractmethod

@@ -16,10 +16,13 @@ from airtact.transducers.levels import AmplitudeModulation, Levels
 class Output:
     """Output of the live loop: boards that are connected by a link, or no boards.
 
-    Pass it to ``follow``, or use it in a ``with`` block; the output is silenced at the end. Drives
-    above the cap, set by ``limit`` (full scale by default), are scaled down. After silence, the
-    amplitude is ramped up over 0.2 s. The methods raise ``LinkFailed`` if the boards fail. Without
-    boards, they do nothing.
+    Pass it to ``follow``, or use it in a ``with`` block, which opens the link at the beginning, and
+    silences the boards and closes the link at the end. ``send`` emits a drive, ``cycle`` repeats a
+    sequence of drives, and ``modulate`` varies the amplitude of later drives. Each must be followed
+    by another call, such as ``beat``, within 0.5 s, or the boards are silenced until the next
+    drive. Drives above the cap, set by ``limit`` (full scale by default), are scaled down. After
+    silence, the amplitude is ramped up over 0.2 s. The methods raise ``LinkFailed`` if the boards
+    fail. Without boards, they do nothing.
 
     Parameters
     ----------
@@ -29,8 +32,8 @@ class Output:
     Attributes
     ----------
     words : description of the output for the user, such as "no boards".
-    stopped : whether ``stop``, the emergency stop, was called. After that, nothing is
-        emitted.
+    stopped : whether ``stop``, the emergency stop, was called. After that, nothing is emitted, and
+        methods that use the boards raise ``LinkFailed`` with the code "emission_over".
     levels : amplitude and phase levels that the boards can emit; None without boards.
     lead : longest possible delay between sending a drive and its effect [s]; 0 if drives take
         effect on arrival.

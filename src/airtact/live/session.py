@@ -61,8 +61,10 @@ class Session:
     ----------
     scene : the part of the scene that does not change, as a ``LiveScene``.
     text : text of the scene file.
-    amplitudes : (N, E) complex amplitudes of N drives, as fractions of full scale.
-    time_in_air : (N,) time at which each drive reached the link [s].
+    amplitudes : (N, E) complex amplitudes of N drives as emitted, after the cap and fades, as
+        fractions of full scale.
+    time_in_air : (N,) time at which each drive took effect [s]: when it reached the link, or later
+        if the link has a ``lead`` and the drive was sent ahead.
     drive_frame_time : (N,) timestamp of the newest frame that each drive used [s].
     rules, states : (N,) rule by which each drive was computed, and state of the live loop at that
         time, as in ``Moment.rule`` and ``Moment.state``.

@@ -180,7 +180,8 @@ class RecordedHands(HandSource):
 class ReceivedHands(HandSource):
     """Source that receives messages from trackers and applications at a port of this computer.
 
-    The port is opened when the object is created. Pass the source to ``run`` or ``follow``.
+    The port is opened when the object is created, and closed by ``close``. Pass the source to
+    ``follow``, which starts and closes it.
 
     Parameters
     ----------

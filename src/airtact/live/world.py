@@ -115,10 +115,12 @@ class WantedFocus:
 class World:
     """Virtual objects and requested foci of the live loop; any thread may read and change them.
 
-    Applications change them by messages, which are passed to ``take`` or ``receive``. The live loop
-    reads ``objects`` and ``foci`` for each drive, and stores its answer to the applications in
-    ``state``. The foci of an application are removed 0.5 s after its last message, and its objects
-    when its connection is closed.
+    Pass the same world to the source of the hands and to ``follow``. Applications change it by
+    messages, which their connections pass to ``take`` (as JSON) or ``receive`` (as objects such as
+    an ``ObjectsMessage``). The live loop reads ``objects`` and ``foci`` for each drive, and records
+    its state for the applications in ``state``. The foci of an application are removed 0.5 s after
+    its last message or when its connection is closed; its objects are removed 0.5 s after its
+    connection is closed, unless another connection has added them again by then.
 
     Parameters
     ----------

@@ -118,6 +118,8 @@ def scattering_matrix(
         If the scene has no bodies, or has planes or reflecting boards. If ``accuracy`` is outside
         its range, or the bodies require waves above order 80. If the solver does not support the
         bodies or cannot compute the field around them.
+    NotConverged
+        If the solver stops before it converges.
 
     Examples
     --------
@@ -388,6 +390,8 @@ def scattering_family(
         scenes have different media, frequencies or numbers of bodies, or hardly depend on the
         parameter. If the interpolation error exceeds 2 %. If a scene has no bodies, or the solver
         does not support the scene.
+    NotConverged
+        If the solver stops before it converges.
 
     Examples
     --------

@@ -323,6 +323,8 @@ def simulate_echoes(
         each other or a body, or, with a scattering matrix, are inside the ball around the bodies.
         If the scattering matrix belongs to another scene, or the solver does not support the scene.
         If ``noise`` or ``seed`` is outside its range.
+    NotConverged
+        If ``made_by`` stops before it converges.
 
     Examples
     --------

@@ -55,7 +55,7 @@ Region = Box | Callable[[Points], Bool[np.ndarray, "points"]]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Layout:
-    """A layout of boards that ``place`` tried.
+    """A layout of boards that ``place`` tried, in ``Placement.layouts``.
 
     Attributes
     ----------
@@ -63,8 +63,8 @@ class Layout:
     weakest : peak pressure at the weakest focus [Pa], with all elements at full scale, in the worst
         of the poses of the hand that were passed to ``place``, or else in that of the setup. With
         the objective "lowest_tenth", it is the pressure that the weakest focus exceeds in nine
-        poses out of ten. If the foci have shares (relative pressures), pressures are divided by
-        them.
+        poses out of ten. The pressure at each focus is divided by its requested pressure or share
+        as a fraction of the largest; foci whose request is 0 are ignored.
     single : transducers of a single board, in the frame of the board; ``array`` combines all.
     """
 
@@ -269,6 +269,8 @@ def place(
         reflect sound, if a plane is behind the boards, if the setup has traps, or if a hand cannot
         replace the setup's body because there are several bodies or a focus is not at a named
         point.
+    NotConverged
+        If a solver stops before it converges.
 
     Examples
     --------

@@ -167,7 +167,10 @@ def reach(
     Raises
     ------
     InvalidInput
-        If the scene contains no body, or a parameter is outside its range.
+        If the scene contains no body other than reflecting boards, or a parameter is outside its
+        range.
+    NotConverged
+        If the solver stops before it converges.
 
     Examples
     --------

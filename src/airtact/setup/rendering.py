@@ -252,6 +252,8 @@ def focus(
         If an argument has the wrong type or shape, a focus is inside a body or behind all elements,
         an element overlaps a body, or the method returns no drive, for example because two foci are
         less than a tenth of a wavelength apart.
+    NotConverged
+        If a solver stops before it converges.
 
     Examples
     --------
@@ -348,6 +350,8 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     ------
     InvalidInput
         If the solver cannot solve the scene, for example because there is not enough memory.
+    NotConverged
+        If the solver stops before it converges.
     """
     from airtact.setup.safe_emission import default_level
 

@@ -492,7 +492,11 @@ class SurfacePointsTable(Table, frozen=True):
 
 
 class Shape(Table, frozen=True):
-    """One point, or the points of a shape, in scene coordinates; exactly one key is set.
+    """One point, or the points of a shape, in scene coordinates, as keys of a scene file.
+
+    This is the base class of ``FocusTable`` and ``SuppressionTable``. They add other ways to give
+    points, and raise ``InvalidInput`` unless exactly one is used. A key such as ``circle`` is a
+    table of parameters, for example a ``CircleTable``.
 
     Attributes
     ----------

@@ -30,8 +30,8 @@ class TouchFoci:
     Attributes
     ----------
     points : (F, 3) positions outside the skin [m], in the frame of the skin.
-    strengths : (F,) pressure at each focus as a fraction of that of the strongest possible touch,
-        from 0 to 1; see ``VirtualObject.stiffness``.
+    strengths : (F,) strength of the touch at each focus, from 0 to 1 (see ``VirtualObject``), to
+        which the pressure there is to be proportional.
     contacts : (F,) index of the contact to which each focus belongs, in the arrays of ``Contacts``.
         A long contact may have several foci.
     names : name of each focus, "PART at OBJECT" such as "index at ball", numbered if a contact has

@@ -36,9 +36,9 @@ class VirtualObject:
     Attributes
     ----------
     shape : a closed ``Surface``, such as ``at.sphere(...)``; or a ``Box``, ``Cylinder``,
-        ``HalfSpace`` or ``Button`` from ``at.touch``. It must be at least 4 mm across. Except at
-        the finger pads, the live loop may miss objects smaller than 10 mm, because they fit between
-        its skin points.
+        ``HalfSpace`` or ``Button`` from ``at.touch``. The ball around it must have a diameter of at
+        least 4 mm. Except at the finger pads, the live loop may miss objects smaller than 10 mm,
+        because they fit between its skin points.
     pose : ``Pose`` that maps the coordinates of ``shape`` to those of the skin, which are scene
         coordinates; None if both are the same.
     name : name of the object in results; unnamed objects are called "object 1" and so on.

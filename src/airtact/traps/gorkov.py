@@ -35,7 +35,8 @@ DIRECTIONS = _columns.T
 class Bead:
     """A small bead, treated as a fluid sphere.
 
-    ``Trap.bead`` creates the bead of a trap. Values are not checked here.
+    ``Trap.bead`` creates the bead of a trap. ``force`` and similar functions create it from their
+    arguments ``radius``, ``density`` and ``sound_speed``. Values are not checked here.
 
     Attributes
     ----------
@@ -180,6 +181,8 @@ def force(
         face of a directional element, if elements overlap each other or a body, if the drive is
         silent or does not have as many elements as the array, or if a parameter is outside its
         range.
+    NotConverged
+        If the solver stops before it converges.
 
     Examples
     --------
@@ -619,6 +622,8 @@ def find(
         face of a directional element, if elements overlap each other or a body, if the drive is
         silent or does not have as many elements as the array, or if a parameter is outside its
         range.
+    NotConverged
+        If the solver stops before it converges.
     """
     field, starts, bead = solved(scene, array, drive, points, radius, density, sound_speed, solver)
     return np.stack([descend(field, start, bead) for start in starts])

@@ -149,9 +149,9 @@ def merged(traps: Collection[Trap], target: Target) -> Target:
 
     Returns
     -------
-    A ``Target`` whose points are the centres of the beads, followed by the other foci. Each trap
-    gets the share of its first lobe. Suppression points are kept; requested pressures and phases
-    are not.
+    A ``Target`` whose points are the centres of the beads, in the same frame, followed by the other
+    foci. Each trap gets the share of its first lobe. Suppression points are kept; requested
+    pressures and phases are not.
     """
     counts = [len(trap.phasing) for trap in traps]
     points = [point_of(trap.point, "a trap")[None] for trap in traps]
@@ -505,8 +505,8 @@ def path(
 
     Returns
     -------
-    A ``Sequence`` of the drives along the path. Its frame rate is ``speed`` divided by the longest
-    step.
+    A ``Sequence`` of the drives along the path, for ``Emission.play``. Its frame rate is ``speed``
+    divided by the longest step.
 
     Raises
     ------
@@ -514,6 +514,8 @@ def path(
         If the bead would be lost between two frames, if no two corners differ, if the kind is
         unknown, if the axis is zero, or if a parameter is outside its range. Also if the trap or
         one of its lobes would be in a body or behind the array.
+    NotConverged
+        If the solver stops before it converges.
 
     Examples
     --------

@@ -122,10 +122,11 @@ class RadiatedField(ABC):
     """The sound field of monopoles in a scene, evaluated at any points outside the bodies.
 
     This is the base class of the fields that ``Solver.radiate`` returns. For (P, 3) points in the
-    frame of the scene [m], ``at`` returns the total pressure, ``scattered_at`` the scattered
-    pressure, and ``velocity`` the particle velocity, for each of the S excitations of the sources.
-    ``on_surface`` contains the pressure on the bodies. All are complex peak values for the time
-    factor e^{-iωt}.
+    frame of the scene [m] and each of the S excitations of the sources, ``at`` returns the total
+    pressure (P, S) [Pa], ``scattered_at`` the total minus the open-air pressure (P, S) [Pa], and
+    ``velocity`` the particle velocity (P, 3, S) [m/s]. They are NaN where ``valid`` is False, as
+    inside bodies that are not filled. The ``SurfaceField`` ``on_surface`` contains the total
+    pressure on the bodies. All are complex peak values for the time factor e^{-iωt}.
 
     Attributes
     ----------
@@ -376,7 +377,7 @@ class OpenAirField(RadiatedField):
 class FreeField(Solver):
     """Closed-form solver for scenes without bodies: spherical waves, and their images in a plane.
 
-    Pass an instance to ``render`` or ``field_map``, or call ``radiate``. There are no settings. The
+    Pass an instance to ``Setup`` or ``field_map``, or call ``radiate``. There are no settings. The
     rigid plane, if any, is taken from ``Scene.planes``. For a scene with bodies, ``radiate`` raises
     ``InvalidInput``; use ``BoundaryElement`` instead.
 

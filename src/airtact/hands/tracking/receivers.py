@@ -53,9 +53,9 @@ class WebSocketReceiver:
     """Websocket server that receives frames of tracked hands in JSON and feeds them to a stream.
 
     Trackers connect to ws://HOST:PORT and send the JSON format of ``HandStream.feed_json``, in
-    messages of up to 4 MiB. Faulty frames are skipped and counted in ``stream.health``. Use the
-    receiver in a ``with`` block; it listens from its construction to the end of the block, or until
-    ``close``.
+    messages of up to 4 MiB. Read the frames with ``stream.wait`` or ``stream.latest``. Faulty
+    frames are skipped and counted in ``stream.health``. Use the receiver in a ``with`` block; it
+    listens from its construction to the end of the block, or until ``close``.
 
     Parameters
     ----------

@@ -152,13 +152,15 @@ class _TrackedHand:
 class HandStream:
     """The latest valid frame of each hand, from the frames that a tracker sends.
 
-    Pass frames to ``feed`` or ``feed_json``, and read them with ``wait`` or ``latest``. Several
-    threads may do so at the same time. Faulty frames are skipped and counted in ``health``.
+    Pass frames to ``feed`` or ``feed_json``. Read them with ``wait``, which waits for the next new
+    frame, or ``latest``, which returns the newest frame of one hand. Several threads may do so at
+    the same time. Faulty frames are skipped and counted in ``health``; ``feed`` and ``feed_json``
+    return their fault as an exception instead of raising it.
 
     Parameters
     ----------
-    silence : time without frames after which a hand is treated as lost [s], above zero. ``latest``
-        then returns a frame without landmarks and cloud.
+    silence : time without valid frames of a hand after which it is treated as lost [s], above zero.
+        ``wait`` and ``latest`` then return a frame of this hand without landmarks and cloud.
     on_frame : function called with every valid ``HandFrame``, in order, in the thread that calls
         ``feed``; by default, nothing is called.
     clock : function that returns the time at which a frame arrives, to which ``silence`` refers

@@ -61,8 +61,9 @@ class HandAware(SolvingMaker):
     """Computes drives for foci at fixed places of a hand, including scattering by the hand.
 
     This is the ``DriveMaker`` that ``run`` uses for one hand without virtual objects. The live loop
-    passes each frame of the tracker to ``take`` and requests each drive from ``make``. A Kalman
-    filter predicts the hand for the time at which the sound arrives.
+    passes each frame of the tracker to ``take`` and requests each drive from ``make``; ``follow``
+    calls ``close`` at the end. A Kalman filter predicts the hand for the time at which the sound
+    arrives.
 
     Solver processes continuously solve the scattering of the newest poses. Each solution is stored
     as factors: the ratio of each entry of the transfer matrix with the hand to that in open air.
@@ -82,12 +83,12 @@ class HandAware(SolvingMaker):
     agility : standard deviation of the acceleration of the palm [m/s²], above 0; see ``Predictor``.
     solvers : solver processes; by default, one for the whole hand and, for one or two foci on
         fingers, another for the last phalanges. If the sequence is empty, the open-air matrix is
-        used alone.
+        used alone. ``close`` ends them.
 
     Attributes
     ----------
-    fault : message about the last pose for which no solution or no drive could be computed; None if
-        there was none.
+    fault : message about the last pose for which no solution or no drive could be computed, even if
+        later poses had no fault; None if there was no such pose.
     solutions : number of solutions that have been computed since the start.
     """
 

@@ -31,7 +31,9 @@ class FiniteElement(Solver):
 
     Use it for bodies filled with a fluid, or to verify ``BoundaryElement`` by another method. It
     does not support planes, reflecting boards and scenes without bodies. ``reaching`` returns the
-    solver for a given accuracy; the defaults are those for an error of 0.5 %.
+    solver for a given accuracy; the defaults are those for an error of 0.5 %. Pass an instance to
+    ``Setup`` or ``field_map``, or call ``radiate``. Solving requires NGSolve
+    (``pip install 'airtact[fem]'``), and raises ``NotConverged`` if the matrix is nearly singular.
 
     Curved tetrahedra of high order fill a tight box around the bodies. A perfectly matched layer
     (PML) around the box absorbs outgoing sound. Outside the box, the pressure is computed from the

@@ -405,7 +405,8 @@ class SphereSeries(Solver):
     or is filled with a fluid. The series are summed to an error of 1e-8, relative to the open-air
     pressure of the same source. There are no settings. Sources lie outside the sphere or on it.
     ``radiate`` raises ``InvalidInput`` for other sources, and for scenes with another body, several
-    bodies or a plane.
+    bodies or a plane. The field raises ``NotConverged`` at points within micrometres of a source on
+    the sphere.
     """
 
     def radiate(self, scene: Scene, sources: Monopoles) -> SphereField:
