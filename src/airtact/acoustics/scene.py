@@ -284,8 +284,13 @@ def sound_hard(surface: Surface) -> Obstacle:
 
     Returns
     -------
-    An ``Obstacle``, for use in a ``Scene``. ``BoundaryElement`` and ``FiniteElement`` support it;
-    ``SphereSeries`` supports a single sphere.
+    The body as an ``Obstacle``, for use in ``Scene.obstacles``. ``BoundaryElement`` and
+    ``FiniteElement`` support it; ``SphereSeries`` supports a single sphere.
+
+    Raises
+    ------
+    InvalidInput
+        If ``surface`` is not a ``Surface``.
     """
     return Obstacle(surface, "sound_hard")
 

@@ -51,16 +51,17 @@ class Beacons(Monopoles):
 class Target:
     """Foci and suppression points, in the frame of the scene's bodies (the obstacles' frame).
 
-    Drive methods such as ``best`` take a target.
+    Drive methods such as ``best`` take a target. For one focus, pass a point (3,). Pass pressures
+    or shares as an array (F,) or as one number for all foci; complex numbers also request phases.
 
     Attributes
     ----------
     points : (F, 3) foci [m], at most 2 m from the origin of the obstacles' frame.
-    pressures : (F,) requested peak pressures [Pa], 0 or more; None makes the foci as strong as
-        possible.
-    shares : (F,) relative pressures, 0 or more, or None. The pressures at the foci have these
-        ratios, at the highest level that the array allows. If neither pressures nor shares are
-        given, all foci have equal weight.
+    pressures : (F,) requested peak pressures (magnitudes) [Pa], 0 or more; None, the default, makes
+        the foci as strong as possible.
+    shares : (F,) relative pressures (magnitudes), 0 or more, or None. The pressures at the foci
+        have these ratios, at the highest level that the array allows. If neither pressures nor
+        shares are given, all foci have equal weight.
     phases : (F,) requested phases of Re[p e^{−iωt}] [rad], from complex pressures or shares; None
         if these are real, so that the drive method chooses the phases.
     suppression_points : (Q, 3) points where the pressure is suppressed [m], at most 2 m from the

@@ -48,6 +48,12 @@ class Played:
 class Emission:
     """Emission of drives by boards. It always ends in silence.
 
+    ``send`` plays a drive, and ``cycle`` a sequence, until the next call. ``play`` plays a
+    sequence, ``modulate`` plays a drive of varying amplitude, and ``hold`` keeps the current sound,
+    each for a number of seconds. ``set_modulation`` applies to the current and later drives,
+    ``silence`` fades the sound, ``stop`` silences the boards at once and for good, and ``beat``
+    only shows that the program still runs.
+
     Use an emission as a context manager: ``with Emission(link) as emission:``. A separate process
     opens the link and ramps up the amplitude. It silences the boards, and waits for their
     confirmation, when the block is left or this process ends for any reason. It does the same if

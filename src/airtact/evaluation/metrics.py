@@ -267,7 +267,8 @@ def in_real_air(
 class Evaluation:
     """The pressure at each focus for a drive, in pascals and relative to the request.
 
-    ``evaluate`` returns it. Printing it shows a table of the foci.
+    ``evaluate`` returns it. The attribute ``magnitudes`` contains the peak pressures [Pa], and
+    ``shares`` their ratios to the requested pressures. Printing it shows a table of the foci.
 
     Attributes
     ----------

@@ -37,7 +37,9 @@ Version = Annotated[int, Meta(ge=VERSION, le=VERSION)]
 
 
 class PoseMessage(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Pose of an object in the scene: its points are rotated about the origin, then translated.
+    """Pose of an object, which maps the coordinates of its shape to those of the scene.
+
+    Points are first rotated about the origin of the shape's coordinates, then translated.
 
     Attributes
     ----------

@@ -32,8 +32,9 @@ class Contacts:
     virtual_objects : all objects, whether touched or not; unnamed ones are named "object 1" and
         so on.
     offset : distance of the foci from the skin, outward [m].
-    found : ``ContactArrays`` with the properties of all contacts, which are also properties of this
-        class, such as ``points`` and ``depths``.
+    found : ``ContactArrays`` with the properties of all contacts. This object also has its arrays
+        ``points``, ``normals``, ``depths`` and ``areas`` as properties; its own ``objects`` and
+        ``places`` are the names of the touched objects and of the parts of the skin.
     """
 
     skin: Skin

@@ -322,7 +322,8 @@ class Solver(ABC):
     bodies filled with a fluid), ``SphereSeries`` (a single sphere) and ``FreeField`` (no bodies).
     Create one with its settings, and pass it as the argument ``solver`` of a function such as
     ``evaluate``, or call ``radiate(scene, sources)`` with a ``Scene`` and ``Monopoles``, which
-    returns a ``RadiatedField``. A subclass of your own only implements ``radiate``.
+    returns a ``RadiatedField``. A subclass of your own only implements ``radiate``,
+    which can return a ``SampledField``.
 
     ``radiate`` raises ``InvalidInput`` if the solver does not support the scene, and
     ``NotConverged`` if an iterative solver stops before it converges.

@@ -41,7 +41,8 @@ class StreamHealth:
     """Counts of received frames and of their faults, as in ``HandStream.health``.
 
     A stream returns only the frames counted in ``used``. Frames counted in ``unreadable`` to
-    ``second_tracker`` are rejected, each with one of these faults.
+    ``second_tracker`` are rejected, each with one of these faults. The frame number is
+    ``HandFrame.sequence``.
 
     Attributes
     ----------
