@@ -51,10 +51,10 @@ LATENCY = 0.015
 JUDGED, ACCURACY = 20, 0.02
 """Every so many drives one is judged, by a solution of this accuracy."""
 
-SECONDS: dict[Rule, float] = {"phalanges": 0.015, "hand": 0.5, "carried": 0.027}
+SECONDS: dict[Rule, float] = {"phalanges": 0.015, "hand": 0.5, "carried": 0.025}
 """How long solutions take where the clock is virtual [s]."""
 
-TO_CARRY = 0.2
+TO_CARRY = 0.15
 """How long a whole hand that is carried along takes to solve where the clock is virtual [s]."""
 
 MAKING, OFTEN = 0.006, 1.0 / 66.0
@@ -324,7 +324,7 @@ class EmulatedCarrying(Emulated):
             self._solving = None
         if self._solving is None and self._asked is not None:
             then, asked = self._asked
-            ahead = 0.1 + now - then
+            ahead = 0.03 + now - then
             self._solving = (
                 now + TO_CARRY,
                 self._hand.solved(asked.after(ahead), asked.time + ahead),

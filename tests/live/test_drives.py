@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.live.drives.factors import HandFactors, OpenAir, RigidParts, solved
+from airtact.live.drives.factors import HandFactors, OpenAir, PartSolver, RigidParts, solved
 from airtact.live.drives.solver_process import Request, SolverProcess
 from airtact.live.scene import gap_change, pose_hand, turn
 from live.live_scenes import Ready, correlations
@@ -55,6 +55,16 @@ def test_factors_ride_along_with_a_hand_that_moves_as_a_whole(board, joints, pha
     assert gap_change(posed.distances, phalanges.distances) < 1e-9
     assert 0.02 < turn(posed.directions, phalanges.directions) < 0.1
     assert correlations(rows * phalanges.factors, rows * fresh.factors).min() > 0.97
+
+
+def test_phalanges_as_one_body_are_solved_on_panels_of_a_similar_pose(board, joints):
+    hand = pose_hand(board, joints).hand
+    solver = PartSolver(board)
+    for gap in (0.008, 0.010):
+        pose = np.array(hand.open_to(gap).joints)
+        moved = solver.meshed(pose, "phalanges", 0.0)
+    rows, fresh = OpenAir(board).rows(moved.foci), solved(board, pose, "phalanges", 0.0)
+    assert correlations(rows * moved.factors, rows * fresh.factors).min() > 0.99
 
 
 def test_rigid_phalanges_are_solved_wherever_they_are(board, joints, phalanges):

@@ -470,7 +470,7 @@ class BendingHand:
 
     def _panels_for(self, posed: PosedHand) -> BendingPanels:
         changes = [gap_change(panels.posed.distances, posed.distances) for panels in self._panels]
-        if not changes or min(changes) > 5e-3:  # [m]; bending farther would distort the panels
+        if not changes or min(changes) > 8e-3:  # [m]; new panels take half a second
             made = BendingPanels(self._scene, posed, self._accuracy, self._min_seen)
             self._panels = [*self._panels[-5:], made]
             return made

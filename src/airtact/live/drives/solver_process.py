@@ -152,8 +152,8 @@ def _solve_to_carry(hand: BendingHand, mailbox: Mailbox) -> None:
         nice = os.getpriority(os.PRIO_PROCESS, 0) + 5
         os.setpriority(os.PRIO_PROCESS, get_native_id(), nice)
     while (request := mailbox.look(MAX_REQUEST_AGE)) is not None:
-        # Solve for the pose 0.1 s ahead: a solution takes time and is then used for a while.
-        ahead = 0.1 + time.monotonic() - request.sent
+        # Farther ahead, extrapolated poses are less like those in which the solution is used.
+        ahead = 0.03 + time.monotonic() - request.sent
         try:
             hand.keep(hand.solved(request.after(ahead), request.time + ahead))
         except (InvalidInput, NotConverged):
