@@ -357,7 +357,8 @@ class Scene:
     ----------
     medium : fluid around the bodies.
     obstacles : list of the bodies, as built by ``sound_hard``, ``impedance`` or ``filled``. They
-        must be at least 0.3 mm apart. Empty for open air.
+        must be at least 0.3 mm apart, except that reflecting boards may touch each other. Empty for
+        open air.
     frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
     planes : list with at most one rigid plane, such as a table (see ``plane``), at least 0.15 mm
         from all bodies; empty if nothing but the bodies reflects.

@@ -140,7 +140,7 @@ def circle(
     Returns
     -------
     (F, 3) points [m], anticlockwise as seen from the side to which the normal points. For the
-    default normal, the first point is at +x from the centre.
+    default normal, the first point is at +x from the centre; for others, anywhere on the circle.
 
     Raises
     ------

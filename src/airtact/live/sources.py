@@ -198,7 +198,7 @@ class ReceivedHands(HandSource):
     Raises
     ------
     InvalidInput
-        If the port is in use, or the optional package for this kind is not installed.
+        If the port is in use, the kind is unknown, or its optional package is not installed.
     """
 
     def __init__(

@@ -330,10 +330,10 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     """Verify a drive: compute its pressures by a more accurate solve with all elements as sources.
 
     ``render`` calls ``compute``, then this function; call both to use the drive before it is
-    verified. If the target requests pressures and the strongest element is below full scale, the
-    drive is scaled so that the focus with the smallest ratio of verified pressure to request gets
-    its requested pressure; no amplitude becomes larger than full scale. Otherwise the drive does
-    not change.
+    verified. If the target requests pressures, the setup has no traps, and the strongest element is
+    below full scale, the drive is scaled so that the focus with the smallest ratio of verified
+    pressure to request gets its requested pressure; no amplitude becomes larger than full scale.
+    Otherwise the drive does not change.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from airtact.timing import Clock
 
 @dataclass(frozen=True, eq=False)
 class MovingDrive:
-    """A sequence of drives for moving foci, in ``Rendering.sequence``.
+    """A sequence of drives for moving foci, which ``render`` returns in ``Rendering.sequence``.
 
     Attributes
     ----------

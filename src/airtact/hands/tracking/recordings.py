@@ -28,7 +28,7 @@ OTHER_ENDINGS = (".json", ".txt")
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Frames of a recording, as returned by ``load_recording``.
+    """Frames of a recording, as returned by ``load_recording``, for example for ``RecordedHands``.
 
     Attributes
     ----------

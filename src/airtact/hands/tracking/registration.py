@@ -99,16 +99,17 @@ def register(
 
     Returns
     -------
-    A ``Registration`` that contains the pose ``tracker``, which maps the tracker's frame to the
-    scene, its standard deviations ``position_error`` and ``angle_error``, and the ``residuals`` of
-    the touches.
+    A ``Registration`` that contains the pose ``tracker``, which maps the tracker's coordinates,
+    multiplied by ``scale``, to those of the scene, its standard deviations ``position_error`` and
+    ``angle_error``, and the ``residuals`` of all touches.
 
     Raises
     ------
     InvalidInput
-        If there are fewer than 3 touches, if the points lie on one line, if the offset is outside
-        its range or cannot be distinguished from a shift of the tracker, or if the rms of the
-        residuals is more than 10 mm and no single touch is the cause.
+        If there are fewer than 3 touches, if there is not one touch and one normal per point, if
+        the points lie on one line, if the offset is outside its range or cannot be distinguished
+        from a shift of the tracker, or if the rms of the residuals is more than 10 mm and no single
+        touch is the cause.
 
     Examples
     --------

@@ -90,6 +90,11 @@ class HandAware(SolvingMaker):
     fault : message about the last pose for which no solution or no drive could be computed, even if
         later poses had no fault; None if there was no such pose.
     solutions : number of solutions that have been computed since the start.
+
+    Raises
+    ------
+    InvalidInput
+        If ``noise`` or ``agility`` is not above zero.
     """
 
     def __init__(

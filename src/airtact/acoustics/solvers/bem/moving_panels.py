@@ -55,8 +55,10 @@ from airtact.geometry.mesh.triangles import QuadraticTriangles
 class MovingPanels:
     """T boundary element panels of one body, which can be moved before each solve.
 
-    ``BoundaryElement.moving_panels`` creates them; the live loop uses them for a bending hand. The
-    attributes describe the panels before any motion, in the frame of the scene.
+    ``BoundaryElement.moving_panels`` creates them; the live loop uses them for a bending hand.
+    ``radiated`` and ``received`` solve for moved positions of the panels, which they take as arrays
+    shaped like ``corners`` and ``inside``; they do not change the object. The attributes describe
+    the panels before any motion, in the frame of the scene.
 
     Attributes
     ----------
