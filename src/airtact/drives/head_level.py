@@ -108,9 +108,14 @@ def pressures_around(
 class HeadLevel:
     """Sound pressure level at a head 0.5 m from an array in open air.
 
-    ``at`` returns the level if the amplitudes are limited to a cap, and ``safe_cap`` the largest
-    cap (1 is full scale) at which the level is at most ``MAX_HEAD_LEVEL``, 110 dB SPL. The level is
-    the largest on a sphere around the middle of the array, 0.5 m outside the farthest element.
+    ``at(cap)`` returns the level of the loudest drive (the peak level) and that of the mean power
+    of all drives [dB SPL] if the amplitudes are limited to a cap (1 is full scale). Both are the
+    largest on a sphere around the middle of the array, 0.5 m outside the farthest element.
+    ``safe_cap()`` returns 1 if the peak level at full scale is at most ``MAX_HEAD_LEVEL``, 110 dB
+    SPL. Otherwise it returns a cap at which this holds, usually about a tenth below the largest
+    one; it raises ``InvalidInput`` if the boards cannot be turned down that far, for example
+    because they only switch elements on and off.
+
     Elements are assumed to radiate equally in all directions. The level ignores nonlinear
     steepening, which is negligible at ``MAX_HEAD_LEVEL`` and therefore does not affect
     ``safe_cap``. Beyond a focus, steepening at full scale lowers the level at loud points and
@@ -165,7 +170,9 @@ class HeadLevel:
         return self.at(1.0)[0]
 
     def safe_cap(self) -> float:
-        """Return the largest cap whose peak level is at most ``MAX_HEAD_LEVEL``.
+        """Return a cap whose peak level is at most ``MAX_HEAD_LEVEL``.
+
+        The cap is 1 if full scale is quiet enough, else usually a tenth below the largest such cap.
 
         Raises
         ------

@@ -70,7 +70,9 @@ class Setup:
     InvalidInput
         If a focus or suppression point is inside a body or behind a plane, an element overlaps a
         body or another element, a focus or a body is behind the face of an element, the method is
-        unknown, or two settings contradict each other, such as traps and a modulation.
+        unknown or needs a missing ``uncertainty``, the array does not consist of boards of the kind
+        ``board``, the number of names in ``bodies`` or ``foci`` is wrong, or two settings
+        contradict each other, such as traps and a modulation.
 
     Examples
     --------

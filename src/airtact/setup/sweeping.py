@@ -105,7 +105,8 @@ def sweep(
     Raises
     ------
     InvalidInput
-        If the points have the wrong type, the function cannot be passed to a process or identified
+        If the points have the wrong type or number, or use the name "error" or "sentence"; if the
+        setup was not read from a file; if the function cannot be passed to a process or identified
         in the store, the folder is not writable, or a process ended unexpectedly. Exceptions in
         the function do not end the sweep.
 

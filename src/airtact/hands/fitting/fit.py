@@ -166,8 +166,9 @@ def fit_hand(
     camera : (3,) position, in the frame of the points, from which all of them were seen [m]. Points
         are then matched only to skin that faces the camera, and the hand stays within the observed
         silhouette. Omit it if the points were measured from several directions.
-    before : result for the previous frame. Its pose is the initial guess, and its anatomy is used
-        unless ``anatomy`` is given.
+    before : result for the previous frame. Its pose is the initial guess if, moved rigidly to the
+        landmarks, all of its joints are within 25 mm of them. Its anatomy is used unless
+        ``anatomy`` is given.
     anatomy : sizes of the person's hand, from an earlier fit. They stay fixed if they were learned
         from 8 frames; otherwise they are initial values, and learning continues. The default is the
         anatomy of ``before``, or the distribution of all hands if there is no previous frame.

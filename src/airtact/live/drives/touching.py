@@ -97,7 +97,9 @@ class TouchAware(SolvingMaker):
     separate process computes such solutions, starting before the skin touches an object. A single
     focus runs along the outlines of all contacts with objects of the style "outline". The pressures
     at the foci are proportional to their strengths, from 0 to 1, and the largest amplitude of the
-    drive, as a fraction of full scale, equals the strength of the strongest focus.
+    drive, as a fraction of full scale, equals the strength of the strongest focus. A focus gets no
+    sound of its own within a quarter of a wavelength of a stronger one, or where the array can
+    produce less than 5 % of the median of the largest pressures possible at the foci.
 
     Parameters
     ----------
