@@ -227,11 +227,11 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 def verification_solver(setup: Setup) -> Solver:
     """Return a more accurate solver than the setup's, for verifying the drive.
 
-    If bodies are filled with a fluid and the setup's solver is ``FiniteElement``, it is the same
-    solver with the next higher order. For other bodies, it is ``BoundaryElement`` with at least 1.8
-    times as many unknowns as ``setup.accuracy`` requires, up to about 19,000 unknowns; its report
-    contains a warning if the estimated error exceeds ``setup.accuracy``. For open air, it is
-    ``FreeField``, which is exact.
+    If a body is filled with a fluid and the setup's solver is ``FiniteElement``, it is the same
+    solver with the next higher order. For all other scenes with bodies, it is ``BoundaryElement``
+    with at least 1.8 times as many unknowns as ``setup.accuracy`` requires, up to about 19,000
+    unknowns; its report contains a warning if the estimated error exceeds ``setup.accuracy``. For
+    open air, it is ``FreeField``, which is exact.
 
     Parameters
     ----------
@@ -240,6 +240,11 @@ def verification_solver(setup: Setup) -> Solver:
     Returns
     -------
     A ``FreeField``, ``FiniteElement`` or ``BoundaryElement`` solver.
+
+    Raises
+    ------
+    InvalidInput
+        If a ``FiniteElement`` solver already has the highest order, 10.
     """
     if not setup.scene.obstacles:
         return FreeField()

@@ -178,8 +178,9 @@ def contact(
     Raises
     ------
     InvalidInput
-        If there are more than 64 objects, two have the same name, the offset is outside its range,
-        an argument has the wrong type, or the skin is too large for objects of less than 7 mm.
+        If there are no bodies, there are more than 64 objects, two have the same name, the offset
+        is outside its range, an argument has the wrong type, or the skin is too large for objects
+        of less than 7 mm.
 
     Examples
     --------

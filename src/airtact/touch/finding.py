@@ -77,9 +77,11 @@ NO_CONTACTS = ContactArrays(
 def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> ContactArrays:
     """Find the contacts of a hand's skin with objects.
 
+    ``contact`` and ``TouchState.update`` call this function.
+
     Parameters
     ----------
-    skin : points of the skin, with their normals, areas and neighbours.
+    skin : points of the skin, with their normals, areas and neighbours, as returned by ``skin_of``.
     objects : virtual objects in the frame of the skin, as checked by ``objects_of``.
     gap : distance from an object [m] below which skin outside it is also treated as a contact.
 

@@ -142,6 +142,8 @@ def check_free(traps: Collection[Trap], scene: Scene) -> None:
 def merged(traps: Collection[Trap], target: Target) -> Target:
     """Return a target with a single focus per trap instead of the lobes that ``target_of`` adds.
 
+    Lobes are the foci around the bead of a trap: 2 for a twin trap and 4 for a vortex.
+
     Parameters
     ----------
     traps : the traps, in the order in which they were passed to ``target_of``.
