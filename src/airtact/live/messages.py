@@ -262,7 +262,8 @@ class ContactState(msgspec.Struct, frozen=True):
     object : name of the object.
     part : part of the hand, such as "left.index" or "right.palm".
     point : predicted point on the skin that is deepest inside the object, in scene coordinates [m].
-    depth : depth of this point below the object's surface [m].
+    depth : depth of this point below the object's surface [m]; negative, down to −1 mm, while skin
+        that touched the object is just outside it.
     """
 
     object: str

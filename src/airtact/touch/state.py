@@ -31,8 +31,9 @@ class _Focus:
 class TouchState:
     """Computes foci where moving skin touches virtual objects.
 
-    For each frame, call ``update`` with the skin and the time [s]. It returns ``TouchFoci``: the
-    positions, strengths (0 to 1, see ``VirtualObject.stiffness``) and names of the foci.
+    For each frame, call ``update`` with the skin, moved to its new pose (``Skin.moved``), and the
+    time [s]. It returns ``TouchFoci``: the positions, strengths (0 to 1, see
+    ``VirtualObject.stiffness``) and names of the foci.
 
     A contact begins when skin enters an object, and ends when the skin is farther from the object
     than ``release``, so that noise does not make it flicker. A strength changes gradually, at most

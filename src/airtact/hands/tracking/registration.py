@@ -40,8 +40,9 @@ class Registration:
     angle_error : standard deviation of the rotation about the least certain axis [rad].
     repeat : index of the touch that contradicts all others and is excluded from the fit, so that it
         should be repeated; None if all touches agree.
-    likely_scale : scale at which the residuals would be less than 0.4 times as large; None if the
-        scale was fitted, or no scale reduces the residuals that much.
+    likely_scale : scale at which the residuals (rms) would be less than 0.4 times as large; None if
+        no scale reduces them that much, if they are at most 0.5 mm, if the scale was fitted, or if
+        the pose is fitted to fewer than 5 touches.
     """
 
     tracker: Pose
