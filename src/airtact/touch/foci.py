@@ -37,9 +37,9 @@ class TouchFoci:
     names : name of each focus, "PART at OBJECT" such as "index at ball", numbered if a contact has
         several foci.
     skin_points : (F,) index in ``Skin.points`` of the point nearest to each focus.
-    merged : number of contacts that lost their focus because there were more than allowed, but are
-        less than a wavelength from a focus of the same object.
-    dropped : number of other contacts that lost their focus for the same reason.
+    merged : number of contacts without a focus because ``Contacts.foci`` allows fewer foci, but less
+        than a wavelength from a focus of the same object.
+    dropped : number of other contacts without a focus for the same reason.
     """
 
     points: Float64[np.ndarray, "foci 3"]
