@@ -161,13 +161,13 @@ class DriveMaker(ABC):
 
     To test another method of computing drives, write a subclass with the methods ``take`` and
     ``make``; the other methods do nothing by default. ``follow`` passes each ``HandFrame`` of a
-    tracked hand, in scene coordinates, to ``take(frame)``. For each drive, it calls
-    ``feel(objects, foci)`` with the current virtual objects and requested foci, and then
-    ``make(time, controls)``, which returns a ``Moment`` for this time on the tracker's clock [s].
-    Of the ``Controls``, ``make`` applies ``ignore_hand``, ``method``, ``offset`` and ``levels``; the
-    loop applies the others. If ``make`` raises ``InvalidInput``, the sound fades to silence.
-    ``revive`` restarts processes that have ended, and ``close`` is called at the end. All methods
-    must return without blocking, because the loop waits for them.
+    tracked hand, in scene coordinates, to ``take(frame)``. For each drive, it calls ``feel(objects,
+    foci)`` with the current virtual objects and requested foci, and then ``make(time, controls)``,
+    which returns a ``Moment`` for this time on the tracker's clock [s]. Of the ``Controls``,
+    ``make`` applies ``ignore_hand``, ``method``, ``offset`` and ``levels``; the loop applies the
+    others. If ``make`` raises ``InvalidInput``, the sound fades to silence. ``revive`` restarts
+    processes that have ended, and ``close`` is called at the end. All methods must return without
+    blocking, because the loop waits for them.
     """
 
     @abstractmethod
