@@ -27,6 +27,7 @@ from airtact.geometry.mesh.triangles import (
     Vertices,
     are_among,
     area_vectors,
+    corner_angles,
     edge_ends,
     edge_twins,
     unit,
@@ -73,7 +74,7 @@ def evened(
 ) -> RidgedMesh:
     """Make the triangles of a closed mesh as large as the target sizes; ridges stay as they are.
 
-    If two ridges are so close that they merge, the mesh is returned unchanged.
+    If two ridges merge or a triangle has an angle below 10 degrees, the mesh is returned unchanged.
 
     Parameters
     ----------
@@ -109,7 +110,10 @@ def evened(
         )
         vertices[:fixed] = mesh.vertices[origin[:fixed]]
         vertices[fixed:] = project(vertices[fixed:])
-    if np.count_nonzero(edge_twins(triangles) < 0) != on_border:
+    corners = vertices[triangles]
+    angles = corner_angles(unit(np.roll(corners, -1, axis=1) - corners))
+    merged = np.count_nonzero(edge_twins(triangles) < 0) != on_border
+    if merged or angles.min() < np.radians(10.0):
         return mesh
     ridge_vertices, joined = np.unique(origin[:fixed], return_inverse=True)
     free = np.arange(len(vertices) - fixed) + len(ridge_vertices)
