@@ -66,7 +66,8 @@ class Surface:
         around each vertex.
     primitive : the exact shape that the triangles approximate, or None.
     sharp_degrees : angle between the normals of neighbouring triangles above which their edge
-        remains sharp [degrees], 0 to 180; 75 by default. 0 keeps the triangles flat.
+        remains sharp [degrees], 0 to 180; 75 by default. 0 keeps the triangles flat. An edge that
+        meets no other sharp edge is rounded.
     repairs : a sentence for each kind of damage repaired by the function that built the surface,
         such as ``load_surface``; empty by default.
     shape : the true surface, which is ``primitive`` if there is one, or else the curved triangles;
