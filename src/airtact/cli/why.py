@@ -38,7 +38,7 @@ def why(
     can produce anywhere in open air. Each further row adds the effect of one cause, such as the
     distance of the focus, the shadow of the hand, the other foci, or rounding, and shows the
     pressure that remains and its change. The line below the table names the change of the scene
-    that would increase the pressure at the weakest focus most. Scenes with traps are not supported.
+    that would most increase the pressure at the weakest focus. Scenes with traps are not supported.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -165,8 +165,8 @@ class Drive:
         Raises
         ------
         InvalidInput
-            If the array or the matrix has a different number of elements, if the ending of the file
-            name is unknown, or if the file cannot be written.
+            If the array or the matrix does not have as many elements as the drive, if the ending of
+            the file name is unknown, or if the file cannot be written.
 
         Examples
         --------

@@ -42,8 +42,8 @@ def nearest_drive(
     Raises
     ------
     InvalidInput
-        If the drive has another number of elements than the matrix or is silent, if ``share`` is
-        not between 0 and 1, if the matrix was computed for other foci, if there are more foci than
+        If the drive is silent or does not have as many elements as the matrix, if ``share`` is not
+        between 0 and 1, if the matrix was computed for other foci, if there are more foci than
         elements, if two foci are less than a tenth of a wavelength apart, or if a focus is shadowed
         (its attainable pressure is below 5 % of the median for the other foci).
 

@@ -150,7 +150,7 @@ def robust_phase_only(
     ----------
     ensemble : transfer matrices of the samples, as returned by ``at.ensemble``. A plain transfer
         matrix is treated as a single sample without uncertainty.
-    target : the foci and their requested pressures or shares, to which the pressures are relative.
+    target : the foci, and their requested pressures or shares, by which pressures are divided.
     goal : quantity to maximise: "lowest tenth" is the pressure that the weakest focus exceeds in 9
         out of 10 samples; "mean" is the mean of its pressure over the samples; "worst" is its
         pressure in the worst sample.
@@ -192,13 +192,13 @@ def goal_value(
     Returns
     -------
     The peak pressure [Pa] as a float, divided by the share of the focus if the target has shares.
-    If the target requests pressures, the ratio of pressure to request.
+    If the target requests pressures, the result is the ratio of pressure to request instead.
 
     Raises
     ------
     InvalidInput
-        If the drive has another number of elements than the matrices, the matrices were computed
-        for other foci, or the goal is unknown.
+        If the drive does not have as many elements as the matrices, the matrices were computed for
+        other foci, or the goal is unknown.
     """
     check_choice(goal, "the goal", get_args(Goal))
     _, requests = asked_rows(ensemble, target)

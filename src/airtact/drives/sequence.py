@@ -121,8 +121,8 @@ class Sequence:
         Raises
         ------
         InvalidInput
-            If the array or the matrix has a different number of elements, if the file name has
-            another ending, or if the file cannot be written.
+            If the array or the matrix does not have as many elements as the drives, if the file
+            name does not end in .h5, or if the file cannot be written.
         """
         save_drives(
             path,

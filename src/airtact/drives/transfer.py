@@ -96,7 +96,7 @@ class TransferMatrix:
         Raises
         ------
         InvalidInput
-            If the drive has a different number of elements.
+            If the drive does not have as many elements as the matrix.
         """
         self.check_fits(drive)
         return self.matrix @ drive.amplitudes

@@ -126,7 +126,7 @@ class TransferEnsemble(TransferMatrix):
         Raises
         ------
         InvalidInput
-            If the drive has a different number of elements.
+            If the drive does not have as many elements as the matrices.
         """
         self.check_fits(drive)
         if self.gains is None:

@@ -47,7 +47,7 @@ class Codec:
     echo: bytes = b""
 
     def encode(self, frame: Frame) -> bytes:
-        """Return the message, ordered by board, that makes the boards play a frame."""
+        """Return the message that makes the boards play a frame, with the bytes board by board."""
         return self.encoded(self, frame)
 
     def decode(self, message: bytes, boards: int = 1) -> list[Frame]:

@@ -63,14 +63,14 @@ def load_drive(
     Returns
     -------
     A ``Sequence`` if the file or ``rate`` states the frames per second, and otherwise a ``Drive``.
-    Its elements keep the order of the file, after the sorting described above.
+    Its elements are in the order of the file; the elements of a .csv table are sorted by ``index``.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, has another ending or a newer format, contains numbers that are
-        not valid in a drive, or contains several frames but no rate. For a .bin file, also if the
-        board is missing or unknown, or ``elements`` do not make up whole boards.
+        If the file cannot be read, has an unknown ending or a newer format, contains numbers that
+        are not valid in a drive, or contains several frames but no rate. For a .bin file, also if
+        the board is missing or unknown, or ``elements`` is not the size of a number of boards.
     """
     path = Path(of_kind(path, str | Path, "the file of a drive", "its path"))
     contents = drive_in(path, board, elements)

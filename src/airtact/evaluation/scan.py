@@ -324,8 +324,8 @@ def fitted(
 class Microphone:
     """A round microphone at the end of a straight housing, to predict what a scan measures.
 
-    A reading of ``read`` is the mean complex pressure over the face, or NaN if a body overlaps the
-    face or the housing. The position of the microphone is the centre of its face. Scattering by the
+    ``read`` returns the mean complex pressure over the face, or NaN where a body overlaps the face
+    or the housing. The position of the microphone is the centre of its face. Scattering by the
     microphone is ignored.
 
     Attributes

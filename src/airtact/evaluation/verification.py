@@ -30,8 +30,8 @@ def radiation_pressure(
 ) -> Float64[np.ndarray, "points"]:
     """Return the acoustic radiation pressure on a sound-hard surface.
 
-    This is the time average of the excess pressure, to second order ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2 with
-    density ρ and sound speed c. There is no momentum flux through a hard surface at rest, because
+    This is the time average of the excess pressure. To second order, it is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2,
+    with density ρ and sound speed c. No momentum flows through a hard surface at rest, because
     the normal velocity is 0. With the peak values P and U of pressure and velocity, the average is
     therefore |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc. R. Soc. Lond. A 147, 212, 1934; T. Hasegawa,
     K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969).
@@ -208,8 +208,8 @@ class Verification:
     Attributes
     ----------
     evaluation : ``Evaluation`` with the pressure at each of the F foci.
-    quantised : ``Evaluation`` for the drive rounded to ``levels``; for the exact drive if rounding
-        would make it silent.
+    quantised : ``Evaluation`` for the drive rounded to ``levels``, or for the exact drive if
+        rounding would make it silent.
     levels : amplitude and phase levels of the board, as passed to ``verify``.
     attainable : (F,) peak pressure that each focus would reach at full scale as the only focus
         [Pa].

@@ -77,7 +77,7 @@ class Hulls:
     def unblended(
         cls, balls: Float64[np.ndarray, "balls 4"], parts: Int64[np.ndarray, "hulls 3"]
     ) -> "Hulls":
-        """Build hulls without blending and without pairs that stay separate."""
+        """Build hulls that are not blended and may overlap."""
         none = np.zeros((len(parts), len(parts)))
         return cls(balls, parts, none, none)
 

@@ -38,7 +38,7 @@ class HandShape(Shape):
 
     Attributes
     ----------
-    hulls : the body in the pose in which it was built.
+    hulls : hulls of the body in the pose in which it was built.
     pose : pose relative to the frame in which the body was built.
     follows : the keyframe whose meshes are deformed to fit this shape; None without a keyframe.
     meshes : meshes of ``hulls`` that were already generated, by edge length [m].

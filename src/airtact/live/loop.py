@@ -51,7 +51,7 @@ class Status:
     state : state of the live loop in words, such as "playing" or "waiting for a hand", with the
         reasons for silence and for rejected frames.
     processes : text about processes that have ended; empty if all are running.
-    rate : number of drives sent to the boards per second, without silent ones.
+    rate : number of drives sent to the boards per second, not counting silent drives.
     age : median time from the newest frame to the sound in the air [s]; NaN without drives.
     kept : median of ``Moment.kept``: the pressure expected at the weakest focus, divided by that of
         a drive computed for the exact hand; NaN if unknown.
@@ -284,7 +284,7 @@ class _Loop:
         return self.gain.share == 0.0
 
     def run(self, hands: HandSource, duration: float, report: Callable[[Status], None]) -> Followed:
-        """Run for a time [s], until the frames end, or until Ctrl-C."""
+        """Run for ``duration`` [s], or until the frames end or Ctrl-C is pressed."""
         begun = time.monotonic()
         reported = begun
         stream = hands.begin(self.arrived)

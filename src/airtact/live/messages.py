@@ -302,7 +302,7 @@ class StateMessage(msgspec.Struct, frozen=True, tag="state"):
     ----------
     version : version of the message format, 1.
     state : state of the live loop: "playing", "fading" to silence, or "silent".
-    reason : sentence with the reason for fading or silence, or null.
+    reason : sentence that gives the reason for fading or silence, or null.
     contacts : list of the places where hands touch objects.
     foci : list of all foci, those of contacts and those requested by applications.
     """

@@ -41,7 +41,7 @@ class Moment:
     frame_time : timestamp of the newest tracker frame that the drive is based on, on the same clock
         [s].
     joints : (25, 3) joints of the hand in WebXR order, predicted for ``time`` [m]; None if the hand
-        is lost. If both hands are followed, it is the hand ``LiveScene.side``.
+        is lost. If both hands are followed, these are the joints of the hand ``LiveScene.side``.
     foci : (F, 3) foci predicted for ``time`` [m]; None if no hand is seen.
     amplitudes : (E,) complex amplitudes, as fractions of full scale; zeros for silence. The cap and
         fades are applied later.
@@ -105,7 +105,7 @@ def silent_moment(scene: LiveScene, time: float, frame_time: float) -> Moment:
 class Controls:
     """Settings of the live loop, which do not change; the browser page replaces them as a whole.
 
-    ``follow`` takes the initial settings. While the loop runs, the page, or a program that sends
+    Pass the initial settings to ``follow``. While the loop runs, the page, or a program that sends
     the page's messages, sends new ones. The loop passes the newest to ``DriveMaker.make``.
 
     Attributes

@@ -75,7 +75,7 @@ class RegisteredTracker:
     Attributes
     ----------
     fit : ``Registration`` with the fitted pose and its uncertainty.
-    elements : indices in the array of the T touched transducers, in the order of the touches.
+    elements : array indices of the T touched transducers, in the order of the touches.
     words : names of these transducers for the user, with their positions.
     """
 
@@ -146,8 +146,8 @@ def register_tracker(
         be of the same side (left or right) as the first of them.
     source : "websocket" for a tracker that sends frames, optionally with ":PORT"; or the path of a
         recording of the touches.
-    elements : indices in the array of at least 3 transducers to touch, in order; by default, those
-        of ``elements_to_touch``.
+    elements : array indices of at least 3 transducers to touch, in order; by default, those of
+        ``elements_to_touch``.
     offset : distance of the fingertip's joint from a touched face [m], 0 to 0.05; by default, the
         skin radius of the scene's hand, or of a generic hand, at this joint. It is ignored if
         ``fit_offset`` is True.
@@ -321,8 +321,8 @@ def with_tracker(text: str, pose: Pose) -> str:
         same = False
     if not same:
         raise InvalidInput(
-            "the scene file does not define the tracker in a table [tracker]: enter the new values "
-            "yourself.",
+            "the scene file has no table [tracker] in which the values can be replaced: enter the "
+            "new values yourself.",
             code="not_writable",
         )
     return changed

@@ -149,8 +149,8 @@ def record(
 
     Parameters
     ----------
-    file : path of the recording to write, in the tracker's coordinates; an existing file is
-        replaced. Its name must end in ``.jsonl``. ``load_recording`` reads it.
+    file : path of the recording to write, which must end in ``.jsonl``; an existing file is
+        replaced. The recording is in the tracker's coordinates. ``load_recording`` reads it.
     source : "websocket" (JSON, on port 8765) or "osc" (on port 8766), or with another port as in
         "websocket:9000", where port 0 selects a free one.
     seconds : duration [s], above 0; by default, until Ctrl-C is pressed.

@@ -541,7 +541,7 @@ def _read(path: str | Path, layout: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _sides(raw: Mapping[str, Any]) -> tuple[Side, ...]:
-    """Return the side of the hand in each frame."""
+    """Return "left" or "right" for the hand in each frame."""
     count = len(raw["frames/time"])
     if "frames/side" not in raw:
         return (raw["side"],) * count

@@ -35,7 +35,8 @@ class HandSource:
     A subclass such as ``RecordedHands`` or ``ReceivedHands`` reads frames in the tracker's
     coordinates, passes them to ``stream.feed``, and sets ``ended`` after the last one. It overrides
     ``begin`` to start, ``close`` to stop, and optionally ``remark``. This class itself does not
-    read frames; it serves for the hand that the user drags on the page, which feeds ``stream``.
+    read frames. It is used for the hand that the user drags on the page, because the page passes
+    the frames to ``stream``.
 
     Parameters
     ----------

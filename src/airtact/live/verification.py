@@ -32,8 +32,8 @@ class VerifiedSession:
     Attributes
     ----------
     indices : indices of the V verified drives in the session.
-    pressures : (V, F) peak pressures at the foci of each drive [Pa], for F foci at most; the rows
-        of drives with fewer foci end with NaN.
+    pressures : (V, F) peak pressures at the foci of each drive [Pa], where F is the largest number
+        of foci; the rows of drives with fewer foci end with NaN.
     kept : (V,) pressure at the weakest focus divided by that of the best drive of equal energy
         Σ|d|² for the same hands; 1 is ideal. To find the weakest focus, pressures are divided by
         the strengths of the foci.

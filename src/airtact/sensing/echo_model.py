@@ -46,8 +46,8 @@ class EchoModel:
         in pascals.
     receiving : (W, R) coefficients of the regular waves of each receiver about the initial centre,
         for the same orders.
-    valid : (R, M) whether each pressure was received; None if all were received. For all other
-        pressures, the modelled echoes and their derivatives are 0.
+    valid : (R, M) whether each pressure was received; None if all were received. Where a pressure
+        was not received, the modelled echo and its derivatives are 0.
     """
 
     scattering: ScatteringMatrix

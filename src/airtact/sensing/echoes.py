@@ -205,9 +205,9 @@ def load_echoes(path: str | Path) -> Echoes:
     Raises
     ------
     InvalidInput
-        If the file is missing or unreadable, or has another ending, format or version. If a dataset
-        is missing, or contains values that ``Echoes`` rejects, such as NaN or codes above full
-        scale.
+        If the file is missing or unreadable, does not end in .h5, is not an echo file, or has a
+        newer version. If a dataset is missing, or contains values that ``Echoes`` rejects, such as
+        NaN or codes above full scale.
     """
     path = _checked_path(path)
     raw = datasets_of(path, LAYOUT, newest=2)
@@ -224,7 +224,7 @@ def load_echoes(path: str | Path) -> Echoes:
 
 
 def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
-    """Raise an error if the array has another number of elements than the echoes.
+    """Raise an error if the array and the echoes have different numbers of elements.
 
     ``name`` describes the echoes in the error message.
     """

@@ -161,12 +161,12 @@ def locate(
     Raises
     ------
     InvalidInput
-        If the echoes have another frequency than the scene or another number of elements than the
-        array. If the echoes are too weak or clipped. If transducers overlap bodies in the initial
-        pose. If the scattering matrix belongs to another scene, or is given in addition to a
-        family. If the scene has no bodies, or the solver does not support them. If the echoes do
-        not determine the pose or the parameter; for example, the echoes of a ball do not determine
-        its rotation.
+        If the echoes and the scene have different frequencies, or the echoes and the array have
+        different numbers of elements. If the echoes are too weak or clipped. If transducers overlap
+        bodies in the initial pose. If the scattering matrix belongs to another scene, or is given
+        in addition to a family. If the scene has no bodies, or the solver does not support them. If
+        the echoes do not determine the pose or the parameter; for example, the echoes of a ball do
+        not determine its rotation.
     NotConverged
         If the solver stops before it converges.
 
@@ -543,7 +543,7 @@ def unexplained(
     Raises
     ------
     InvalidInput
-        If the array has another number of elements than the echoes, or an element is inside the
+        If the array and the echoes have different numbers of elements, or an element is inside the
         ball around the bodies.
 
     Examples

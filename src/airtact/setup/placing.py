@@ -234,8 +234,8 @@ def place(
         distance of a board's centre from the centre of the foci [m]; both above zero and at most
         10, the smallest first.
     region : two opposite corners of a box that must contain all boards [m], or a function that
-        takes points (N, 3) [m] and returns an array (N,) that is True where boards may be. By
-        default, boards may be anywhere.
+        takes points (N, 3) [m] and returns an array (N,) that is True where boards are allowed. By
+        default, they are allowed everywhere.
     hands : poses of the hand for which the layouts are optimised, instead of the setup's pose. Each
         is either a hand or a ``Pose``. A hand replaces the only body of the scene, and its named
         points are the foci. A pose moves all bodies and foci.

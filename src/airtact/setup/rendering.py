@@ -78,7 +78,8 @@ class Rendering:
         is none.
     felt : the same as ``verification``, unless one focus runs through the points in turn. In that
         case, it contains the pressure at each point while the focus is there.
-    drives : ``drive`` and the control by name, each with its strongest element at full scale.
+    drives : dict from names to ``drive`` and the control drive, each scaled so that its strongest
+        element is at full scale.
     sequence : drives for moving foci; None if the foci do not move.
     robustness : pressures of the drive for samples of the setup's ``uncertainty`` that were not
         used to compute the drive; None if the setup has no uncertainty.

@@ -290,9 +290,10 @@ def default_level(
 
 
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
-    """Return the largest cap that respects ``MAX_HEAD_LEVEL``, and the level [dB] at full scale.
+    """Return a safe cap on the amplitudes, and the level [dB] at a head at full scale.
 
-    The function raises ``InvalidInput`` if the boards cannot reduce the level to this limit.
+    With this cap, the level at a head 0.5 m away is at most ``MAX_HEAD_LEVEL``. The function raises
+    ``InvalidInput`` if the boards cannot reduce the level to this limit.
     """
     head = Plan(stored, board_named(board), stored.modulation).head
     return head.safe_cap(), head.full

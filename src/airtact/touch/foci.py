@@ -37,9 +37,10 @@ class TouchFoci:
     names : name of each focus, "PART at OBJECT" such as "index at ball", numbered if a contact has
         several foci.
     skin_points : (F,) index in ``Skin.points`` of the point nearest to each focus.
-    merged : number of contacts without a focus because ``Contacts.foci`` allows fewer foci, but
-        less than a wavelength from a focus of the same object.
-    dropped : number of other contacts without a focus for the same reason.
+    merged : number of contacts beyond the largest number of foci in ``Contacts.foci`` that are less
+        than a wavelength from a focus of the same object, and are therefore merged with it.
+    dropped : number of contacts beyond the largest number of foci that are not near such a focus,
+        and therefore get no sound.
     """
 
     points: Float64[np.ndarray, "foci 3"]

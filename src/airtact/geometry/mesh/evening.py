@@ -42,7 +42,7 @@ def even_pass(
     smallest_angle: float = 0.0,
     keep: bool = False,
 ) -> tuple[FlatMesh, Float64[np.ndarray, "_"]]:
-    """Make triangles more even in one pass; return vertices and triangles, and the vertices' sizes.
+    """Make triangles more even in one pass; return the mesh and the target edge lengths.
 
     Parameters
     ----------

@@ -167,7 +167,7 @@ class ArticulatedHand:
         return self._changed(change)
 
     def advance(self, time: float) -> None:
-        """Extrapolate the estimate to a time [s]."""
+        """Extrapolate the estimate to ``time`` [s]."""
         self.joints = self.joints_at(time)
         step = time - self.time
         self.time = time

@@ -80,9 +80,9 @@ def register(
 ) -> Registration:
     """Find the pose of a hand tracker in a scene from touches of known points with a fingertip.
 
-    The pose is fitted by least squares. A touch is excluded as an outlier if its distance from its
-    point is more than 2 mm and more than 5 times the rms distance of the other touches when the
-    pose is fitted only to these. At most one touch is excluded, and only if there are more than 3
+    The pose is fitted by least squares. A touch is an outlier if, after a fit to all other touches,
+    it is more than 2 mm from its point, and more than 5 times as far as the other touches are from
+    theirs (rms). At most one touch is excluded as an outlier, and only if there are more than 3
     touches (plus one for each of ``offset`` and ``scale`` that is None); ``Registration.repeat`` is
     its index.
 
@@ -244,7 +244,7 @@ class RestingFingertip:
 
     Attributes
     ----------
-    share : fraction of the required second for which the tip has already rested, 0 to 1.
+    share : time for which the tip has already rested, as a fraction of the required second; 0 to 1.
     """
 
     def __init__(self) -> None:

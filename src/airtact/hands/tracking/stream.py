@@ -155,8 +155,8 @@ class HandStream:
 
     Pass frames to ``feed`` or ``feed_json``. Read them with ``wait``, which waits for the next new
     frame, or ``latest``, which returns the newest frame of one hand. Several threads may do so at
-    the same time. Faulty frames are skipped and counted in ``health``; ``feed`` and ``feed_json``
-    return their fault as an exception instead of raising it.
+    the same time. Faulty frames are skipped and counted in ``health``; for such a frame, ``feed``
+    and ``feed_json`` return the exception that describes the fault, instead of raising it.
 
     Parameters
     ----------

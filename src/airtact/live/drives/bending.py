@@ -324,7 +324,7 @@ class BendingPanels:
         return np.concatenate([np.repeat(panel_weights, 6, axis=0), self._inside_weights])
 
     def solved(self, posed: PosedHand, time: float) -> SkinSources:
-        """Solve the scattering by the hand in another pose, at a given time [s].
+        """Solve the scattering by the hand in another pose, predicted for ``time`` [s].
 
         Raises
         ------

@@ -207,7 +207,7 @@ class RigidParts:
         self._solver = solver.factorised(air, refined=self._reference.foci)
 
     def solved(self, joints: Joints, time: float) -> HandFactors:
-        """Solve the scattering by the rigid bodies in the pose of joints (25, 3) at a time [s]."""
+        """Solve the scattering by the rigid bodies, posed by the joints (25, 3) at ``time`` [s]."""
         scene = self._scene
         posed = pose_hand(scene, joints)
         # Running mean of the bone lengths, which ``outgrown`` compares with the bodies.
@@ -250,7 +250,7 @@ class PartSolver:
         self._bent: list[BentPanels] = []  # the newest ones first
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve the scattering by a part of the hand, rigid or meshed, at a time [s]."""
+        """Solve the scattering by a part of the hand, rigid or meshed, at ``time`` [s]."""
         if part == "phalanges" and "palm" not in self._scene.places:  # the palm is too large
             with suppress(InvalidInput):  # bodies that touch are solved as one body instead
                 if self._rigid is None or self._rigid.outgrown:
@@ -319,7 +319,7 @@ class BentPanels:
     def received(
         self, hulls: Hulls, beacons: Foci, elements: Points
     ) -> Complex128[np.ndarray, "points foci"] | None:
-        """Return the pressure of each beacon at the elements, which are away from the skin [Pa].
+        """Return the pressure [Pa] of each beacon at the elements, which are away from the skin.
 
         None is returned if the panels do not fit the pose.
         """

@@ -46,7 +46,7 @@ class Request:
     __repr__ = in_short
 
     def after(self, ahead: float) -> Joints:
-        """Return the joints expected ``ahead`` [s] later, or the current ones if implausible."""
+        """Return the joints expected in ``ahead`` [s], or the current ones if those are invalid."""
         try:
             return joints_of(self.joints + ahead * self.velocities)
         except InvalidInput:

@@ -263,8 +263,8 @@ class FactorisedField(RadiatedField):
 class FactorisedBodies(Solver):
     """Solver for bodies that were factorised separately and may be in any pose.
 
-    ``BoundaryElement.factorised`` creates it. Use it as any other solver, for scenes with the same
-    bodies in other poses, the same medium and the same frequency. Each body is reduced to a
+    ``BoundaryElement.factorised`` creates it. Use it like any other solver, for scenes with the
+    same bodies in any poses, the same medium and the same frequency. Each body is reduced to a
     scattering matrix between some of its nodes. ``radiate`` couples these matrices by iteration, so
     other poses and sources need no new factorisation. Its fields are only known away from the
     bodies.

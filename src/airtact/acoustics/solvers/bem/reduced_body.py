@@ -36,7 +36,7 @@ MAX_COMPILED_VECTORS = 8
 
 @dataclass(frozen=True, eq=False)
 class RoundedMatrix:
-    """A complex matrix in half the memory of single precision.
+    """A complex matrix that takes half the memory of single precision.
 
     Each row consists of 16-bit integers (real and imaginary parts in turn), which are multiplied by
     a scale for the row. The error of a number is at most half of the scale: 1.5e-5 of the largest
