@@ -68,7 +68,8 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and their requested pressures or shares; equal weights without either.
+    target : the foci and their requested pressures or shares; if it contains neither, all foci have
+        the same weight.
     iterations : number of iterations on the foci, 1 or more; 50 by default.
 
     Returns

@@ -112,9 +112,9 @@ class HeadLevel:
     of all drives [dB SPL] if the amplitudes are limited to a cap (1 is full scale). Both are the
     largest on a sphere around the middle of the array, 0.5 m outside the farthest element.
     ``safe_cap()`` returns 1 if the peak level at full scale is at most ``MAX_HEAD_LEVEL``, 110 dB
-    SPL. Otherwise it returns a cap at which this holds, usually about a tenth below the largest
-    one; it raises ``InvalidInput`` if the boards cannot be turned down that far, for example
-    because they only switch elements on and off.
+    SPL. Otherwise it returns a cap at which the peak level does not exceed this limit, usually
+    about a tenth below the largest such cap. It raises ``InvalidInput`` if the boards cannot be
+    turned down that far, for example because they only switch elements on and off.
 
     Elements are assumed to radiate equally in all directions. The level ignores nonlinear
     steepening, which is negligible at ``MAX_HEAD_LEVEL`` and therefore does not affect
@@ -172,7 +172,8 @@ class HeadLevel:
     def safe_cap(self) -> float:
         """Return a cap whose peak level is at most ``MAX_HEAD_LEVEL``.
 
-        The cap is 1 if full scale is quiet enough, else usually a tenth below the largest such cap.
+        The cap is 1 if full scale does not exceed this level. Otherwise, the cap is usually about a
+        tenth below the largest cap that keeps to this level.
 
         Raises
         ------

@@ -296,7 +296,7 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
 
 
 def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
-    """Return the sources s whose drive phase(Hᴴ s) has the highest pressure at the weakest focus.
+    """Return the sources s whose drive phase(Hᴴ s) produces the most pressure at the weakest focus.
 
     Each row of ``matrix`` is divided by the requested pressure of its focus.
     """
@@ -355,8 +355,8 @@ def gradient(
         some.
     target : the foci, their requested pressures or shares, and the suppression points.
     loss : fraction of the initial pressure at the foci that may be lost in favour of the
-        suppression points, at least 0 and below 1. The result may exceed it slightly. It has no
-        effect without suppression points.
+        suppression points, at least 0 and below 1. The actual loss may be slightly larger. This
+        limit has no effect without suppression points.
     iterations : largest number of steps of one descent, at least 1. The method runs four descents
         with suppression points, and otherwise one.
 

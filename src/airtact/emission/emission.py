@@ -95,7 +95,7 @@ class Emission:
     Raises
     ------
     InvalidInput
-        If the cap is not in the interval (0, 1], or a time is out of its range. Without a cap, a
+        If the cap is not in the interval (0, 1], or a time is outside its range. Without a cap, a
         drive is rejected if it is too loud for boards that only switch elements on and off, or if
         the poses of several boards are unknown.
     """

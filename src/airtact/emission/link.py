@@ -264,7 +264,7 @@ class Link(ABC):
     def modulate(  # noqa: B027 (most boards cannot)
         self, envelope: Float64[np.ndarray, "frames"] | None, rate: float
     ) -> None:
-        """Make the boards modulate the current and all later frames, if the link ``plays_itself``.
+        """Make the boards modulate the current and all later frames; requires ``plays_itself``.
 
         Parameters
         ----------
@@ -367,7 +367,7 @@ class Link(ABC):
 class RecordingLink(Link):
     """Link without boards that only records the frames sent to it, for tests and trials.
 
-    Pass it to ``Emission``, as any other link. Opening the link deletes earlier frames.
+    Pass it to ``Emission`` like any other link. Opening the link deletes earlier frames.
 
     Parameters
     ----------

@@ -42,8 +42,8 @@ class SerialLink(Link):
     board : kind of the boards, "sonicsurface" (the default) or "nano16".
     boards : number of boards, 1 by default. A line can drive one Nano16 or up to two SonicSurface
         boards, of which the first is the primary and the second the secondary.
-    boot : time limit for the first answer of a Nano16 [s], which restarts if the port is opened; 4
-        s by default.
+    boot : time limit [s] for the first answer of a Nano16, which restarts when the port is opened;
+        4 s by default.
 
     Raises
     ------

@@ -324,7 +324,7 @@ class HeldOut:
         scaled to the energy of the first [Pa]. If the requests or shares differ, it is the smallest
         ratio of pressure to request, times the request of the focus at which the first drive is
         weakest without deviations.
-    expected : (D,) the same pressures without any deviation [Pa].
+    expected : (D,) pressure at the weakest focus without deviations, for the same scaling [Pa].
     left_out : number of further samples skipped because they are impossible, such as a hand that
         overlaps a transducer.
     """
@@ -342,7 +342,7 @@ class HeldOut:
         return np.quantile(self.pressures, 0.1, axis=1)
 
     def sentence(self) -> str:
-        """Return a sentence with the pressure that the weakest focus exceeds in 9 of 10 samples."""
+        """State the pressure that the weakest focus exceeds in 9 of 10 samples, as a sentence."""
         first, *rest = self.lowest_tenth
         words = [f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], rest, strict=True)]
         compared = f" ({', '.join(words)} at equal energy)" if words else ""

@@ -159,7 +159,7 @@ def curved_panels(hulls: Hulls, skin: HandMesh) -> QuadraticTriangles:
 
 
 def motion(before: Hulls, now: Hulls) -> float:
-    """Return the largest motion [m] of a ball relative to the rigid motion of the hand."""
+    """Return the largest displacement [m] of a ball beyond the rigid motion of the hand."""
     turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     off = before.balls[:, :3] @ turn.T + shift - now.balls[:, :3]
     return float(np.linalg.norm(off, axis=1).max())

@@ -99,7 +99,7 @@ class Followed:
         computed from it took effect (see ``Session.time_in_air``) [s]; NaN without drives.
     kept : median of ``Moment.kept``, the expected pressure at the weakest focus divided by that of
         a drive computed for the exact hand; NaN if unknown.
-    faded : dict from each reason for a fade to silence to the number of such fades.
+    faded : number of fades to silence for each reason, as a dict.
     dropped : number of frames and drives missing from the session because the disk was too slow.
     health : ``StreamHealth`` with the numbers of received frames and of frames with each kind of
         fault.

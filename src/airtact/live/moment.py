@@ -103,10 +103,11 @@ def silent_moment(scene: LiveScene, time: float, frame_time: float) -> Moment:
 
 @dataclass(frozen=True)
 class Controls:
-    """Settings of the live loop, which do not change; the browser page replaces them as a whole.
+    """Settings of the live loop, which the user can change on the browser page.
 
-    Pass the initial settings to ``follow``. While the loop runs, the page, or a program that sends
-    the page's messages, sends new ones. The loop passes the newest to ``DriveMaker.make``.
+    ``follow`` takes the initial settings. To change any of them, the page, or a program that sends
+    the page's messages, sends a new ``Controls`` object. The loop passes the newest object to
+    ``DriveMaker.make``.
 
     Attributes
     ----------

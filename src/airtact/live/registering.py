@@ -142,8 +142,8 @@ def register_tracker(
 
     Parameters
     ----------
-    setup : scene with the array. If the scene has hands, the hand that touches the transducers must
-        be of the same side (left or right) as the first of them.
+    setup : scene with the array. If the scene has hands, the first of them determines with which
+        hand, left or right, to touch the transducers.
     source : "websocket" for a tracker that sends frames, optionally with ":PORT"; or the path of a
         recording of the touches.
     elements : array indices of at least 3 transducers to touch, in order; by default, those of

@@ -217,8 +217,8 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     Parameters
     ----------
     setup : setup whose attribute ``tracker`` transforms the frames of recordings and trackers to
-        the scene, and whose objects are the initial objects of the run. Frames of a session already
-        are in scene coordinates.
+        the scene, and whose objects are the initial objects of the run. Frames of a session are
+        already in scene coordinates.
     source : path of a recording, of a session, or of the folder of a session; "websocket" or "osc"
         for messages at a port of this computer, optionally with ":PORT" (8765 or 8766 by default; 0
         selects a free port); or "page" for a hand that is dragged on the page. By default, an

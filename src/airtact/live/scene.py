@@ -144,8 +144,8 @@ class LiveScene:
     moving : paths of the foci relative to the hand; None if they do not move.
     planes : rigid planes, such as a table; empty without planes.
     objects : virtual objects at the start of the run, whose contacts are foci as well.
-    both : whether both hands are followed; False by default. If so, ``radii`` apply to both, and
-        places without a side are on the hand ``side``.
+    both : whether both hands are followed; False by default. If True, ``radii`` apply to both
+        hands, and places whose name lacks "left" or "right" are on the hand ``side``.
     """
 
     medium: Medium

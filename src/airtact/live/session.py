@@ -134,7 +134,7 @@ class SessionWriter:
     ----------
     dropped : number of frames and drives that were not recorded because the disk was too slow and
         4096 others were already waiting.
-    fault : message with the reason why writing failed, and the time since the loop began after
+    fault : message that states why writing failed, and the time since the start of the loop after
         which nothing was recorded; None if there was no failure. Earlier data stay in the file, and
         later frames and drives are ignored; no exception is raised.
 

@@ -25,7 +25,7 @@ OnFrame = Callable[[HandFrame, float], None]
 
 
 class HandSource:
-    """Source of each ``HandFrame`` of tracked hands for ``run`` and ``follow``; a base class.
+    """Base class for sources that pass the frames of tracked hands to ``run`` and ``follow``.
 
     ``hands_from`` creates the source. ``run`` and ``follow`` call ``begin(on_frame)``, and later
     ``close()``. In between, the source calls ``on_frame(frame, arrival)`` with every valid frame in

@@ -42,7 +42,7 @@ class Mailbox:
             self._changed.notify_all()
 
     def take(self) -> Any:
-        """Wait for a message, remove and return it; return None once the mailbox has ended."""
+        """Wait for a message, then remove and return it; return None after ``end`` was called."""
         with self._changed:
             self._changed.wait_for(lambda: self.ended or self.newest is not None)
             message = self.newest
@@ -54,7 +54,7 @@ class Mailbox:
 
         Returns
         -------
-        The message, or None if the mailbox has ended.
+        The message, or None if no more messages will arrive.
         """
         with self._changed:
             while not self.ended:

@@ -50,7 +50,7 @@ MAX_MODULATION = 20.0
 class WantedFocus:
     """A focus that an application requests.
 
-    ``Client.foci`` and ``World`` take it. If the live loop cannot produce the focus, for example
+    Pass it to ``Client.foci``. If the live loop cannot produce the focus, for example
     because it is inside the hand, ``StateMessage.foci`` states the reason.
 
     Attributes

@@ -21,9 +21,9 @@ def write_report(
 
     Parameters
     ----------
-    result : a rendering, as returned by ``render``, which is written to report.html and, as the
-        field around the foci for ParaView, to field.vtkhdf; or a ``MethodComparison``, as returned
-        by ``compare(setup)``, which is written to methods.html.
+    result : a rendering, as returned by ``render``, or a ``MethodComparison``, as returned by
+        ``compare(setup)``. A rendering is written to report.html, and the field around its foci to
+        field.vtkhdf for ParaView; a comparison is written to methods.html.
     folder : folder for the files; created if it does not exist.
     progress : function called with a description of each step as it begins.
 

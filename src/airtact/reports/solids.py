@@ -62,7 +62,7 @@ def space_axes(figure: Figure, view: View, position: tuple[int, int, int] = (1, 
 
 
 def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
-    """Fit the axes to points [mm] with equal scales."""
+    """Fit the axes to points [mm], with the same scale along x, y and z."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     lengths = np.ptp(points, axis=0)
     # matplotlib requires a box with some thickness, even if all points lie in a plane.

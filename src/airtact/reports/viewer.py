@@ -174,7 +174,7 @@ def colour_scales() -> dict[str, list[str]]:
 
 
 def pressure_bytes(pressure: Float64[np.ndarray, "*points"], peak: float) -> np.ndarray:
-    """Convert pressures of at most ``peak`` [Pa] to bytes."""
+    """Convert pressures to bytes on a square-root scale, with 255 at ``peak`` [Pa]."""
     # The square root keeps weak fields visible: 1 % of the peak becomes 25 of 255.
     return np.round(255.0 * np.sqrt(np.clip(pressure / peak, 0.0, 1.0))).astype(np.uint8)
 

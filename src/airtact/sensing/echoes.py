@@ -9,8 +9,8 @@ Version 2 of the file is HDF5 with these datasets; those in parentheses are opti
 - ``pressures_real``, ``pressures_imaginary``: (R, M) peak pressure at each of R receivers in each
   transmission [Pa], with the same phasor.
 - (``receivers``: (R,) indices of the receiving elements, from 0; by default all in order.)
-- (``noise``: rms magnitude of the complex noise of one pressure [Pa], measured without a
-  transmission.)
+- (``noise``: rms magnitude of the complex noise of each pressure [Pa], as measured without
+  a transmission.)
 - (``valid``: (R, M) 1 for received pressures, 0 for others; by default all are valid.)
 """
 
@@ -57,8 +57,8 @@ class Echoes:
     receivers : (R,) indices of the receiving elements, in the order of the rows of ``pressures``.
         None selects all E in order; the attribute then contains their indices.
     frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
-    noise : rms magnitude of the complex noise of one pressure [Pa], measured without a
-        transmission, above zero; None if unknown.
+    noise : rms magnitude of the complex noise of each pressure [Pa], above zero, as measured
+        without a transmission; None if unknown.
     valid : (R, M) whether each pressure was received; None if all were received. An element cannot
         receive while it still rings after its own emission. Invalid pressures are stored as 0.
 

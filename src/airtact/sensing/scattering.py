@@ -161,8 +161,8 @@ def scattering_matrix(
         pressures = field.scattered_at(centre + outer * directions)
         if not np.isfinite(pressures).all():
             raise InvalidInput(
-                f"the solver has no field {1e3 * outer:.3g} mm from the centre of the bodies; use "
-                "a solver that computes the field all around the bodies.",
+                f"the solver returns no field {1e3 * outer:.3g} mm from the centre of the bodies; "
+                "use a solver that computes the field all around the bodies.",
                 code="data_missing",
             )
         scattered = (weights * waves) @ pressures / radial

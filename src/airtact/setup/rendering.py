@@ -85,8 +85,8 @@ class Rendering:
         used to compute the drive; None if the setup has no uncertainty.
     traps : ``Verdict`` on the equilibrium nearest to each trap, or on the trap itself if there is
         no equilibrium within half a wavelength; empty without traps.
-    headline : sentence with the pressures at the weakest focus that ``drive`` and the control
-        produce.
+    headline : sentence that states the pressures that ``drive`` and the control drive produce at
+        the weakest focus.
     remarks : sentences on requests that were not met, and on the fraction of the upper bound
         that the drive reaches.
     sensation : sentences that compare the foci with the tactile threshold.

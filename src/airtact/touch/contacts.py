@@ -28,13 +28,13 @@ class Contacts:
 
     Attributes
     ----------
-    skin : points of the skin, as a ``Skin``. All positions in this object are in its frame.
+    skin : points of the skin, as a ``Skin``. All positions are in the frame of the skin.
     virtual_objects : all objects, whether touched or not; unnamed ones are named "object 1" and
         so on.
     offset : distance of the foci from the skin, outward [m].
-    found : ``ContactArrays`` with the properties of all contacts. This object also has its arrays
-        ``points``, ``normals``, ``depths`` and ``areas`` as properties; its own ``objects`` and
-        ``places`` are the names of the touched objects and of the parts of the skin.
+    found : ``ContactArrays`` with the properties of all contacts. Its arrays ``points``,
+        ``normals``, ``depths`` and ``areas`` are also properties of ``Contacts``. In contrast,
+        ``Contacts.objects`` and ``Contacts.places`` contain names instead of indices.
     """
 
     skin: Skin

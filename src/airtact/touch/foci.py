@@ -30,17 +30,17 @@ class TouchFoci:
     Attributes
     ----------
     points : (F, 3) positions outside the skin [m], in the frame of the skin.
-    strengths : (F,) strength of the touch at each focus, from 0 to 1 (see ``VirtualObject``), to
-        which the pressure there is to be proportional.
+    strengths : (F,) strength of the touch at each focus, from 0 to 1 (see ``VirtualObject``).
+        The pressure at a focus should be proportional to its strength.
     contacts : (F,) index of the contact to which each focus belongs, in the arrays of ``Contacts``.
         A long contact may have several foci.
     names : name of each focus, "PART at OBJECT" such as "index at ball", numbered if a contact has
         several foci.
     skin_points : (F,) index in ``Skin.points`` of the point nearest to each focus.
-    merged : number of contacts beyond the largest number of foci in ``Contacts.foci`` that are less
-        than a wavelength from a focus of the same object, and are therefore merged with it.
-    dropped : number of contacts beyond the largest number of foci that are not near such a focus,
-        and therefore get no sound.
+    merged : number of contacts that have no focus because the number of foci is limited, but are
+        less than a wavelength from a focus of the same object.
+    dropped : number of contacts that have no focus because the number of foci is limited, and are
+        farther away from every focus of the same object.
     """
 
     points: Float64[np.ndarray, "foci 3"]

@@ -29,7 +29,7 @@ class _Focus:
 
 
 class TouchState:
-    """Computes foci where moving skin touches virtual objects.
+    """Compute foci where moving skin touches virtual objects.
 
     For each frame, call ``update`` with the skin, moved to its new pose (``Skin.moved``), and the
     time [s]. It returns ``TouchFoci``: the positions, strengths (0 to 1, see
@@ -38,7 +38,7 @@ class TouchState:
     A contact begins when skin enters an object, and ends when the skin is farther from the object
     than ``release``, so that noise does not make it flicker. A strength changes gradually, at most
     by 1 per ``ramp``. It begins at 0 and, after the end of a contact, falls to 0, while the focus
-    stays at its point of the skin.
+    stays at its point on the skin.
 
     Parameters
     ----------

@@ -84,13 +84,13 @@ class Levels:
         return len(self.amplitudes) == 2
 
     def same_as(self, levels: "Levels") -> bool:
-        """Return whether other levels have the same amplitudes and phases."""
+        """Return whether ``levels`` has the same amplitudes and phases as this object."""
         return self.phases == levels.phases and np.array_equal(self.amplitudes, levels.amplitudes)
 
     def nearest(self, shares: Real[np.ndarray, "*elements"]) -> Int64[np.ndarray, "*elements"]:
         """Return the index of the level nearest to each fraction of full scale.
 
-        With two levels, each element above a thousandth of full scale is switched on.
+        With two levels, each element with more than a thousandth of full scale is switched on.
         """
         if self.phase_only:
             return (shares > 1e-3).astype(np.int64)

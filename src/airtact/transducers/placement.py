@@ -335,8 +335,8 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     board, poses = boards
     if board.outline is None:
         raise InvalidInput(
-            f"boards of {board.name} cannot reflect, because the maker does not state their "
-            "outline. Declare the plates as obstacles instead.",
+            f"{board.name} boards cannot reflect sound, because the manufacturer does not state "
+            "their outline. Declare the plates as obstacles instead.",
             code="unknown_name",
         )
     # Boards less than 0.5 mm apart form one body, with the gap between them filled.

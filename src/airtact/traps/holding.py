@@ -254,7 +254,7 @@ def signature(
     kind: Literal["twin", "vortex", "bottle"] = "twin",
     axis: Vector = (0, 1, 0),
 ) -> Drive:
-    """Convert the drive for a focus into the drive for a trap there, by shifting phases only.
+    """Convert the drive for a focus into the drive for a trap at its position, by shifting phases.
 
     The shifts are the signature of the trap. They depend on the positions of the elements relative
     to their mean position, and make the contributions of the elements to the pressure at the focus
@@ -270,8 +270,8 @@ def signature(
         phases of the elements within a radius of the line through the mean position along the front
         direction; the radius is chosen so that they have about half of the total amplitude.
     axis : (3,) axis of the trap in the array's frame, a vector of any length above zero; by default
-        y. For "vortex" and "bottle", it replaces the front direction if the elements face each
-        other, so that the mean of their normals is shorter than 0.3; otherwise it has no effect.
+        y. For "vortex" and "bottle", it is only used if the elements face each other (the mean of
+        their normals is shorter than 0.3), and then replaces the array's front direction.
 
     Returns
     -------

@@ -166,7 +166,10 @@ def corner_normals(
 
 
 def sectors(triangles: Triangles, twins: Twins, sharp: EdgeMask) -> Int64[np.ndarray, "corners"]:
-    """Label corners 3 t + c; corners at a vertex share a label if no sharp edge separates them."""
+    """Return a label for each corner; corner c of triangle t has the index 3 t + c.
+
+    Corners at the same vertex have the same label if no sharp edge separates them.
+    """
     if not sharp.any():
         return triangles.ravel()
     # Edge c of a triangle starts at its corner c, and the twin of that edge ends there.

@@ -228,7 +228,7 @@ SHARP_DEGREES = 75.0
 
 
 def edge_twins(triangles: AnyTriangles) -> Twins:
-    """Return, for each directed edge 01, 12, 20, the index 3 t + e of the reverse edge.
+    """Return the index of the reverse edge of each directed edge 01, 12 and 20 of each triangle.
 
     Index 3 t + e refers to edge e of triangle t. The index is -1 if there is no reverse edge, and
     -2 if the directed edge itself occurs more than once.

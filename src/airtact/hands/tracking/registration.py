@@ -38,8 +38,8 @@ class Registration:
     position_error : standard deviation of the position at the middle of the touched points, in the
         least certain direction [m].
     angle_error : standard deviation of the rotation about the least certain axis [rad].
-    repeat : index of the touch that contradicts all others and is excluded from the fit, so that it
-        should be repeated; None if all touches agree.
+    repeat : index of the touch to repeat, because it contradicts all others and was excluded from
+        the fit; None if all touches agree.
     likely_scale : scale at which the residuals (rms) would be less than 0.4 times as large; None if
         no scale reduces them that much, if they are at most 0.5 mm, if the scale was fitted, or if
         the pose is fitted to fewer than 5 touches.

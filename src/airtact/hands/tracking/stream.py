@@ -279,7 +279,7 @@ class HandStream:
             return self._hands[side].newest
 
     def wait(self, timeout: float) -> HandFrame | None:
-        """Wait for a new frame; of several new frames of a hand, only the latest is returned.
+        """Wait for a new frame of either hand; older frames of the same hand are skipped.
 
         Parameters
         ----------
@@ -287,8 +287,8 @@ class HandStream:
 
         Returns
         -------
-        The oldest new frame of either hand, which may mark this hand as lost; None after the
-        timeout.
+        The latest frame of a hand, which may mark this hand as lost; None after the timeout. If
+        both hands have a new frame, the one that arrived first is returned.
         """
         end = time.monotonic() + timeout
         with self._changed:

@@ -351,7 +351,7 @@ class BendingPanels:
         )
 
     def radiated(self, posed: PosedHand) -> tuple[Bones, TransposedSolution]:
-        """Return the bones in a pose and the solution for its foci."""
+        """Return the bones of a posed hand, and the solution for beacons at its foci."""
         bones, corners, inside = self.bent(posed.hand)
         # Below a relative residual of 0.2, the error is dominated by that of the panels.
         beacons = Target(posed.foci).beacons()

@@ -250,7 +250,10 @@ class PartSolver:
         self._bent: list[BentPanels] = []  # the newest ones first
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve the scattering by a part of the hand, rigid or meshed, at ``time`` [s]."""
+        """Solve the scattering by part of a hand, as rigid bodies if possible, else as one mesh.
+
+        ``time`` is the time of the pose, on the tracker's clock [s].
+        """
         if part == "phalanges" and "palm" not in self._scene.places:  # the palm is too large
             with suppress(InvalidInput):  # bodies that touch are solved as one body instead
                 if self._rigid is None or self._rigid.outgrown:

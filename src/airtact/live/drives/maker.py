@@ -58,7 +58,7 @@ class SolvingMaker(DriveMaker):
 
 
 class HandAware(SolvingMaker):
-    """Computes drives for foci at fixed places of a hand, including scattering by the hand.
+    """Compute drives for foci at fixed places of a hand, including scattering by the hand.
 
     This is the ``DriveMaker`` that ``run`` uses for one hand without virtual objects. The live loop
     passes each frame of the tracker to ``take`` and requests each drive from ``make``; ``follow``

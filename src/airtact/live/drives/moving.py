@@ -17,7 +17,7 @@ Points = Float64[np.ndarray, "points 3"]
 
 
 class Rounds:
-    """Computes drives that move foci along their paths on a hand; call ``frames`` for each pose.
+    """Compute drives that move foci along their paths on a hand; call ``frames`` for each pose.
 
     Parameters
     ----------

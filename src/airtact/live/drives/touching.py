@@ -86,7 +86,7 @@ class _Foci:
 
 
 class TouchAware(SolvingMaker):
-    """Computes drives for contacts of both hands with virtual objects and for requested foci.
+    """Compute drives for contacts of both hands with virtual objects and for requested foci.
 
     Pass it to ``follow`` as ``maker``. For each drive, contacts are found on the hands at their
     predicted positions. Their foci appear, move and fade as described in ``TouchState``; requested

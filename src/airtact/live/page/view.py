@@ -55,7 +55,7 @@ class Picture:
 
 
 class View:
-    """Computes the pictures on the page from the data that the live loop sends.
+    """Compute the pictures on the page from the data that the live loop sends.
 
     Call ``picture`` with each ``Shown`` that the loop sends.
 

@@ -240,7 +240,10 @@ def pardiso_library() -> str | None:
 def factorised(
     form: AssembledForm, free: Bool[np.ndarray, "unknowns"], order: int, method: str
 ) -> Factor:
-    """Factorise the matrix of elements of a given order with "pardiso" or "sparsecholesky"."""
+    """Factorise a finite-element matrix with the ``method`` "pardiso" or "sparsecholesky".
+
+    ``order`` is the polynomial order of the elements.
+    """
     if method == "sparsecholesky":
         return SparseCholesky(form, free)
     # Largest residual after refinement, relative to the right-hand side.
