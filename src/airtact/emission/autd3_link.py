@@ -149,7 +149,7 @@ class AUTD3Link(AUTD3Boards):
         Raises
         ------
         InvalidInput
-            If the link is not "audit", because real boards cannot be read.
+            If the link is not "audit", because the frames of real boards cannot be read back.
         """
         if self._elsewhere is not None:
             return self._elsewhere("played", index)

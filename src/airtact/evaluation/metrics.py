@@ -311,12 +311,12 @@ class Evaluation:
 
     @property
     def expected(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) peak pressure [Pa], reduced by nonlinear steepening in air, or NaN if unknown."""
+        """(F,) peak pressure [Pa], reduced by nonlinear steepening in air; NaN where unknown."""
         return self.magnitudes * (self.steepening.kept if self.steepening else np.nan)
 
     @property
     def second_harmonic(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) ratio of the second harmonic to ``expected``, or NaN if unknown."""
+        """(F,) ratio of the second harmonic to ``expected``; NaN where unknown."""
         if self.steepening is None:
             return np.full(len(self.pressures), np.nan)
         return self.steepening.second_harmonic

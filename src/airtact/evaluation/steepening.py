@@ -37,8 +37,8 @@ class Steepening:
 
     Linear acoustics, as used by all solvers, overestimates strong pressures. Use ``kept`` for the
     fraction of the pressure that remains. ``second`` and ``depletion`` are perturbation results,
-    which exceed the true values if the steepening is strong. They are NaN if no sound of the array
-    reaches the point directly.
+    which exceed the true values if the steepening is strong. They are NaN where no sound of the
+    array arrives directly.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Steepening:
 
     @property
     def kept(self) -> Float64[np.ndarray, "points"]:
-        """(F,) ratio of the fundamental to the linear pressure, or NaN if too uncertain.
+        """(F,) ratio of the fundamental to the linear pressure; NaN where it is too uncertain.
 
         >>> wave = Steepening(np.array([0.25]), np.array([0.5**2 / 8]), np.zeros(1))
         >>> wave.kept.round(3).tolist()  # a plane wave at σ = 0.5: 2 J₁(0.5)/0.5

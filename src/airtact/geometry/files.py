@@ -50,8 +50,8 @@ def load_surface(
     smallest : width below which bores and gaps are filled, and walls and ribs are removed [m]; at
         least 1/64 of the body's length. The new surface deviates by at most about half of this
         width and has as few triangles as possible. Edges that turn by more than 25 degrees stay
-        sharp. ``repairs`` states this deviation, and the volume before and after. This option
-        includes the effect of ``union``.
+        sharp. ``repairs`` states this deviation, and the volumes of the original and of the new
+        surface. This option includes the effect of ``union``.
     progress : function that is called with a description of each step when the step begins.
 
     Returns

@@ -68,21 +68,18 @@ class Session:
     drive_frame_time : (N,) timestamp of the newest frame that each drive used [s].
     rules, states : (N,) rule by which each drive was computed, and state of the live loop at that
         time, as in ``Moment.rule`` and ``Moment.state``.
-    kept : (N,) expected fraction of the attainable pressure, as in ``Moment.kept``; NaN if unknown.
+    kept : (N,) expected fraction of attainable pressure, as in ``Moment.kept``; NaN where unknown.
     shape_age : (N,) age of the solution of the scattering that each drive used, as in
         ``Moment.shape_age`` [s]; NaN without a solution.
-    foci : (N, F, 3) predicted foci [m]; NaN if the hand was lost or a drive has fewer
-        foci.
-    joints : (N, 25, 3) predicted joints of the hand in WebXR order [m]; NaN if it was lost.
+    foci : (N, F, 3) predicted foci [m]; NaN where the hand was lost or a drive has fewer foci.
+    joints : (N, 25, 3) predicted joints of the hand in WebXR order [m]; NaN where it was lost.
     frame_time : (M,) timestamps of the tracker's frames [s].
-    landmarks : (M, 25, 3) joints in WebXR order in each frame [m]; NaN if the hand was
-        lost.
+    landmarks : (M, 25, 3) joints in WebXR order in each frame [m]; NaN where the hand was lost.
     sides : (M,) "left" or "right" for the hand in each frame.
     strengths : (N, F) strengths of the foci, from 0 to 1; 1 if all are equal.
     contacts : (N, C, 3) points of the skin in contact with objects [m]; unused entries are NaN.
     depths : (N, C) depths of the points ``contacts`` in the objects [m]; unused entries are NaN.
-    other : (N, 25, 3) predicted joints of the other hand [m]; NaN if it was not
-        seen.
+    other : (N, 25, 3) predicted joints of the other hand [m]; NaN where it was not seen.
     """
 
     scene: LiveScene

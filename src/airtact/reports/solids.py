@@ -146,7 +146,7 @@ def sheet_of(plane: Plane, points: Real[np.ndarray, "points 3"]) -> Float64[np.n
 def draw_sheets(
     axes: Axes3D, planes: Sequence[Plane], points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "corners 3"]:
-    """Draw planes below or behind points (P, 3) [m]; return the corners (C, 3) [mm]."""
+    """Draw planes below or behind points (P, 3) [m]; return the planes' corners (C, 3) [mm]."""
     corners = [1e3 * sheet_of(plane, points) for plane in planes]
     if corners:
         sheets = Poly3DCollection(

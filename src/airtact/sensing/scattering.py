@@ -103,7 +103,7 @@ def scattering_matrix(
     ----------
     solver : solver for the bodies, such as ``BoundaryElement(accuracy=0.01, estimate=False)``.
     scene : the bodies, in their own frame.
-    accuracy : relative error due to the truncation of the waves, 0.0001 to 0.1; it determines the
+    accuracy : relative error due to the finite number of waves, 0.0001 to 0.1; it determines the
         highest order. It does not include the error of ``solver``.
     ball : (3,) centre of the waves in the bodies' frame, and radius of a ball around it that
         contains the bodies [m]; by default nearly the smallest such ball.
@@ -377,7 +377,7 @@ def scattering_family(
     start : value of the parameter at which ``locate`` begins, from ``low`` to ``high``; by default
         the middle of the range.
     values : number of solved values, 3 to 12; 5 by default. They are Chebyshev points of the range.
-    accuracy : relative error due to the truncation of the waves, 0.0001 to 0.1; 0.005 by default.
+    accuracy : relative error due to the finite number of waves, 0.0001 to 0.1; 0.005 by default.
 
     Returns
     -------

@@ -84,10 +84,10 @@ class Contacts:
 
     @cached_property
     def outlines(self) -> tuple[tuple[Float64[np.ndarray, "_ 3"], ...], ...]:
-        """Curves (P, 3) along which the skin meets the object's surface, for each contact [m].
+        """For each contact, the curves (P, 3) along which the skin meets the object's surface [m].
 
-        The last point of a closed curve equals its first one. A curve is open if the contact
-        continues on another part of the skin.
+        A closed curve ends with its first point. A curve is open if the contact continues on
+        another part of the skin.
         """
         return tuple(
             outline_of(self.skin, self.virtual_objects[index], members)

@@ -95,8 +95,8 @@ def overlapping_boards(
 ) -> tuple[int, int, Float64[np.ndarray, "3"]] | None:
     """Return the indices of two overlapping boards and a point in both [m], or None.
 
-    Overlaps of up to 6 mm at the edges are allowed, because those in ``surrounding_box`` are 5.7
-    mm.
+    Overlaps of up to 6 mm at the edges are allowed, because the boards of ``surrounding_box``
+    overlap by 5.7 mm.
     """
     kind = kind_of_array(array.positions, array.normals)
     if kind is None or kind[0].outline is None:

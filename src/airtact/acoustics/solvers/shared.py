@@ -51,7 +51,7 @@ NearLists = tuple[Int64[np.ndarray, "_"], Int64[np.ndarray, "_"]]
 def differences(
     pressure: Callable[[Points], Pressures], points: Points, step: Lengths
 ) -> Gradients:
-    """Return the gradient ∇p [Pa/m], by fourth-order central differences with a step [m].
+    """Return the gradient ∇p [Pa/m], by fourth-order central differences with ``step`` [m].
 
     The pressure must be defined up to two steps away on all sides.
     """

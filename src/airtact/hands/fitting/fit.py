@@ -115,10 +115,10 @@ class FittedHand:
         return self.skin(3.5e-3, 2.5e-3)
 
     def skin(self, *edges: float) -> Surface:
-        """Return the skin, meshed with the first of the given edge lengths [m] that works.
+        """Return the skin, meshed with the first of ``edges`` [m] at which no triangles cross.
 
-        An edge length fails if triangles would cross. If all fail, ``hand.surface`` is returned,
-        without the offset to the points.
+        If triangles cross at all these edge lengths, ``hand.surface`` is returned, without the
+        offset to the points.
         """
         moved = with_offset(self.hand.shape.hulls, self.points[~self.outliers], edges)
         return self.hand.surface if moved is None else moved

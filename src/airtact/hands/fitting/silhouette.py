@@ -54,9 +54,10 @@ class Silhouette:
     ) -> tuple[Float64[np.ndarray, "rims"], Float64[np.ndarray, "rims 104"], float]:
         """Compute how far the rims of a hand's balls (26, 4) [m] protrude from the silhouette.
 
-        Only protruding rims are considered. The first result (R,) is the weighted distance of each
-        rim from the silhouette, divided by the standard deviation. The second (R, 104) contains its
-        derivatives with respect to the balls at constant weights. The third is twice the cost.
+        Only the R rims that protrude are included. The first result (R,) is the weighted distance
+        of each rim from the silhouette, divided by the standard deviation. The second (R, 104)
+        contains its derivatives with respect to the balls at constant weights. The third is twice
+        the cost.
         """
         tolerated = 0.2e-3
         deviation = 1.0e-3  # standard deviation of the protrusion [m]

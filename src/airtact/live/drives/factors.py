@@ -77,7 +77,7 @@ class HandFactors:
     __repr__ = in_short
 
     def at(self, scene: LiveScene, posed: PosedHand) -> Factors:
-        """Return the factors at the foci, which are assumed to be the same in nearby poses."""
+        """Return the factors at the foci, assuming that they are the same in nearby poses."""
         return self.factors[: len(posed.foci)]
 
 

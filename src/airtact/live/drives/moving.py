@@ -113,7 +113,7 @@ def phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
 def aligned(frames: Frames, previous: Frames | None) -> Frames:
     """Align the global phase of each frame of a cycle, in place.
 
-    The reference is the sum of the preceding frame and the same frame of the previous cycle.
+    Each frame is aligned with the sum of the preceding frame and of the frame one cycle earlier.
     """
     # Without the previous cycle, a frame unlike its neighbour could flip all later phases.
     for index in range(len(frames)):

@@ -45,7 +45,7 @@ class Round:
 
     Attributes
     ----------
-    points : (N, 3) position of the focus in each frame [m].
+    points : (N, 3) position of the focus in each of the N frames [m].
     outlines : outline along which the focus runs in each frame.
     rate : frames per second.
     """

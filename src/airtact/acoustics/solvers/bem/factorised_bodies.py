@@ -77,7 +77,7 @@ class PlacedBody:
     def reaches(self, points: Points) -> Mask:
         """Return a mask of the points that are too close to the body to use its skeletons.
 
-        The skeletons are the reduced sets of nodes, which are inaccurate close to the body.
+        The skeletons are reduced sets of nodes, which represent the body inaccurately close to it.
         """
         reach = self.reduced.reach
         near = self.in_box(points, reach)

@@ -328,11 +328,10 @@ class BoundaryField(RadiatedField):
     def report_at(self, points: Points) -> SolveReport:
         """Return the report, with its error raised to the largest error estimated at the points.
 
-        If the error in the report is already larger, it is unchanged. Points inside bodies are
-        ignored. The error at a point is relative to the pressure there, or to a tenth of the
-        strongest pressure if that is larger. If an error exceeds 1.25 times ``max_error``, a
-        warning names the worst point. Without a direct solution or without points, the report is
-        unchanged.
+        The error in the report never decreases. Points inside bodies are ignored. The error at a
+        point is relative to the pressure there, or to a tenth of the strongest pressure if that is
+        larger. If an error exceeds 1.25 times ``max_error``, a warning names the worst point.
+        Without a direct solution or without points, the report is unchanged.
         """
         points = points_of(points, "points", least=0)
         outside = (self.scene.depth(points) <= 0.0) & before_planes(self.scene.planes, points)

@@ -109,7 +109,7 @@ class ReducedBody:
     Attributes
     ----------
     surface : the collocation points of the body.
-    reach : distance from all nodes beyond which the skeletons are valid [m].
+    reach : distance from the nodes beyond which the skeletons represent all nodes accurately [m].
     rows : nodes of the matrix's rows, where incident fields are evaluated.
     columns : nodes of the matrix's columns, from which the scattered field is radiated.
     solved : matrix that maps the right-hand side at all nodes to the transposed solution on
@@ -162,7 +162,7 @@ def reduced_body(surface: DualSurface, reach: float, goal: float) -> ReducedBody
 
     Parameters
     ----------
-    reach : distance from all nodes beyond which the skeletons are valid [m].
+    reach : distance from the nodes beyond which the skeletons must represent all nodes [m].
     goal : target relative error of the scattering.
     """
     tree = KDTree(surface.nodes.points)

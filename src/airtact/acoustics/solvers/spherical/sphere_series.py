@@ -149,8 +149,9 @@ class SphereModes:
         """Return the scattered pressure outside the sphere or the total pressure inside [Pa].
 
         The sources are unit monopoles. If ``inside`` is True, all points are inside the fluid
-        sphere, and otherwise all are outside the sphere. ``versine`` is 1 - cos γ for each pair of
-        a point and a source. The error is ``ACCURACY`` times ``scale`` [Pa].
+        sphere, and otherwise all are outside the sphere. ``versine`` is 1 - cos γ, where γ is the
+        angle between a point and a source, as seen from the centre. The error is ``ACCURACY`` times
+        ``scale`` [Pa].
 
         Raises
         ------
