@@ -38,9 +38,9 @@ _LIMITS = {
 class Uncertainty:
     """Standard deviations of the hand's pose, the air and the transducers.
 
-    ``ensemble`` draws random samples of them, for which ``robust`` computes a drive. All attributes
-    are standard deviations of normally distributed errors with mean 0, except ``velocity`` and
-    ``dead``, and are 0 by default.
+    ``ensemble`` draws random samples with these deviations, and ``robust`` computes a drive for the
+    samples. All attributes are standard deviations of normally distributed errors with mean 0,
+    except ``velocity`` and ``dead``, and are 0 by default.
 
     Attributes
     ----------

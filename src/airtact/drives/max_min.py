@@ -84,7 +84,7 @@ class UpperBound:
 
 
 def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 1e-3) -> UpperBound:
-    """Compute an upper bound on the pressure at the weakest focus, for all possible drives.
+    """Compute an upper bound on the pressure that any drive can produce at the weakest focus.
 
     The ratio of a drive's pressure to the bound shows how much better another drive could be. The
     bound holds for every drive with amplitudes of at most 1, including phase-only drives and drives

@@ -78,8 +78,8 @@ class Emission:
     ramp : duration of the ramp from silence to the first drive [s], 0 or more.
     patience : time without a call after which the boards are silenced [s], above 0.
     log : file to which the link process writes one line per event: the time in seconds on the
-        clock of ``time.monotonic``, and the event. An earlier log is replaced; another file raises
-        ``InvalidInput``. By default, no log is written.
+        clock of ``time.monotonic``, and the event. An earlier log is replaced; any other existing
+        file raises ``InvalidInput``. By default, no log is written.
     resumes : whether the emission continues after the boards have been silenced because no call was
         made in time; the next drive is then ramped up. Otherwise the emission ends.
 

@@ -25,11 +25,11 @@ def serial_ports() -> list[str]:
 
 
 class SerialLink(Link):
-    """Link to one or two SonicSurface boards, or one Nano16, on a serial port, for an ``Emission``.
+    """Serial link to one or two SonicSurface boards, or to one Nano16.
 
-    The link is created closed; ``Emission`` opens it, which requires the package pyserial
-    (``pip install 'airtact[serial]'``) and fails with the code "link_failed" if the port cannot be
-    opened.
+    Pass it to ``Emission``. The link is created closed; ``Emission`` opens it, which requires the
+    package pyserial (``pip install 'airtact[serial]'``) and fails with the code "link_failed" if
+    the port cannot be opened.
 
     A Nano16 echoes the first and the last byte of each frame, which reset and swap its buffers. A
     frame that is not echoed is sent up to three times; then the link fails. A SonicSurface never

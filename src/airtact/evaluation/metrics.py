@@ -475,7 +475,7 @@ def sensation(
     modulation : kind of modulation; None for a constant drive.
     depth : modulation depth of the force.
     fastest : highest modulation frequency of the boards [Hz].
-    speed : speed of the focus along its path [m/s]; None if it does not move along one.
+    speed : speed of the focus along its path [m/s]; None if it does not move along a path.
 
     Examples
     --------

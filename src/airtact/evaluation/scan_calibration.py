@@ -57,8 +57,8 @@ class ScanCalibration:
         phases, no gain is determined.
     pose : rigid motion that maps the positions stated in the scans to the true positions of the
         microphone in the array's frame.
-    misalignment : (6,) the same motion as the rotation vector of ``pose`` about x, y and z [rad],
-        followed by the shift of the mean position of all scans along x, y and z [m].
+    misalignment : (6,) rotation vector of ``pose`` about x, y and z [rad], followed by the shift of
+        the mean position of all scans along x, y and z [m].
     misalignment_deviation : (6,) standard deviations of ``misalignment``, in the same units.
     errors : for each scan, the rms of the deviation from the fitted field divided by the rms of the
         readings. It includes noise.

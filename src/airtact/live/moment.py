@@ -158,7 +158,7 @@ class Controls:
 
 
 class DriveMaker(ABC):
-    """Abstract base class of objects that compute the drives of the live loop, for ``follow``.
+    """Abstract base class for objects that compute the drives of the live loop (see ``follow``).
 
     To test another method of computing drives, write a subclass with the methods ``take`` and
     ``make``; the other methods do nothing by default. ``follow`` passes each ``HandFrame`` of a

@@ -135,7 +135,7 @@ class LiveScene:
     medium : ``Medium`` in which the sound propagates.
     frequency : frequency of the sound [Hz].
     array : transducers, in scene coordinates like the tracked hands.
-    side : "left" or "right", for the hand that carries the foci.
+    side : side of the hand that carries the foci, "left" or "right".
     radii : (25,) radius of the skin around each joint [m]; None for a generic hand.
     places : names of the F places on the hand, such as ``"thumb.pad"``, that carry the foci.
     offsets : (F,) distances of the foci from the skin, outward [m].

@@ -494,9 +494,9 @@ def recording_of(path: str | Path) -> Recording:
 
     Returns
     -------
-    A ``Recording`` of all hands that the live loop followed, which ``RecordedHands`` can play to
-    it. The frames are numbered from 0, each is of one hand, and they have the joints in WebXR
-    order; a frame in which the hand was lost has none.
+    A ``Recording`` of all hands that the live loop followed, which ``RecordedHands`` can replay.
+    The frames are numbered from 0. Each contains the joints of one hand in WebXR order, or no
+    joints if the hand was lost.
 
     Raises
     ------

@@ -45,7 +45,7 @@ class EchoModel:
         translations. The coefficients are multiplied by sensitivity/(4πik), so that the echoes are
         in pascals.
     receiving : (W, R) coefficients of the regular waves of each receiver about the initial centre,
-        for the same orders.
+        for the same orders as in ``emitted``.
     valid : (R, M) whether each pressure was received; None if all were received. Where a pressure
         was not received, the modelled echo and its derivatives are 0.
     """

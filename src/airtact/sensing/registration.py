@@ -64,7 +64,7 @@ class Located:
     residual : rms of the difference between modelled and measured echoes, including noise, divided
         by the rms of the measured echoes.
     misfit : ``residual`` without the contribution of noise. A value of 0.2 or more indicates a
-        wrong model, such as another hand.
+        wrong model, such as a different hand.
     converged : whether the iteration converged with a misfit of at most 0.1 and, for a
         ``ScatteringFamily``, an opening inside its range. If False, do not use the pose.
     steps : number of steps of the last refinement of the pose.

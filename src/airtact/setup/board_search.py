@@ -221,8 +221,8 @@ class Search:
     def places(self, seed: int) -> Iterator[tuple[Place, list[Pose] | None]]:
         """Yield positions of boards that face the foci, with rotations and distances spread evenly.
 
-        Each position is yielded together with the poses of the boards there, or with None if they
-        do not fit.
+        Each position is yielded together with the poses of the boards at this position, or with
+        None if the boards do not fit.
         """
         sequence = qmc.Halton(4, rng=np.random.default_rng(seed))
         order = np.random.default_rng(seed)

@@ -61,7 +61,7 @@ class Setup:
     tracker : pose that maps the coordinates of a live hand's tracker to those of the scene; by
         default, both are the same.
     left_out : planes behind the boards, which are removed from ``scene`` because no sound reaches
-        them; not passed.
+        them. This attribute is not a parameter.
     path, text : path and content of the scene file, if the setup was read from one; else None and
         "".
 

@@ -151,9 +151,9 @@ def merged(traps: Collection[Trap], target: Target) -> Target:
 
     Returns
     -------
-    A ``Target`` whose points are the centres of the beads, in the same frame, followed by the other
-    foci. Each trap gets the share of its first lobe. Suppression points are kept; requested
-    pressures and phases are not.
+    A ``Target`` with the centres of the beads, followed by the foci that do not belong to a trap.
+    Each trap gets the share of its first lobe. Suppression points are kept; requested pressures and
+    phases are not.
     """
     counts = [len(trap.phasing) for trap in traps]
     points = [point_of(trap.point, "a trap")[None] for trap in traps]

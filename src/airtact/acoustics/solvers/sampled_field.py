@@ -34,7 +34,7 @@ SAME_NODE = 1e-9
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SampledField(RadiatedField):
-    """A field interpolated between nodes with known pressure, for fields from other programs.
+    """A field from another program, interpolated between the nodes at which it is known.
 
     ``load_samples`` reads one from a file. A Delaunay triangulation divides the convex hull of the
     nodes into tetrahedra. In each tetrahedron, p·r·e^{-ikr} is interpolated linearly, where k is

@@ -28,8 +28,8 @@ class FrameClock:
 
     Attributes
     ----------
-    latency : shortest time from the camera image to the frame's arrival [s], for trackers that use
-        their own clock.
+    latency : shortest time from the camera image to the frame's arrival [s]; only used for trackers
+        with their own clock.
     """
 
     def __init__(self, latency: float = 0.0) -> None:

@@ -137,7 +137,7 @@ class ElementSubset:
     def interpolated(
         self, values: Complex64[np.ndarray, "*any chosen"]
     ) -> Complex64[np.ndarray, "*any elements"]:
-        """Return the values at all elements, interpolated from those at the chosen ones."""
+        """Return the values at all elements, interpolated from those at the chosen elements."""
         everywhere = self.weights @ values.reshape(-1, len(self.chosen)).T
         return np.ascontiguousarray(everywhere.T).reshape(*values.shape[:-1], -1)
 
@@ -234,7 +234,7 @@ class CarriedFactors(HandFactors):
     bones : axes and starting points of the bones, in the pose to which the factors apply.
     centres : (H, F, 3) centre of the sources of each bone for each focus [m].
     waves : (H, F, R) part of the factors due to the sound that each bone scatters, without the
-        phase shift of the detour through the centre of the bone's sources.
+        phase shift due to the longer path through the centre of the bone's sources.
     """
 
     straight: Float64[np.ndarray, "foci"]
@@ -408,13 +408,14 @@ class BendingPanels:
 class LeadingPanels:
     """The panels of a hand that radiate most.
 
-    A solution for them alone takes a tenth of the time of one for all panels. The difference of the
-    two is small, so moving it with the bones causes a smaller error than moving a whole solution.
+    Solving for these panels takes a tenth of the time of solving for all panels. The difference
+    between the two solutions is small, so moving it with the bones causes a smaller error than
+    moving a whole solution.
 
     Attributes
     ----------
-    panels : these panels.
-    sources : mask of their sources among those of all panels.
+    panels : the panels that radiate most.
+    sources : mask of their sources among the sources of all panels.
     """
 
     panels: BendingPanels

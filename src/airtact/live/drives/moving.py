@@ -41,7 +41,7 @@ class Rounds:
     def frames(
         self, posed: PosedHand, factors: Complex64[np.ndarray, "points sources"] | None, method: str
     ) -> Frames:
-        """Compute the drives for all frames of the paths, for a hand in a given pose.
+        """Compute the drives for all frames of the paths on a hand in a given pose.
 
         Parameters
         ----------

@@ -295,9 +295,10 @@ class FactorisedBodies(Solver):
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Compute the field of the monopoles, with each body in its pose in the scene.
 
-        The scene must contain the same bodies, which may have moved rigidly, in the same medium at
-        the same frequency. The monopoles must be outside the bodies or on their surfaces. If two
-        bodies are too close together for this method, ``fallback`` solves the scene.
+        The scene must contain the factorised bodies, in any poses, and must have the medium and the
+        frequency for which they were factorised. The monopoles must be outside the bodies or on
+        their surfaces. If two bodies are too close together for this method, ``fallback`` solves
+        the scene.
 
         Returns
         -------
