@@ -137,7 +137,7 @@ def about(name: str) -> Iterator[None]:
 
 @contextmanager
 def extra(name: str, need: str) -> Iterator[None]:
-    """Raise an error with the command to install an extra if an import in the ``with`` block fails.
+    """Raise an error that tells how to install an extra if an import in the ``with`` block fails.
 
     Parameters
     ----------

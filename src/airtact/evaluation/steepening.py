@@ -46,8 +46,8 @@ class Steepening:
         acoustics, by second-order theory.
     depletion : (F,) fraction of the fundamental's pressure that is lost to harmonics, by
         third-order theory.
-    doubt : (F,) relative error of the pressure that is caused by simplifying the bodies, compared
-        with the solved field; 0 if the simplification is exact.
+    doubt : (F,) relative error of the pressure due to simplified bodies, compared with the solved
+        field; 0 if the simplification is exact.
     """
 
     second: Float64[np.ndarray, "points"]

@@ -103,7 +103,7 @@ def even_skin(hulls: Hulls, edge: float) -> HandMesh:
 
 
 def graded(hulls: Hulls, mesh: HandMesh, edge: float, fine: float, points: Points) -> HandMesh:
-    """Refine a mesh of edge length ``edge`` to length ``fine`` near points (P, 3) [m]."""
+    """Refine a mesh of edge length ``edge`` to edge length ``fine`` near points (P, 3) [m]."""
     tree = KDTree(points)
     for _ in range(4):
         away = tree.query(mesh.vertices)[0]

@@ -330,7 +330,10 @@ def derivatives_inside(
     radius: Float64[np.ndarray, "points"],
     wavenumber: complex,
 ) -> Derivatives:
-    """Return the derivatives at the centres of spheres from pressures on them in ``DIRECTIONS``."""
+    """Return the derivatives at the centres of spheres from the pressures on the spheres.
+
+    The pressures are those in the ``DIRECTIONS`` from each centre.
+    """
     pressure = pressure * (_weights / (4.0 * np.pi))
     directions = DIRECTIONS
     waves = [spherical_jn(order, wavenumber * radius) for order in range(4)]

@@ -67,7 +67,8 @@ def distance_grid(
 ) -> tuple[Float[np.ndarray, "x y z"], Float64[np.ndarray, "3"]]:
     """Return signed distances [cells] on a grid around all parts, and its first node (3,) [m].
 
-    Distances are negative inside, exact next to flat faces, and -1 or 1 farther away.
+    Distances are negative inside. They are exact next to flat faces, and -1 or 1 at nodes that are
+    not next to the surface.
     """
     from scipy.ndimage import binary_opening
 

@@ -82,8 +82,8 @@ class HandAware(SolvingMaker):
         default, it is estimated from the frames.
     agility : standard deviation of the acceleration of the palm [m/s²], above 0; see ``Predictor``.
     solvers : solver processes; by default, one for the whole hand and, for one or two foci on
-        fingers, another for the last phalanges. If the sequence is empty, the open-air matrix is
-        used alone. ``close`` ends them.
+        fingers, another for the last phalanges. If the sequence is empty, only the open-air
+        matrix is used. ``close`` ends them.
 
     Attributes
     ----------

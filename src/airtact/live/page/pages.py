@@ -63,7 +63,7 @@ class Said(msgspec.Struct, forbid_unknown_fields=True):
     levels : changed strengths of foci, by name.
     across, offset : axis normal to the slice of the field, and offset of the slice from the
         foci along this axis [m].
-    hand : changed parts of the pose of the dragged hand.
+    hand : those parts of the dragged hand's pose that changed.
     frame : a hand tracked by a headset, in the format that trackers send.
     object : message that moves an object, in the format in which applications send it.
     """

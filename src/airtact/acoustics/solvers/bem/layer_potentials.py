@@ -200,7 +200,7 @@ class NearRows(_kernels.NearRows):
     """
 
     def split(self, points: int) -> tuple["NearRows", "NearRows"]:
-        """Split the corrections into those at the first ``points`` points and all others."""
+        """Split the pairs into those of the first ``points`` points and those of later points."""
         begin = int(self.first[points])
         return (
             NearRows(self.first[: points + 1], self.panel[:begin], self.excess[:begin]),

@@ -181,7 +181,8 @@ class BodiesBeforePlane:
     ----------
     solver : solver for the reflected sound.
     sources : the monopoles that emit the sound.
-    surface, matrix, density : panels of the bodies, their matrix, and the solution in open air.
+    surface, matrix, density : panels of the bodies, their matrix, and the solution without the
+        plane.
     factors : factor by which each source's strength is multiplied: 2 on a body and 1 elsewhere.
     """
 

@@ -177,9 +177,9 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     Returns
     -------
     A ``RadiatedField``, the same field in expanded form. The ``settings`` of its report contain
-    ``expansion_error``, the largest relative difference (rms) from ``field`` of any excitation, at
-    100 random points from one to 20 radii of the expansion's sphere; above 0.001 the report
-    contains a warning.
+    ``expansion_error``, the relative rms difference from ``field`` at 100 random points, for the
+    worst excitation. The distances of the points from the centre are 1 to 20 times the radius of
+    the expansion's sphere. If the error is above 0.001, the report contains a warning.
 
     Raises
     ------
