@@ -260,8 +260,8 @@ def between(
 ) -> float:
     """Check that a number lies between ``low`` and ``high``, and return it as a float.
 
-    ``slip`` ends the message with a likely cause, such as "is it in kHz?". The default is for
-    lengths in metres.
+    ``slip`` is a likely cause, such as "is it in kHz?", which is added to the message. The default
+    is for lengths in metres.
 
     Examples
     --------

@@ -131,7 +131,7 @@ def circle(
 
     Parameters
     ----------
-    centre : (3,) centre of the circle [m], in the frame in which the points are wanted.
+    centre : (3,) centre of the circle [m], in the frame of the target.
     radius : radius of the circle [m], above 0.
     spacing : largest distance between neighbours along the circle [m], above 0. There are at least
         3 points.
@@ -456,7 +456,7 @@ def svg_path(
 ) -> Points:
     """Return points along the lines of an SVG drawing.
 
-    The drawing may contain paths, polygons, circles and transforms. It is laid in the plane through
+    The drawing may contain paths, polygons, circles and transforms. It lies in the plane through
     ``centre`` that is perpendicular to ``normal``.
 
     Parameters

@@ -30,8 +30,8 @@ def nearest_drive(
     target : the F foci and their requested pressures or shares. Only the ratios between the
         requested pressures matter.
     drive : the drive of E elements to change, for example one from another program.
-    share : fraction of the bound that the weakest focus must reach, from 0 to 1. It has nothing to
-        do with the shares of the target.
+    share : fraction of the bound that the weakest focus must reach, from 0 to 1. It is unrelated to
+        the shares of the target.
 
     Returns
     -------

@@ -56,7 +56,7 @@ class Emission:
 
     Use an emission as a context manager: ``with Emission(link) as emission:``. A separate process
     opens the link and ramps up the amplitude. It silences the boards, and waits for their
-    confirmation, when the block or, for any reason, this process ends. It does the same if
+    confirmation, when the block ends or this process ends for any reason. It does the same if
     ``patience`` seconds pass without a call of ``send``, ``hold``, ``play``, ``cycle``,
     ``modulate``, ``set_modulation``, ``silence`` or ``beat``. In all these cases the emission ends,
     except that a late call continues it if ``resumes`` is True. SIGINT, SIGTERM and SIGHUP in the

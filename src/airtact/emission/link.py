@@ -49,8 +49,8 @@ class Link(ABC):
     a link to ``Emission``, which opens and closes it, and adds the safety features: ramp, cap,
     watchdog, and silence at the end. A link itself sends every frame unchanged. To use it directly,
     call ``open``, then ``send`` for single frames or ``play`` for a sequence, then ``stop`` to
-    silence the boards, and ``close``, after which boards that were not silenced keep emitting.
-    These methods raise ``LinkFailed`` if the boards fail.
+    silence the boards, and finally ``close``. Boards that were not silenced keep emitting after
+    ``close``. These methods raise ``LinkFailed`` if the boards fail.
 
     Parameters
     ----------

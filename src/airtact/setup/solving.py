@@ -194,7 +194,7 @@ def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
 
 
 def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Made]) -> Made | None:
-    """Compute the control drive, by the same method without the bodies; return None in open air.
+    """Compute the control drive by ``method`` without the bodies; return None in open air.
 
     A method that uses samples gets samples of the same uncertainty in open air.
     """

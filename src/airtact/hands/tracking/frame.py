@@ -62,7 +62,7 @@ class FaultyFrame(InvalidInput):
 class HandFrame:
     """A tracked hand at one instant, in the frame of reference of the tracker.
 
-    A frame with neither landmarks nor cloud states that the tracker lost the hand (see ``lost``).
+    A frame with neither landmarks nor cloud means that the tracker lost the hand (see ``lost``).
 
     Attributes
     ----------

@@ -175,7 +175,7 @@ class BodiesBeforePlane:
     """A fixed arrangement of bodies and sources in front of a moving plane.
 
     The sound that the plane reflects onto the bodies is weaker than the sound of the sources, so
-    its relative error may be twice as large.
+    twice the relative error is allowed for its scattering.
 
     Attributes
     ----------

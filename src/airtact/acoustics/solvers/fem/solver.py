@@ -30,7 +30,7 @@ class FiniteElement(Solver):
     """Finite element method for sound-hard, impedance and filled bodies in absorbing media.
 
     Use it for bodies filled with a fluid, or to verify ``BoundaryElement`` by another method. It
-    does not support planes, reflecting boards and scenes without bodies. ``reaching`` returns the
+    does not support planes, reflecting boards or scenes without bodies. ``reaching`` returns the
     solver for a given accuracy; the defaults are those for an error of 0.5 %. Pass an instance to
     ``Setup`` or ``field_map``, or call ``radiate``. Solving requires NGSolve
     (``pip install 'airtact[fem]'``), and raises ``NotConverged`` if the matrix is nearly singular.
@@ -81,7 +81,7 @@ class FiniteElement(Solver):
 
     @classmethod
     def reaching(cls, accuracy: float) -> "FiniteElement":
-        """Return a solver with the polynomial order that an accuracy requires.
+        """Return a solver with the polynomial order that ``accuracy`` requires.
 
         ``accuracy`` is the target relative error away from the surface. The order is 4 for 0.03 or
         more, 5 for 0.005 or more, and 6 below. Values outside 0.001 to 0.3 raise ``InvalidInput``.
