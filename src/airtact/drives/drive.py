@@ -226,7 +226,7 @@ def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:
 
     Returns
     -------
-    The ``Frame`` of rounded levels, two bytes per element. ``Frame.drive`` returns it as a drive.
+    The ``Frame`` of rounded levels, two bytes per element. ``Frame.drive`` converts it to a drive.
 
     Raises
     ------

@@ -82,7 +82,7 @@ class AUTD3Boards(Link):
         ----------
         envelope : factors for the amplitudes over one period, from 0 to 1; None ends the
             modulation.
-        rate : factors per second; 40 kHz divided by a whole number.
+        rate : number of factors per second; 40 kHz divided by a whole number.
         """
         self._envelope = envelope
         if envelope is not None:

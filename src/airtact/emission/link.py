@@ -270,7 +270,7 @@ class Link(ABC):
         ----------
         envelope : factors for the amplitudes over one period, from 0 to 1; None ends the
             modulation.
-        rate : factors per second.
+        rate : number of factors per second.
         """
 
     def collect(self) -> None:  # noqa: B027 (most links store nothing)

@@ -33,7 +33,7 @@ def link_to(
     Raises
     ------
     InvalidInput
-        If the board has no such link, or if a setting is missing or does not apply.
+        If this kind of board has no such link, or if a setting is missing or does not apply.
     """
     if board not in LINKS.get(name, ()):
         raise InvalidInput(

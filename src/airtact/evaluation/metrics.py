@@ -232,7 +232,7 @@ def in_real_air(
 
     Parameters
     ----------
-    pressures : (F,) linear pressures [Pa].
+    pressures : (F,) pressures computed by linear acoustics [Pa].
     target : the F foci; those whose requested pressure or share is 0 are ignored.
     steepening : nonlinear steepening at these foci; None if it was not estimated.
     foci : a name for each focus. If there are several foci, the sentence names the one that it is

@@ -30,9 +30,9 @@ class MovingDrive:
         in the first frame, then those in the next frame, and so on.
     pressures : (P,) peak pressure at each position while a focus is there, by linear acoustics
         [Pa].
-    steepening : effect of nonlinear steepening on these pressures. The motion of the foci is
+    steepening : effect of nonlinear steepening on ``pressures``. The motion of the foci is
         ignored.
-    rounding : (P,) factors by which rounding to the setup's levels multiplies these pressures.
+    rounding : (P,) factors by which rounding to the setup's levels multiplies ``pressures``.
     warnings : sentences on methods that stopped early.
     speed : mean speed of the fastest focus along its path [m/s]; None for lateral modulation, which
         moves each focus only within its own area.

@@ -35,8 +35,8 @@ Bodies = Hand | Surface | Sequence[Hand | Surface] | Mapping[str, Hand | Surface
 class Skin:
     """Points of the skin of a hand or another body in one pose, at which contacts are found.
 
-    ``skin_of`` builds a skin; ``contact`` and ``TouchState.update`` take it. For a moving hand,
-    build the skin once. For each new pose, ``moved`` returns a ``Skin`` with new points and
+    Build a skin with ``skin_of``, and pass it to ``contact`` or ``TouchState.update``. For a moving
+    hand, build the skin once. For each new pose, ``moved`` returns a ``Skin`` with new points and
     normals; the other properties are kept, except ``bodies`` and ``look``. Values are not checked.
 
     Attributes

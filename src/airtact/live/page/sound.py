@@ -158,7 +158,7 @@ class SoundSolver:
         Raises
         ------
         InvalidInput
-            If the joints do not form a hand, or a focus lies inside it.
+            If the joints do not form a hand, or a focus lies inside the hand.
         NotConverged
             If the iteration does not converge.
         """

@@ -57,7 +57,7 @@ class PlacedBody:
 
     @cached_property
     def local(self) -> Pose:
-        """Pose from the scene's frame to the body's frame."""
+        """Pose that maps the scene's frame to the body's frame."""
         return self.pose.inverse()
 
     @cached_property
