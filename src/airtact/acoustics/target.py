@@ -32,7 +32,7 @@ class Beacons(Monopoles):
     """Virtual sources at the points of a target.
 
     The first ``foci`` sources are at the foci, the others at the suppression points. The boundary
-    element method uses smaller panels only near the foci.
+    element method uses smaller panels near the foci, but not near the suppression points.
     """
 
     foci: int = 0

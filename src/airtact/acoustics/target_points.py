@@ -220,8 +220,8 @@ def surface_points(
     spacing : approximate distance between neighbours [m].
     facing : (3,) direction that the side faces, a vector of any length above zero; or None for the
         whole surface.
-    within : largest angle between ``facing`` and the outward normal at a point of the side
-        [degrees]; ignored for the whole surface.
+    within : largest angle between ``facing`` and the outward normal at the returned points
+        [degrees]; ignored if ``facing`` is None.
 
     Returns
     -------

@@ -53,10 +53,10 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
     """Compute the drive with the phases of ``time_reversal`` and equal amplitudes of all elements.
 
     The phase of element e is that of Σ_f w_f conj(H_fe), where H is the transfer matrix and w_f the
-    requested pressure or share of focus f (else 1), with its phase if one is requested. At equal
-    peak amplitude, no other drive produces more pressure at a single focus, because the sound of
-    every element arrives in phase. With several foci, the pressures are not balanced. The method
-    ignores suppression points.
+    requested complex pressure or share of focus f, or 1 if none is requested. At equal peak
+    amplitude, no other drive produces more pressure at a single focus, because the sound of every
+    element arrives in phase. With several foci, the pressures are not balanced. The method ignores
+    suppression points.
 
     Parameters
     ----------

@@ -343,11 +343,11 @@ def gradient(
 
     The pressure of each focus is divided by its requested pressure, its share, or 1. Without
     suppression points, the method maximises the power mean of these ratios with exponent −200,
-    which is close to the smallest ratio. It returns the start or the end of the descent, whichever
-    is better. With suppression points, the method minimises the mean squared pressure at these
-    points, with a penalty if the power mean falls below 1 − ``loss`` times its initial value. The
-    descent is L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on phases
-    and on amplitudes between 0 and 1. The method ignores requested phases.
+    which is close to the smallest ratio. It returns the drive at the start or at the end of the
+    descent, whichever is better. With suppression points, the method minimises the mean squared
+    pressure at these points, with a penalty if the power mean falls below 1 − ``loss`` times its
+    initial value. The descent is L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci. Comput. 16
+    (1995) 1190) on phases and on amplitudes between 0 and 1. The method ignores requested phases.
 
     Parameters
     ----------

@@ -65,8 +65,8 @@ class Motion:
     ------
     InvalidInput
         If ``kind``, ``path`` or ``along`` is unknown, if a number is outside its range, if
-        ``size``, ``frames`` or ``along`` is given for the path "points", or if this path is given
-        for "lm".
+        ``size``, ``frames`` or ``along`` is given for the path "points", or if this path is used
+        with the kind "lm".
     """
 
     kind: Literal["lm", "stm"]
@@ -208,7 +208,7 @@ def moving_target(target: Target, paths: Paths) -> Target:
     Raises
     ------
     InvalidInput
-        If a position is not finite, or is more than 2 m from the origin of this frame.
+        If a position is not finite, or is more than 2 m from the origin of the obstacles' frame.
     """
     points = paths.transpose(1, 0, 2).reshape(-1, 3)
     phases = 1.0 if target.phases is None else np.exp(1j * target.phases)
@@ -230,7 +230,7 @@ def moving_foci(
     *,
     clock: float = 40e3,
 ) -> Sequence:
-    """Compute the sequence that moves ``foci`` foci at a time through the points of a target.
+    """Compute the sequence that moves one or more foci at a time through the points of a target.
 
     The foci traverse their paths repeatedly (spatiotemporal modulation), so that they can be felt.
 

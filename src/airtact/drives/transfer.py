@@ -502,7 +502,8 @@ def achieved_fraction(
     Raises
     ------
     InvalidInput
-        If the number of foci or of elements does not match.
+        If the matrix was computed for other foci, or if the drive does not have as many elements as
+        the matrix.
     """
     check_foci(transfer, target)
     return fraction(np.abs(transfer.pressure(drive))[: len(target.points)], target)

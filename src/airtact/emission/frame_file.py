@@ -55,8 +55,8 @@ def load_drive(
     path : the file.
     rate : frames per second, in place of a rate that the file contains; required for several frames
         without a rate.
-    board : kind of board for which a .bin file was written, such as "autd3"; required for these and
-        ignored for other files.
+    board : kind of board for which a .bin file was written, such as "autd3"; required for .bin
+        files and ignored for other files.
     elements : number of elements of all boards together, for a .bin file; by default that of
         one board.
 

@@ -416,7 +416,7 @@ class RecordingLink(Link):
             self._seconds += seconds
 
     def recorded(self, first: int) -> tuple[list[Frame], list[float]]:
-        """Return up to 64 frames from index ``first`` on, and the times when they were sent [s]."""
+        """Return up to 64 frames, starting at index ``first``, and the times they were sent [s]."""
         # There are at most 64 because a long message would delay the watchdog.
         return self._frames[first : first + 64], self._seconds[first : first + 64]
 

@@ -119,8 +119,8 @@ class Player:
 
         Parameters
         ----------
-        drives, factors : drives (D, E) and factors (N,) of the N frames. A frame is a drive times
-            its factor; D is 1 or N.
+        drives, factors : drives (D, E), and the amplitude factors (N,) of the N frames. A frame is
+            a drive times its factor; D is 1 or N.
         rate : frames per second; 0 for a single drive.
         cap : largest amplitude of an element, as a fraction of full scale.
         at : time at which a single drive takes effect, as in ``Link.send``; during a ramp it takes

@@ -324,7 +324,8 @@ class HeldOut:
         scaled to the energy of the first [Pa]. If the requests or shares differ, it is the smallest
         ratio of pressure to request, times the request of the focus at which the first drive is
         weakest without deviations.
-    expected : (D,) pressure at the weakest focus without deviations, for the same scaling [Pa].
+    expected : (D,) pressure at the weakest focus without deviations, scaled like ``pressures``
+        [Pa].
     left_out : number of further samples skipped because they are impossible, such as a hand that
         overlaps a transducer.
     """
@@ -364,8 +365,8 @@ def held_out(
 
     Parameters
     ----------
-    samples : samples of the transfer matrix, drawn with a different seed from those used to compute
-        the drives.
+    samples : samples of the transfer matrix, drawn with a different seed than the samples from
+        which the drives were computed.
     target : the foci; those whose requested pressure or share is 0 are ignored.
     drives : drives to compare, by name.
 

@@ -277,8 +277,8 @@ class Evaluation:
         acoustics [Pa].
     report : ``SolveReport`` of the solver that computed the pressures, with the error estimated at
         the foci.
-    field : ``RadiatedField`` of the drive, to evaluate other points; None if several drives were
-        solved together, as by ``verify``.
+    field : ``RadiatedField`` of the drive, which can be evaluated at points other than the foci;
+        None if several drives were solved together, as by ``verify``.
     steepening : ``Steepening`` at the foci, from which ``expected`` follows; None if it was not
         estimated.
     """

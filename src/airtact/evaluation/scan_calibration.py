@@ -59,7 +59,7 @@ class ScanCalibration:
         microphone in the array's frame.
     misalignment : (6,) rotation vector of ``pose`` about x, y and z [rad], followed by the shift of
         the mean position of all scans along x, y and z [m].
-    misalignment_deviation : (6,) standard deviations of ``misalignment``, in the same units.
+    misalignment_deviation : (6,) standard deviation of each entry of ``misalignment`` [rad, m].
     errors : for each scan, the rms of the deviation from the fitted field divided by the rms of the
         readings. It includes noise.
     """
@@ -118,7 +118,7 @@ class _Readings:
     measured : (N,) readings relative to their rms; real if phases are not used.
     phased : whether phases are used.
     drives : (N, D) amplitudes of the D elements that emit in any scan.
-    array : an array of only these elements.
+    array : array that consists of only these D elements.
     wavenumber : wavenumber of the sound [1/m].
     microphone : the microphone; None for a point.
     """

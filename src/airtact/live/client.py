@@ -53,8 +53,8 @@ class Client:
 
     Attributes
     ----------
-    rejected : ``deque`` of sentences on the messages that the live loop rejected, up to the 16
-        newest; remove sentences after reading them.
+    rejected : ``deque`` with a sentence about each message that the live loop rejected, up to the
+        16 newest; remove sentences after reading them.
 
     Raises
     ------

@@ -40,7 +40,7 @@ class TouchStep:
     Attributes
     ----------
     number, count : number of the current touch, from 1, and total number of touches.
-    element, point : index in the array of the transducer to touch, and its position in the scene
+    element, point : array index of the transducer to touch, and its position in the scene
         (3,) [m].
     words : name of the transducer for the user, with its position.
     share : fraction of the required 1 s for which the fingertip has been at rest; 1 once the touch

@@ -57,9 +57,9 @@ def verify_session(
     Parameters
     ----------
     session : session, as returned by ``read_session``.
-    drives : number of drives to verify, at least 1 and 10 by default, spread evenly over those that
-        are not silent; all of them if there are fewer. For each drive, the field around the hand is
-        solved with an error of 2 %.
+    drives : number of drives to verify, at least 1; 10 by default. They are spread evenly over the
+        drives that are not silent; if there are fewer of these, all are verified. For each drive,
+        the field around the hand is solved with an error of 2 %.
     report_step : function called with "drive N of M" at the start of each drive; by default,
         nothing is called.
 

@@ -56,7 +56,7 @@ def draw_bodies(
     foci: Real[np.ndarray, "foci 3"] | None = None,
     planes: Sequence[Plane] = (),
 ) -> Figure:
-    """Draw bodies with their triangles, foci as dots, and planes as sheets [m]."""
+    """Draw bodies with their triangles, foci (F, 3) [m] as dots, and planes as sheets."""
     corners = 1e3 * np.concatenate([body.corners for body in bodies])
     # Pale colours leave some range for shading.
     tints = colormaps["Pastel2"](np.arange(len(bodies)) % 8)

@@ -162,8 +162,8 @@ def simulate_transmissions(
         known kind (see ``Board``).
     frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
     reception : (E,) complex reception gains; by default the gains of the array.
-    noise : signal-to-noise ratio from -300 to 300, the rms of the pressures relative to the rms
-        magnitude of the added complex noise [dB]. None adds no noise.
+    noise : signal-to-noise ratio [dB], -300 to 300: the rms of the pressures relative to the rms
+        magnitude of the added complex noise. None adds no noise.
     seed : seed of the noise, an integer of at least 0.
 
     Returns
@@ -306,8 +306,8 @@ def simulate_echoes(
     codes : (E, M) complex amplitude that each element emits in each of M transmissions, of
         magnitude at most 1 (full scale), such as ``random_codes``.
     receivers : (R,) indices of the receiving elements; by default all elements.
-    noise : signal-to-noise ratio from -300 to 300, the rms of the echoes relative to the rms
-        magnitude of the added complex noise [dB]. None adds no noise.
+    noise : signal-to-noise ratio [dB], -300 to 300: the rms of the echoes relative to the rms
+        magnitude of the added complex noise. None adds no noise.
     seed : seed of the noise, an integer of at least 0.
 
     Returns

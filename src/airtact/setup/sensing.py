@@ -82,8 +82,8 @@ class Sensed:
     shifts : (1 or 2, 6) translation of the bodies' centre [m] and rotation [rad] of the estimated
         pose. The first row is relative to the pose in the scene file; for simulated echoes, a
         second row is relative to the true pose.
-    before, after : (F,) pressure at each focus on the actual hand [Pa], for the drives computed
-        for the scene file's pose and for the estimated pose.
+    before, after : (F,) pressure at each focus on the actual hand [Pa]: before, with the drive for
+        the pose in the scene file, and after, with the drive for the estimated pose.
     unexplained : (2, R) rms residual divided by the rms echo at each of R receivers. The first row
         is for the pose in the scene file, the second row for the estimated pose.
     gap, true_gap : gap of the pinch in the scene file, and of the simulated pinch [m]. Both are

@@ -182,7 +182,7 @@ def _on_surface(
 
     Parameters
     ----------
-    skin : skin with an exact surface, on which its points lie.
+    skin : skin whose points lie on an exact surface.
     objects, of_object : virtual objects, and the index of each contact's object.
     deepest, ring : indices of the deepest skin point of each contact and of its neighbours.
     """
@@ -278,8 +278,8 @@ def _summits(
     Parameters
     ----------
     points : centres of the fits [m].
-    frames : their tangents and normals.
-    depths : depths there [m].
+    frames : tangents and normal of the skin at each point.
+    depths : depth of the skin at each point [m].
     reach : unit of the coordinates of each fit [m]; no point moves by more than 1.4 units.
     fit : coefficients of ``_terms`` for the depth and for the height of the skin.
     """

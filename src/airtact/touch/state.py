@@ -36,9 +36,9 @@ class TouchState:
     ``VirtualObject.stiffness``) and names of the foci.
 
     A contact begins when skin enters an object, and ends when the skin is farther from the object
-    than ``release``, so that noise does not make it flicker. A strength changes gradually, at most
-    by 1 per ``ramp``. It begins at 0 and, after the end of a contact, falls to 0, while the focus
-    stays at its point on the skin.
+    than ``release``, so that noise does not make it flicker. The strength of a focus changes
+    gradually, by at most 1 within the time ``ramp``. It begins at 0 and, after the end of a
+    contact, falls to 0, while the focus stays at its point on the skin.
 
     Parameters
     ----------

@@ -276,7 +276,7 @@ def solved(
     sound_speed: float,
     solver: Solver | None,
 ) -> tuple[RadiatedField, Float64[np.ndarray, "points 3"], Bead]:
-    """Check the arguments of ``force``; return the field of the drive, the points and the bead."""
+    """Check the arguments of ``force``; return the drive's field, the points and the bead."""
     bead = bead_of(scene, radius, density, sound_speed)
     points = points_of(points, "bead points")
     check_outside(scene, points, "bead")
@@ -376,7 +376,7 @@ def potential_of(
     bead: Bead,
     scene: Scene,
 ) -> Float64[np.ndarray, "points"]:
-    """Return the potential a|p|² − b|∇p|² (P,) [J]."""
+    """Return the potential a|p|² − b|∇p|² (P,) [J], with the bead's factors a and b."""
     a, b = bead.factors(scene)
     return a * np.abs(pressure) ** 2 - b * np.sum(np.abs(gradient) ** 2, axis=1)
 

@@ -55,7 +55,7 @@ from airtact.traps.gorkov import (
 
 @dataclass(frozen=True)
 class Trap:
-    """A trap to be created, and the bead that it holds, such as one of ``Setup.traps``.
+    """Description of a trap to be created and of the bead that it holds, as in ``Setup.traps``.
 
     Values are checked when the trap is used, not on construction. The bead does not affect the
     drive; its properties serve to judge whether the trap holds it.
@@ -169,7 +169,7 @@ def merged(traps: Collection[Trap], target: Target) -> Target:
 def holding(
     method: Callable[[TransferMatrix, Target], Drive], traps: Collection[Trap]
 ) -> Callable[[TransferMatrix, Target], Drive]:
-    """Adapt a method for foci so that it also computes traps.
+    """Adapt a drive method for foci so that it also computes drives for traps.
 
     The adapted method expects the target that ``target_of`` returns, and the transfer matrix of
     this target. It replaces the lobes of each trap by a single focus, whose pressure is the sum of
@@ -427,9 +427,9 @@ def stiffest(
     shifts = np.einsum("tik,tk,tjk->tij", ways, 30.0 / (scene.wavelength * sizes), ways)
 
     def loss(phases: Float64[np.ndarray, "elements"]) -> tuple[float, np.ndarray]:
-        """Return the function to minimise, and its gradient with respect to the phases.
+        """Return the value to minimise, and its gradient with respect to the phases.
 
-        The function is a smooth maximum of the negative stiffnesses, plus a penalty for forces at
+        The value is a smooth maximum of the negative stiffnesses, plus a penalty for forces at
         the points.
         """
         amplitudes = np.exp(1j * phases)

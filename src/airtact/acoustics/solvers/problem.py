@@ -180,7 +180,7 @@ class RadiatedField(ABC):
         Raises
         ------
         InvalidInput
-            If a point is NaN, infinite or at a source, or if the shape is wrong.
+            If a point is NaN, infinite or at a source, or if ``points`` has the wrong shape.
         """
         return self._at(self._receivers(points))
 

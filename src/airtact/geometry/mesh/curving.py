@@ -158,7 +158,7 @@ def corner_normals(
     twins: Twins,
     sharp: EdgeMask,
 ) -> EdgeVectors:
-    """Return the normal at each triangle corner, averaged up to the next sharp edges."""
+    """Return each corner's normal, averaged over the triangles around it up to sharp edges."""
     weighted = (corner_angles(along)[:, :, None] * flat[:, None, :]).reshape(-1, 3)
     sector = sectors(triangles, twins, sharp)
     sums = np.stack([np.bincount(sector, weights=weighted[:, axis]) for axis in range(3)], axis=1)

@@ -48,7 +48,7 @@ def even_pass(
     ----------
     vertices, triangles : the mesh. Edges on the border of an open mesh remain.
     sizes : (V,) target edge length at each vertex [m].
-    pull : motion of a vertex towards the centre of its neighbours, relative to the distance.
+    pull : motion of a vertex towards the centre of its neighbours, as a fraction of its distance.
     smallest_angle : triangles with a smaller angle are collapsed [degrees].
     keep : whether the triangles stay the same and only the vertices move.
     """

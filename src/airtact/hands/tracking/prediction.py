@@ -27,7 +27,8 @@ class NoiseEstimate:
     The third difference of four positions at even time steps is insensitive to the motion of a
     hand. At 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes only 0.02 mm to this
     difference. White noise contributes sqrt(1 + 9 + 9 + 1) times its standard deviation. Medians
-    exclude landmarks that jump. For a tracker that smooths its data, the noise is underestimated.
+    are used, so landmarks that jump have no effect. For a tracker that smooths its data, the noise
+    is underestimated.
 
     Attributes
     ----------

@@ -89,8 +89,9 @@ def register(
     Parameters
     ----------
     touched : (T, 3) positions of the fingertip's joint in the tracker's frame [m], at least 3.
-    points : (T, 3) points of the scene that were touched, in the same order [m]. They must not lie
-        on a line: at least one must be about 20 mm or more from the line through the others.
+    points : (T, 3) points of the scene that were touched, in the order of ``touched`` [m]. They
+        must not lie on a line: at least one must be about 20 mm or more from the line through the
+        others.
     normals : (T, 3) unit normals of the touched faces in the frame of the scene, toward the finger.
     offset : distance between the joint and a touched face [m], 0 to 0.05; by default the radius of
         the tip of the index finger of a generic hand, 6.6 mm. None determines it from the touches,

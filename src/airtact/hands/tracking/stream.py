@@ -124,8 +124,8 @@ class _TrackedHand:
         order.
     stale : numbers, tracker times and arrivals of successive rejected frames that are in order.
     given : number and tracker time of the newest frame, whether it was used or not.
-    disorder : running fraction of frames whose time is not later although their number is
-        higher. Frames are rejected while it is above 0.4; a new stream starts just below this
+    disorder : running fraction of frames that have a higher number than the previous frame, but not
+        a later time. Frames are rejected while it is above 0.4; a new stream starts just below this
         limit.
     evidence : running mean of the evidence for the side (``side_evidence``); negative if mirrored.
     together : whether each of the latest frames arrived together with the previous one.

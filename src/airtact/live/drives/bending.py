@@ -268,7 +268,7 @@ def _detoured(
 def detours(
     centres: Float64[np.ndarray, "hulls foci 3"], foci: Foci, elements: Points
 ) -> Float32[np.ndarray, "hulls foci points"]:
-    """Return the extra length [m] of the paths from each focus to the elements via each centre."""
+    """Return how much longer [m] the paths from foci to elements are via each centre."""
     begun = np.linalg.norm(centres - foci, axis=2)
     through = cdist(centres.reshape(-1, 3), elements).reshape(*begun.shape, -1)
     return (begun[..., None] + through - cdist(foci, elements)).astype(np.float32)

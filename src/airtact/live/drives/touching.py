@@ -89,17 +89,17 @@ class TouchAware(SolvingMaker):
     """Compute drives for contacts of both hands with virtual objects and for requested foci.
 
     Pass it to ``follow`` as ``maker``. For each drive, contacts are found on the hands at their
-    predicted positions. Their foci appear, move and fade as described in ``TouchState``; requested
-    foci (of applications, and at places of the scene) fade in and out at the same rate, within 20
-    ms between silence and full strength. Each entry of the open-air transfer matrix is multiplied
-    by a factor: the ratio of the pressure with the skin to that in open air. The factors come from
-    the newest solution for the skin near contacts; they are 1 if it is older than 0.25 s. A
+    predicted positions. Their foci appear, move and fade as described in ``TouchState``. Foci that
+    applications or the scene request fade in and out at the same rate: from silence to full
+    strength in 20 ms. Each entry of the open-air transfer matrix is multiplied by a factor: the
+    ratio of the pressure with the skin to that in open air. The factors come from the newest
+    solution for the skin near contacts; they are 1 if this solution is older than 0.25 s. A
     separate process computes such solutions, starting before the skin touches an object. A single
     focus runs along the outlines of all contacts with objects of the style "outline". The pressures
     at the foci are proportional to their strengths, from 0 to 1, and the largest amplitude of the
     drive, as a fraction of full scale, equals the strength of the strongest focus. A focus gets no
-    sound of its own within a quarter of a wavelength of a stronger one, or where the array can
-    produce less than 5 % of the median of the largest pressures possible at the foci.
+    sound of its own if a stronger focus is within a quarter of a wavelength, or if the largest
+    pressure possible at this focus is below 5 % of the median for all foci.
 
     Parameters
     ----------

@@ -48,8 +48,8 @@ class Shown:
     drives : number of drives shown so far.
     status : status of the live loop as text.
     objects : virtual objects, with the poses in which to show them.
-    meshes : vertices [m] and triangles of the shapes that the page has not received
-        yet, by number.
+    meshes : mapping from the numbers of shapes that the page has not received yet to their
+        vertices [m] and triangles.
     """
 
     moment: Moment

@@ -81,7 +81,7 @@ class View:
         self.objects: dict[int, FlatMesh] = {}
 
     def picture(self, shown: Shown, across: Axis, offset: float, joints: Joints | None) -> Picture:
-        """Convert data from the live loop to what the page draws.
+        """Convert data from the live loop to the data that the page draws.
 
         Parameters
         ----------

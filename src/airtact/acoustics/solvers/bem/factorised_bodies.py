@@ -307,7 +307,8 @@ class FactorisedBodies(Solver):
         Raises
         ------
         InvalidInput
-            If the bodies, medium or frequency differ, or if a source is inside a body.
+            If the bodies, the medium or the frequency differ from those of the factorisation, or if
+            a source is inside a body.
         NotConverged
             If the iteration over the bodies does not reach the tolerance.
         """

@@ -429,9 +429,9 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
 
     Away from the panels, points are classified by the solid angle, or by the scene's signed
     distance if all bodies are spheres or capsules. Near the panels, they are classified by the
-    signed distance if it exceeds the panels' deviation from the true surface. Closer points are
-    projected onto a panel if they practically lie on it. The others are classified by the solid
-    angle, with accurate integrals over near panels. Points behind a plane are not classified
+    signed distance if it exceeds the panels' deviation from the true surface. Points closer to the
+    surface are projected onto a panel if they practically lie on it; the others are classified by
+    the solid angle, with accurate integrals over near panels. Points behind a plane do not count
     as outside.
 
     Parameters

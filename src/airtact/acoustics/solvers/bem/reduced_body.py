@@ -90,7 +90,7 @@ class FarMonopoles:
 
     Attributes
     ----------
-    reach : distance from all nodes beyond which the monopoles are valid [m].
+    reach : distance from the nodes beyond which the monopoles are accurate [m].
     positions : positions of the monopoles [m].
     combinations : matrix that maps the densities on the skeleton to the strengths of the monopoles.
     error : relative error at a distance of about ``reach``.
@@ -120,7 +120,7 @@ class ReducedBody:
         measured at a distance of about ``reach``, both for sources at that distance and for sources
         close to the surface.
     tree : search tree of the nodes, used to compute distances.
-    far : a smaller set of monopoles, for points farther away.
+    far : a smaller set of monopoles, which replaces the skeletons at more distant points.
     """
 
     surface: DualSurface

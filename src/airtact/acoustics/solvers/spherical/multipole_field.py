@@ -95,7 +95,7 @@ class MultipoleField(RadiatedField):
     ----------
     solved : the original field, used inside the smallest interpolation sphere.
     report : report of the solve, including the error of the expansion.
-    errors : (S,) relative error of each excitation, for solution and expansion together.
+    errors : (S,) relative error of each excitation, due to both the solution and the expansion.
     """
 
     solved: RadiatedField
